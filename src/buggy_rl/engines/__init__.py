@@ -1,0 +1,89 @@
+"""Engines by name: each moves the car by one kind of physics, all with the same keys."""
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from torchrl.envs import EnvBase
+
+ENGINES = {
+    "learned": "buggy_rl.engines.learned:LearnedEngine",
+    "mujoco": "buggy_rl.engines.mujoco:MujocoEngine",
+    "reference": "buggy_rl.engines.reference:ReferenceEngine",
+    "single_track": "buggy_rl.engines.single_track:SingleTrackEngine",
+    "kinematic": "buggy_rl.engines.kinematic:KinematicEngine",
+    "hold": "buggy_rl.engines.hold:HoldEngine",
+}
+
+
+def make_engine(
+    simulator: str | Path,
+    batch_size: int | Sequence[int] = (),
+    device: str = "cpu",
+    parameters: Mapping[str, float] | None = None,
+    **options: Any,
+) -> EnvBase:
+    """Builds a simulator from what a user can write on a command line.
+
+    Args:
+        simulator: A name in `ENGINES`; a `.yaml` file with `engine`, `parameters` and `options`;
+            a learned model's `.pt` file; or a user's own as `path/to/file.py:factory` or
+            `package.module:factory` with `factory(batch_size, device) -> EnvBase`.
+        batch_size: Number of cars or a shape.
+        device: Where the state lives.
+        parameters: Physical parameters that differ from the engine's own.
+        options: Further arguments of the engine's class.
+
+    Raises:
+        ValueError: The name is unknown; the message lists the known ones.
+    """
+    name = str(simulator)
+    if name.endswith((".yaml", ".yml")):
+        return _from_yaml(Path(name), batch_size, device, parameters, options)
+    if name.endswith(".pt"):
+        return make_engine("learned", batch_size, device, parameters, model=name, **options)
+    if ":" in name:
+        return load_factory(name)(batch_size, device)
+    if name not in ENGINES:
+        raise ValueError(
+            f"no engine {name!r}; available: {', '.join(sorted(ENGINES))}, a .yaml, a .pt, "
+            "or your own as file.py:factory"
+        )
+    engine_class = load_factory(ENGINES[name])
+    return engine_class(batch_size, device, parameters, **options)
+
+
+def _from_yaml(file: Path, batch_size, device, parameters, options) -> EnvBase:
+    content = yaml.safe_load(file.read_text())
+    allowed = {"engine", "parameters", "options"}
+    if not isinstance(content, dict) or "engine" not in content:
+        raise ValueError(f"{file}: a simulator file needs the key 'engine'")
+    # Underscored keys hold what a fit reports about itself: intervals, warnings.
+    unknown = {key for key in content if not key.startswith("_")} - allowed
+    if unknown:
+        raise ValueError(f"{file}: unknown keys {sorted(unknown)}; allowed: {sorted(allowed)}")
+    merged = {**(content.get("parameters") or {}), **(parameters or {})}
+    settings = {**(content.get("options") or {}), **options}
+    if "model" in settings:  # a path beside the YAML file itself
+        settings["model"] = str(file.parent / settings["model"])
+    return make_engine(content["engine"], batch_size, device, merged or None, **settings)
+
+
+def load_factory(name: str) -> Callable[..., EnvBase]:
+    """The callable named by `path/to/file.py:attribute` or `package.module:attribute`."""
+    place, _, attribute = name.rpartition(":")
+    if place.endswith(".py"):
+        if not Path(place).is_file():
+            raise ValueError(f"{name}: there is no file {place}")
+        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    else:
+        module = importlib.import_module(place)
+    if not hasattr(module, attribute):
+        raise ValueError(f"{name}: {place} has no {attribute!r}")
+    return getattr(module, attribute)

@@ -1,0 +1,160 @@
+"""What every engine has in common: keys, specs, resets and declared parameters.
+
+An engine moves the car and knows no task. Its whole state rides in the TensorDict, so that a step
+is a function of what it is given: an edit of `pose` or `velocity` between two steps is honoured,
+and two steps from one TensorDict are equal.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Self
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
+from torchrl.envs import EnvBase
+
+from buggy_rl import keys
+from buggy_rl.parameters import Parameter
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+
+class Engine(EnvBase):
+    """One kind of physics as a TorchRL environment.
+
+    A subclass says what latent state it carries (`_latent_specs`), what that state is for a car
+    that has just been set down (`_rest_latent`), and how one control period passes (`_advance`).
+
+    Args:
+        batch_size: Number of cars, or a shape; () for a single car without a batch dimension.
+        device: Where the state lives.
+        parameters: Values that differ from the declared ones, by name.
+        dt: Control period [s].
+        declared: Every parameter the engine has.
+    """
+
+    batch_locked = True
+    parameters: dict[str, Parameter]
+    values: dict[str, Tensor]
+    """Parameter values in use, each of shape () or of the batch's shape."""
+
+    def __init__(
+        self,
+        batch_size: int | Sequence[int] = (),
+        device: torch.device | str = "cpu",
+        parameters: Mapping[str, float] | None = None,
+        dt: float = CONTROL_PERIOD,
+        declared: Sequence[Parameter] = (),
+    ) -> None:
+        shape = (batch_size,) if isinstance(batch_size, int) else tuple(batch_size)
+        super().__init__(device=torch.device(device), batch_size=torch.Size(shape))
+        self.dt = dt
+        self.parameters = {p.name: p for p in declared}
+        overrides = dict(parameters or {})
+        self._refuse_unknown(overrides)
+        for name, value in overrides.items():
+            self.parameters[name] = replace(self.parameters[name], value=float(value))
+        self.values = {
+            name: torch.tensor(p.value, dtype=torch.float32, device=self.device)
+            for name, p in self.parameters.items()
+        }
+
+    def _finish(self) -> None:
+        """Builds the specs; a subclass calls it once it knows its latent state."""
+        batch, device = self.batch_size, self.device
+        state: dict[str, TensorSpec] = {
+            keys.POSE: Unbounded((*batch, 3), device=device),
+            keys.VELOCITY: Unbounded((*batch, 3), device=device),
+            **self._latent_specs(),
+        }
+        self.state_spec = Composite(state, shape=batch, device=device)
+        self.observation_spec = Composite(
+            {**state, **self._reading_specs()}, shape=batch, device=device
+        )
+        self.action_spec = Bounded(-1.0, 1.0, (*batch, 2), device=device)
+        self.reward_spec = Unbounded((*batch, 1), device=device)
+        flag = Binary(1, shape=(*batch, 1), dtype=torch.bool, device=device)
+        self.full_done_spec = Composite(
+            {keys.DONE: flag, keys.TERMINATED: flag.clone()}, shape=batch, device=device
+        )
+        self._state_keys = tuple(state)
+
+    def _latent_specs(self) -> dict[str, TensorSpec]:
+        """Specs of the engine's own state, full shape with the batch; none by default."""
+        return {}
+
+    def _reading_specs(self) -> dict[str, TensorSpec]:
+        """Specs of what a step reports beside its state; none by default."""
+        return {}
+
+    @abstractmethod
+    def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+        """Best guess of the latent state of a car seen at `pose` [*, 3] with `velocity` [*, 3]."""
+
+    @abstractmethod
+    def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
+        """State and readings one control period later; `action` [*, 2] is within its bounds."""
+
+    def _rest_readings(self) -> dict[str, Tensor]:
+        """Readings right after a reset: the zero of their spec."""
+        return {name: spec.zero() for name, spec in self._reading_specs().items()}
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_) -> TensorDictBase:
+        # With TorchRL's `_reset` mask only the masked rows of what is returned are used.
+        start = TensorDict(batch_size=self.batch_size, device=self.device)
+        for key in (keys.POSE, keys.VELOCITY):
+            given = None if tensordict is None else tensordict.get(key, None)
+            start[key] = self.observation_spec[key].zero() if given is None else given.clone()
+        latent = self._rest_latent(start[keys.POSE], start[keys.VELOCITY])
+        return start.update(latent).update(self._rest_readings())
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict[keys.ACTION].clamp(-1.0, 1.0)
+        result = TensorDict(
+            self._advance(tensordict, action), batch_size=self.batch_size, device=self.device
+        )
+        result[keys.REWARD] = self.reward_spec.zero()  # the task's, not the engine's
+        result[keys.DONE] = torch.zeros(
+            (*self.batch_size, 1), dtype=torch.bool, device=self.device
+        )
+        result[keys.TERMINATED] = result[keys.DONE].clone()
+        return result
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Engines are deterministic: noise belongs to the sensing, starts to the task."""
+
+    @abstractmethod
+    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
+        """The same engine for another number of cars."""
+
+    def with_parameters(self, values: TensorDictBase) -> Self:
+        """The same engine with other parameter values, one set a car.
+
+        Args:
+            values: Parameter name -> value of the batch's shape; its batch size becomes the
+                engine's. Parameters that are not named keep their value.
+
+        Raises:
+            KeyError: A name is not a parameter of this engine.
+        """
+        self._refuse_unknown(values.keys())
+        engine = self._rebuilt(values.batch_size)
+        for name, value in self.values.items():
+            engine.values[name] = value
+        for name, value in values.items():
+            engine.values[name] = value.to(device=self.device, dtype=torch.float32)
+        engine._parameters_changed()
+        return engine
+
+    def _parameters_changed(self) -> None:
+        """Called after `values` were replaced, for engines that keep something derived."""
+
+    def _refuse_unknown(self, names) -> None:
+        unknown = sorted(set(names) - set(self.parameters))
+        if unknown:
+            raise KeyError(
+                f"{type(self).__name__} has no parameter {', '.join(unknown)}; "
+                f"available: {', '.join(sorted(self.parameters)) or 'none'}"
+            )

@@ -1,0 +1,1 @@
+"""Recordings of drives: reading, checking, resampling, writing."""

@@ -1,0 +1,117 @@
+"""The car's dimensions, its frames and its slip angles; everything here is planar and batched.
+
+Axes are ISO 8855: x forward, y left, z up, yaw and steering angle positive to the left.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+GRAVITY = 9.80665  # [m/s^2] standard gravity, CGPM 1901
+CONTROL_PERIOD = 0.01  # [s] 100 Hz, the rate of the tracking camera
+
+
+@dataclass(frozen=True)
+class VehicleDimensions:
+    """What can be measured on the car with a ruler and a scale.
+
+    Length, mass and wheel arrangement are the original study's (chapter 4); the wheelbase, the
+    place of the centre of gravity and the yaw inertia are those of its mass twin DART.
+    """
+
+    length: float = 0.273
+    """Bumper to bumper [m]."""
+    wheelbase: float = 0.174
+    """Front to rear axle [m]."""
+    cg_to_front_axle: float = 0.081
+    """[m]"""
+    track_width: float = 0.155
+    """Between the wheel centres of an axle [m]."""
+    wheel_radius: float = 0.0325
+    """[m]"""
+    wheel_width: float = 0.026
+    """[m]"""
+    mass: float = 1.625
+    """With battery and computer [kg]."""
+    yaw_inertia: float = 0.0049
+    """About the vertical axis through the centre of gravity [kg m^2]."""
+    cg_height: float = 0.045
+    """Centre of gravity above the floor [m]."""
+    sensor_to_cg: float = 0.022
+    """Tracking sensor ahead of the centre of gravity [m]; the body frame sits at the sensor."""
+
+    @property
+    def cg_to_rear_axle(self) -> float:
+        """[m]"""
+        return self.wheelbase - self.cg_to_front_axle
+
+
+def wrap_angle(angle: Tensor) -> Tensor:
+    """Wraps an angle [rad] of any shape to [-pi, pi)."""
+    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
+
+
+def rotate(xy: Tensor, angle: Tensor) -> Tensor:
+    """Turns vectors [*, 2] to the left by `angle` [*] rad: body to world frame for angle = yaw."""
+    x, y = xy.unbind(-1)
+    cos, sin = torch.cos(angle), torch.sin(angle)
+    return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
+
+
+def integrate_pose(pose: Tensor, velocity: Tensor, next_velocity: Tensor, dt: float) -> Tensor:
+    """Moves a pose one step on, by the midpoint of the velocities at both ends.
+
+    x' = x + dt R(yaw + dt r / 2) v,  yaw' = yaw + dt r,  with v, r the mean of both velocities.
+
+    Args:
+        pose: [*, 3] x, y [m], yaw [rad], world frame.
+        velocity: [*, 3] vx, vy [m/s], yaw_rate [rad/s], body frame, at the start of the step.
+        next_velocity: [*, 3] the same at its end.
+        dt: Step [s].
+
+    Returns:
+        [*, 3] the pose at the end of the step; yaw is not wrapped.
+    """
+    mean = 0.5 * (velocity + next_velocity)  # (*, 3)
+    yaw_rate = mean[..., 2]
+    yaw = pose[..., 2]
+    shift = rotate(mean[..., :2], yaw + 0.5 * dt * yaw_rate) * dt  # (*, 2)
+    return torch.cat([pose[..., :2] + shift, (yaw + dt * yaw_rate).unsqueeze(-1)], -1)
+
+
+def shift_velocity(velocity: Tensor, x: float | Tensor, y: float | Tensor = 0.0) -> Tensor:
+    """Velocity [*, 3] of the point of the same rigid body at (x, y) [m] in the body frame.
+
+    vx' = vx - r y,  vy' = vy + r x,  r' = r.
+    """
+    vx, vy, yaw_rate = velocity.unbind(-1)
+    return torch.stack([vx - yaw_rate * y, vy + yaw_rate * x, yaw_rate], -1)
+
+
+def shift_pose(pose: Tensor, x: float, y: float = 0.0) -> Tensor:
+    """Pose [*, 3] of the point of the same rigid body at (x, y) [m] in the body frame."""
+    yaw = pose[..., 2]
+    arm = torch.tensor([x, y], dtype=pose.dtype, device=pose.device).expand_as(pose[..., :2])
+    return torch.cat([pose[..., :2] + rotate(arm, yaw), pose[..., 2:]], -1)
+
+
+def slip_angle(
+    velocity: Tensor, steering_angle: float | Tensor, to_axle: float | Tensor
+) -> Tensor:
+    """Slip angle of an axle: the direction it moves in, seen from the direction its wheels point in.
+
+    alpha = atan2(vy + l r, |vx|) - delta. Positive slip (moving to the left of where the wheel
+    points) makes a force to the right: Fy = -C alpha.
+
+    Args:
+        velocity: [*, 3] vx, vy [m/s], yaw_rate [rad/s] at the centre of gravity, body frame.
+        steering_angle: [*] road-wheel angle [rad], positive to the left.
+        to_axle: Axle ahead of the centre of gravity [m]; negative for the rear axle.
+
+    Returns:
+        [*] rad.
+    """
+    vx, vy, yaw_rate = velocity.unbind(-1)
+    return torch.atan2(vy + to_axle * yaw_rate, vx.abs().clamp_min(1e-3)) - steering_angle
