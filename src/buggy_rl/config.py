@@ -1,0 +1,175 @@
+"""YAML files and dotted overrides on the command line -> a typed, frozen dataclass.
+
+`python scripts/train_model.py configs/sample.yaml training.epochs=3`: the defaults stand in the
+dataclass, YAML holds only what differs, what comes later wins, and unknown keys are refused.
+`--help` reads the dataclass's source instead of importing it, so it answers without torch.
+"""
+
+import ast
+import dataclasses
+import difflib
+import importlib
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+def from_command_line(doc: str | None, schema: str, argv: Sequence[str] | None = None) -> Any:
+    """Builds the config that a command line describes, or prints help and exits.
+
+    Args:
+        doc: The script's docstring, printed by `--help`.
+        schema: `package.module:Class` of a frozen dataclass.
+        argv: YAML files and `dotted.key=value` overrides; those of the process by default.
+
+    Raises:
+        SystemExit: After `--help`, or with one line about what is wrong with the arguments.
+    """
+    argv = list(sys.argv[1:] if argv is None else argv)
+    if any(argument in ("-h", "--help") for argument in argv):
+        print(f"{(doc or '').strip()}\n\nOptions, as key=value (or in a YAML file):\n")
+        print("\n".join(describe(schema)))
+        raise SystemExit(0)
+    module, _, name = schema.partition(":")
+    try:
+        return build(getattr(importlib.import_module(module), name), argv)
+    except ConfigError as error:
+        raise SystemExit(f"error: {error}\n(--help lists every option)") from None
+
+
+class ConfigError(ValueError):
+    """The configuration is wrong; the message says where and what would be right."""
+
+
+def build(cls: type, arguments: Sequence[str]) -> Any:
+    """Merges YAML files and `dotted.key=value` overrides, in order, over the class's defaults."""
+    from omegaconf import OmegaConf
+
+    config = OmegaConf.structured(cls)
+    for argument in arguments:
+        if "=" in argument:
+            source, layer = argument, _override(argument)
+        else:
+            source, layer = argument, _read_yaml(Path(argument))
+        config = _merge(config, layer, source)
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise ConfigError(f"needed but not given: {', '.join(sorted(missing))}")
+    return OmegaConf.to_object(config)
+
+
+def _read_yaml(file: Path):
+    from omegaconf import OmegaConf
+
+    if not file.is_file():
+        raise ConfigError(f"there is no config file {file} (options are written key=value)")
+    try:
+        return OmegaConf.load(file)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
+
+
+def _override(argument: str):
+    from omegaconf import OmegaConf
+
+    try:
+        return OmegaConf.from_dotlist([argument])
+    except Exception as error:
+        raise ConfigError(f"{argument!r} is not key=value: {error}") from None
+
+
+def _merge(config, layer, source: str):
+    from omegaconf import OmegaConf
+    from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
+
+    try:
+        return OmegaConf.merge(config, layer)
+    except ConfigKeyError as error:
+        key = str(error.full_key or error.key)
+        parent, _, leaf = key.rpartition(".")
+        known = sorted(str(k) for k in (OmegaConf.select(config, parent) if parent else config))
+        close = difflib.get_close_matches(leaf, known, 1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise ConfigError(
+            f"{source}: unknown key {key!r}; {hint}available: {', '.join(known)}"
+        ) from None
+    except OmegaConfBaseException as error:
+        raise ConfigError(f"{source}: {' '.join(str(error).split())}") from None
+
+
+def describe(schema: str, prefix: str = "") -> Iterator[str]:
+    """One line for each option of a dataclass: key, default, what it means. Imports nothing."""
+    module, _, name = schema.partition(":")
+    tree = _source(module)
+    origins = {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    if name not in classes:
+        raise ConfigError(f"{module} defines no class {name}")
+    body = classes[name].body
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        key, kind = prefix + node.target.id, ast.unparse(node.annotation)
+        nested = f"{module}:{kind}" if kind in classes else origins.get(kind, "")
+        if nested.startswith("buggy_rl.") or kind in classes:
+            yield from describe(nested, f"{key}.")
+            continue
+        default = "(needed)" if node.value is None else _default(node.value)
+        yield f"  {key}={default}\n      {_docline(after)}".rstrip()
+
+
+def _source(module: str) -> ast.Module:
+    # `find_spec` of a submodule imports its parents; ours import nothing heavy.
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ConfigError(f"there is no module {module}")
+    return ast.parse(Path(spec.origin).read_text())
+
+
+def _default(value: ast.expr) -> str:
+    if isinstance(value, ast.Call):  # field(default_factory=lambda: [...])
+        for keyword in value.keywords:
+            if keyword.arg == "default_factory":
+                factory = keyword.value
+                body = factory.body if isinstance(factory, ast.Lambda) else factory
+                return {"list": "[]", "dict": "{}"}.get(ast.unparse(body), ast.unparse(body))
+    text = ast.unparse(value)
+    return "(needed)" if text == "MISSING" else text
+
+
+def _docline(node: ast.stmt | None) -> str:
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        return " ".join(str(node.value.value).split())
+    return ""
+
+
+def save_run(config: Any, folder: Path) -> None:
+    """Writes what a run needs to be made again: resolved config, command, commit."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.yaml").write_text(yaml.safe_dump(plain(config), sort_keys=False))
+    about = {"command": " ".join(sys.argv), "commit": _commit()}
+    (folder / "run.json").write_text(json.dumps(about, indent=2) + "\n")
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """A dataclass as nested dictionaries of plain values that YAML and torch.save can hold."""
+    return dataclasses.asdict(config)
+
+
+def _commit() -> str:
+    try:
+        command = ["git", "describe", "--always", "--dirty"]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"  # not run from a checkout
