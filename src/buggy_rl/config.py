@@ -121,8 +121,12 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
         if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
             continue
         key, kind = prefix + node.target.id, ast.unparse(node.annotation)
+        if kind.startswith("dict[str, "):  # options of each entry, under a name of one's own
+            inner = kind.removeprefix("dict[str, ").rstrip("]")
+            if inner in classes or _is_class(origins.get(inner, "")):
+                key, kind = f"{key}.NAME", inner
         nested = f"{module}:{kind}" if kind in classes else origins.get(kind, "")
-        if nested.startswith("buggy_rl.") or kind in classes:
+        if _is_class(nested):
             yield from describe(nested, f"{key}.")
             continue
         default = "(needed)" if node.value is None else _default(node.value)
@@ -135,6 +139,13 @@ def _source(module: str) -> ast.Module:
     if spec is None or spec.origin is None:
         raise ConfigError(f"there is no module {module}")
     return ast.parse(Path(spec.origin).read_text())
+
+
+def _is_class(name: str) -> bool:
+    module, _, attribute = name.partition(":")
+    if not module.startswith("buggy_rl."):
+        return False
+    return any(isinstance(n, ast.ClassDef) and n.name == attribute for n in _source(module).body)
 
 
 def _default(value: ast.expr) -> str:

@@ -1,15 +1,18 @@
 """From recordings to what a model is trained and judged on: windows, filters, mirroring, splits."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Literal
 
 import torch
+from scipy.signal import savgol_filter
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.recordings.recording import Recording
+from buggy_rl.vehicle import rotate
 
 Preparation = Literal["raw", "filtered", "mirrored"]
 """`filtered`: causal past-mean of the velocities; `mirrored`: filtered, and left/right doubled."""
@@ -38,8 +41,8 @@ def windows(recordings: Sequence[Recording], length: int, stride: int) -> Tensor
         part[keys.RECORDING] = torch.full_like(rows, index)
         part[keys.ROW] = starts[:, None].expand_as(rows).clone()
         parts.append(part)
-    result = torch.cat(parts) if parts else None
-    if result is None or result.batch_size[0] == 0:
+    result = TensorDict.cat(parts) if parts else TensorDict(batch_size=[0])
+    if len(result) == 0:
         names = ", ".join(r.name for r in recordings) or "no drives at all"
         raise ValueError(
             f"no gap-free stretch of {length} rows in {names}: drive longer, or ask for less"
@@ -53,10 +56,23 @@ def window_starts(segment: Tensor, length: int, stride: int) -> Tensor:
     bounds = [0, *edges.tolist(), len(segment)]
     starts = [
         torch.arange(begin, end - length + 1, stride)
-        for begin, end in zip(bounds[:-1], bounds[1:], strict=True)
+        for begin, end in pairwise(bounds)
         if end - begin >= length
     ]
     return torch.cat(starts) if starts else torch.empty(0, dtype=torch.long)
+
+
+def model_inputs(data: TensorDictBase) -> Tensor:
+    """Velocity and action of rows as one tensor [*, 5]: what a learned model looks at."""
+    return torch.cat([data[keys.VELOCITY], data[keys.ACTION]], -1)
+
+
+def relative_pose(pose: Tensor) -> Tensor:
+    """Poses [*, L, 3] seen from the first one: that is at the origin, heading along x."""
+    start = pose[..., :1, :]
+    heading = start[..., 2].expand(pose.shape[:-1])
+    position = rotate(pose[..., :2] - start[..., :2], -heading)
+    return torch.cat([position, pose[..., 2:] - start[..., 2:]], -1)
 
 
 def past_mean(signal: Tensor, width: int) -> Tensor:
@@ -92,13 +108,29 @@ def centred_mean(signal: Tensor, width: int) -> Tensor:
     return ((total[end] - total[begin]) / (end - begin)[:, None]).to(signal.dtype)
 
 
-def filtered(recording: Recording, width: int) -> Recording:
-    """The drive with its velocities smoothed by `past_mean`, segment by segment."""
+def local_parabola(signal: Tensor, width: int) -> Tensor:
+    """Savitzky-Golay smoothing of second order: keeps slopes and bends that a mean would cut off.
+
+    Looks ahead, so it cannot run on the car.
+
+    Args:
+        signal: [T, C].
+        width: Rows, odd; a signal shorter than that is left as it is.
+    """
+    if len(signal) < width:
+        return signal.clone()
+    return torch.as_tensor(savgol_filter(signal.numpy(), width, 2, axis=0), dtype=signal.dtype)
+
+
+def filtered(
+    recording: Recording, width: int, smoother: Callable[[Tensor, int], Tensor] = past_mean
+) -> Recording:
+    """The drive with smoothed velocities, segment by segment; the drive itself is left as it is."""
     data = recording.data.clone()
     for segment in data[keys.SEGMENT].unique():
         rows = data[keys.SEGMENT] == segment
-        data[keys.VELOCITY][rows] = past_mean(data[keys.VELOCITY][rows], width)
-    notes = [*recording.notes, f"velocities: past mean of {width} rows"]
+        data[keys.VELOCITY][rows] = smoother(data[keys.VELOCITY][rows], width)
+    notes = [*recording.notes, f"velocities: {smoother.__name__} over {width} rows"]
     return Recording(recording.name, data, recording.dt, recording.source, notes)
 
 

@@ -6,9 +6,9 @@ Shapes are those after the batch dimensions; units are SI, angles radians, axes 
 
 POSE = "pose"  # [3] x, y [m], yaw [rad], world frame
 VELOCITY = "velocity"  # [3] vx, vy [m/s], yaw_rate [rad/s], body frame at the tracking sensor
-ACTION = "action"  # [2] throttle, steering in [-1, 1]; throttle -1 is no drive, steering +1 full left
+ACTION = "action"  # [2] throttle (-1 is no drive), steering (+1 is full left)
 
-HISTORY = "history"  # [K, 5] what a learned engine remembers: velocity and action of the last K steps
+HISTORY = "history"  # [K, 5] velocity and action of the last K steps, a learned engine's memory
 OUT_OF_RANGE = "out_of_range"  # [1] bool, a learned engine was asked outside its training range
 
 TIME = "t"  # [1] s, of a recording's row

@@ -44,7 +44,7 @@ class VehicleDimensions:
 
     @property
     def cg_to_rear_axle(self) -> float:
-        """[m]"""
+        """Centre of gravity to rear axle [m]."""
         return self.wheelbase - self.cg_to_front_axle
 
 
@@ -97,10 +97,8 @@ def shift_pose(pose: Tensor, x: float, y: float = 0.0) -> Tensor:
     return torch.cat([pose[..., :2] + rotate(arm, yaw), pose[..., 2:]], -1)
 
 
-def slip_angle(
-    velocity: Tensor, steering_angle: float | Tensor, to_axle: float | Tensor
-) -> Tensor:
-    """Slip angle of an axle: the direction it moves in, seen from the direction its wheels point in.
+def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float | Tensor) -> Tensor:
+    """Slip angle of an axle: the direction it moves in, seen from where its wheels point.
 
     alpha = atan2(vy + l r, |vx|) - delta. Positive slip (moving to the left of where the wheel
     points) makes a force to the right: Fy = -C alpha.

@@ -4,10 +4,12 @@ import importlib
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
-from torchrl.envs import EnvBase
+
+if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
+    from torchrl.envs import EnvBase
 
 ENGINES = {
     "learned": "buggy_rl.engines.learned:LearnedEngine",
@@ -25,7 +27,7 @@ def make_engine(
     device: str = "cpu",
     parameters: Mapping[str, float] | None = None,
     **options: Any,
-) -> EnvBase:
+) -> "EnvBase":
     """Builds a simulator from what a user can write on a command line.
 
     Args:
@@ -56,7 +58,7 @@ def make_engine(
     return engine_class(batch_size, device, parameters, **options)
 
 
-def _from_yaml(file: Path, batch_size, device, parameters, options) -> EnvBase:
+def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase":
     content = yaml.safe_load(file.read_text())
     allowed = {"engine", "parameters", "options"}
     if not isinstance(content, dict) or "engine" not in content:
@@ -72,14 +74,15 @@ def _from_yaml(file: Path, batch_size, device, parameters, options) -> EnvBase:
     return make_engine(content["engine"], batch_size, device, merged or None, **settings)
 
 
-def load_factory(name: str) -> Callable[..., EnvBase]:
+def load_factory(name: str) -> "Callable[..., EnvBase]":
     """The callable named by `path/to/file.py:attribute` or `package.module:attribute`."""
     place, _, attribute = name.rpartition(":")
     if place.endswith(".py"):
         if not Path(place).is_file():
             raise ValueError(f"{name}: there is no file {place}")
         spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-        assert spec is not None and spec.loader is not None
+        assert spec is not None
+        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     else:

@@ -35,7 +35,7 @@ class Engine(EnvBase):
         declared: Every parameter the engine has.
     """
 
-    batch_locked = True
+    batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
     parameters: dict[str, Parameter]
     values: dict[str, Tensor]
     """Parameter values in use, each of shape () or of the batch's shape."""
@@ -65,21 +65,25 @@ class Engine(EnvBase):
         """Builds the specs; a subclass calls it once it knows its latent state."""
         batch, device = self.batch_size, self.device
         state: dict[str, TensorSpec] = {
-            keys.POSE: Unbounded((*batch, 3), device=device),
-            keys.VELOCITY: Unbounded((*batch, 3), device=device),
+            keys.POSE: Unbounded(self._shape(3), device=device),
+            keys.VELOCITY: Unbounded(self._shape(3), device=device),
             **self._latent_specs(),
         }
         self.state_spec = Composite(state, shape=batch, device=device)
         self.observation_spec = Composite(
             {**state, **self._reading_specs()}, shape=batch, device=device
         )
-        self.action_spec = Bounded(-1.0, 1.0, (*batch, 2), device=device)
-        self.reward_spec = Unbounded((*batch, 1), device=device)
-        flag = Binary(1, shape=(*batch, 1), dtype=torch.bool, device=device)
+        self.action_spec = Bounded(-1.0, 1.0, self._shape(2), device=device)
+        self.reward_spec = Unbounded(self._shape(1), device=device)
+        flag = Binary(1, shape=self._shape(1), dtype=torch.bool, device=device)
         self.full_done_spec = Composite(
             {keys.DONE: flag, keys.TERMINATED: flag.clone()}, shape=batch, device=device
         )
         self._state_keys = tuple(state)
+
+    def _shape(self, *sizes: int) -> torch.Size:
+        """Shape of a value [sizes] of each car."""
+        return torch.Size((*self.batch_size, *sizes))
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         """Specs of the engine's own state, full shape with the batch; none by default."""
@@ -116,9 +120,7 @@ class Engine(EnvBase):
             self._advance(tensordict, action), batch_size=self.batch_size, device=self.device
         )
         result[keys.REWARD] = self.reward_spec.zero()  # the task's, not the engine's
-        result[keys.DONE] = torch.zeros(
-            (*self.batch_size, 1), dtype=torch.bool, device=self.device
-        )
+        result[keys.DONE] = torch.zeros((*self.batch_size, 1), dtype=torch.bool, device=self.device)
         result[keys.TERMINATED] = result[keys.DONE].clone()
         return result
 

@@ -1,0 +1,41 @@
+# make demo    from recordings to two simulators and the table that compares them
+# make test    lint, types and tests, under 8 minutes on 2 cores
+# Each alone takes a fresh clone to the end: it makes .venv and installs into it first.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+# Extra arguments of pip for PyTorch, e.g. its index of CPU builds (see README, "Installation").
+TORCH_OPTIONS ?=
+BIN := .venv/bin
+# One thread a process unless a script is told otherwise: several busy OpenMP teams on few cores
+# slow one another down many times over.
+export OMP_NUM_THREADS ?= 1
+export OMP_WAIT_POLICY ?= PASSIVE
+
+.PHONY: demo test test-slow lint types install clean
+
+demo: .venv/installed
+	$(BIN)/python scripts/demo.py
+
+test: lint types
+	$(BIN)/python -m pytest -q
+
+test-slow: .venv/installed
+	$(BIN)/python -m pytest -q -m slow --timeout 3600
+
+lint: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: .venv/installed
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0
+	$(BIN)/pip install -e '.[dev]'
+	touch $@
+
+clean:
+	rm -rf .venv build demo

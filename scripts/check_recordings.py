@@ -1,0 +1,80 @@
+"""Reads drives the way every other script does, and says which can be used and what was cut.
+
+    python scripts/check_recordings.py drives/ columns=configs/columns/dart.yaml
+
+Exit code 0: all drives are usable; 1: some were refused; 2: none is usable.
+"""
+
+import argparse
+import sys
+
+LOSSES = (": cut", "too short to use", "if so,", "clipped")  # said without being asked
+
+
+def main() -> int:
+    """Checks the drives named on the command line."""
+    arguments = _parse()
+    import torch
+    from tqdm import tqdm
+
+    from buggy_rl.recordings import load_recordings
+
+    torch.set_num_threads(1)
+    try:
+        recordings, refusals = load_recordings(
+            arguments.paths,
+            arguments.columns,
+            float(arguments.dt),
+            progress=lambda found: tqdm(found, unit="drive", disable=len(found) < 5),
+        )
+    except ValueError as error:  # the column map or dt
+        print(error, file=sys.stderr)
+        return 2
+    _print_table(recordings)
+    for recording in recordings:
+        told = [n for n in recording.notes if arguments.notes or any(w in n for w in LOSSES)]
+        if told:
+            print("\n".join([f"\n{recording.name}", *(f"  {note}" for note in told)]))
+    for refusal in refusals:
+        print(f"refused: {refusal}")
+    seconds = sum(recording.duration for recording in recordings)
+    print(f"{len(recordings)} drives usable, {seconds:.1f} s; {len(refusals)} refused")
+    if not recordings:
+        return 2
+    return 1 if refusals else 0
+
+
+def _parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("paths", nargs="+", help="files, folders, patterns, and key=value")
+    parser.add_argument(
+        "--notes", action="store_true", help="also say what was derived and dropped"
+    )
+    arguments = parser.parse_args()
+    settings = {"columns": None, "dt": 0.01}
+    for word in list(arguments.paths):
+        key, equals, value = word.partition("=")
+        if equals and key in settings:
+            settings[key] = value
+            arguments.paths.remove(word)
+    if not arguments.paths:
+        parser.error("name at least one file, folder or pattern")
+    arguments.columns, arguments.dt = settings["columns"], settings["dt"]
+    return arguments
+
+
+def _print_table(recordings) -> None:
+    width = max((len(recording.name) for recording in recordings), default=5)
+    print(f"{'drive':{width}}  seconds  segments  top speed  notes")
+    for recording in recordings:
+        data = recording.data
+        speed = data["velocity"][:, :2].norm(dim=-1).max()
+        segments = int(data["segment"][-1]) + 1
+        numbers = f"{recording.duration:7.1f}  {segments:8d}  {speed:9.2f}"
+        print(f"{recording.name:{width}}  {numbers}  {len(recording.notes):5d}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""Compares simulators on held-out drives: the original study's table 7.1.
+
+    python scripts/evaluate_models.py configs/sample.yaml
+
+Plays the commands of held-out windows into every model that scripts/train_models.py has trained,
+MuJoCo as shipped and as scripts/fit_mujoco.py fitted it, the single-track car, a kinematic bicycle,
+hold-last, and whatever `simulators` names. Writes OUTPUT/table.md, table.csv and rollouts.png.
+"""
+
+from pathlib import Path
+
+from buggy_rl.config import from_command_line
+
+
+def main() -> None:
+    """Judges every simulator of a study and writes the table."""
+    config = from_command_line(__doc__, "buggy_rl.study:StudyConfig")
+
+    import pandas as pd
+    import torch
+    from tqdm import tqdm
+
+    from buggy_rl.comparison import held_out_windows, judge, markdown, table_row
+    from buggy_rl.study import candidates, load_drives
+    from buggy_rl.visual import rollout_figure
+
+    torch.set_num_threads(config.threads)
+    drives = load_drives(config.data, on_refusal=tqdm.write)
+    test = held_out_windows(drives.held_out, config.windows)
+    rows, rollouts = [], {}
+    for candidate in (bar := tqdm(list(candidates(config)), "judging", unit="simulator")):
+        bar.set_postfix_str(candidate.name)
+        made, error = judge(candidate, test)
+        rows.append(table_row(candidate.name, error, test.groups()))
+        rollouts[candidate.name] = made
+    table = markdown(rows, len(test.rows), len(drives.held_out))
+    print(table)
+    folder = Path(config.output)
+    (folder / "table.md").write_text(table)
+    pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
+    best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
+    shown = {name: rollouts[name] for name in config.shown or best[:3]}
+    rollout_figure(test.measured, shown).savefig(folder / "rollouts.png")
+    print(f"written: {folder / 'table.md'}, {folder / 'table.csv'}, {folder / 'rollouts.png'}")
+
+
+if __name__ == "__main__":
+    main()

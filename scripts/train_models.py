@@ -1,0 +1,62 @@
+"""Trains the models of a study on its drives.
+
+    python scripts/train_models.py configs/sample.yaml
+    python scripts/train_models.py configs/dart.yaml only=[gru] threads=2
+
+Writes OUTPUT/models/NAME.pt with a checkpoint after every epoch: started again, it goes on where
+it stopped, bit for bit, and leaves finished models alone (`fresh=true` trains anew).
+"""
+
+import sys
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, plain, save_run
+
+SCHEMA = "buggy_rl.study:StudyConfig"
+
+
+def main() -> None:
+    """Trains every model that is not there yet."""
+    fresh = "fresh=true" in sys.argv
+    config = from_command_line(__doc__, SCHEMA, [a for a in sys.argv[1:] if a != "fresh=true"])
+
+    import torch
+    from tqdm import tqdm
+
+    from buggy_rl.models.factory import make_model, save_model
+    from buggy_rl.models.training import Training
+    from buggy_rl.study import load_drives, model_file, model_runs
+
+    torch.set_num_threads(config.threads)
+    save_run(config, Path(config.output) / "models")
+    drives = load_drives(config.data, on_refusal=tqdm.write)
+    for name, model_config, training_config in model_runs(config):
+        if config.only and name not in config.only:
+            continue
+        file = model_file(config, name)
+        checkpoint = file.with_suffix(".checkpoint")
+        if file.exists() and not fresh:
+            print(f"{name}: {file} is there already")
+            continue
+        torch.manual_seed(training_config.seed)
+        model = make_model(model_config)
+        run = Training(model, drives.training, drives.validation, training_config)
+        if checkpoint.exists() and not fresh:
+            run.load_state_dict(torch.load(checkpoint, weights_only=True))
+        bar = tqdm(run.run(), name, total=training_config.epochs, initial=run.epoch, unit="epoch")
+        for metrics in bar:
+            bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
+            partial = checkpoint.with_suffix(".partial")
+            torch.save(run.state_dict(), partial)
+            partial.replace(checkpoint)
+        about = {
+            "dt": drives.training[0].dt,
+            "training": plain(training_config),
+            "drives": [r.name for r in drives.training],
+        }
+        save_model(model, model_config, file, about)
+        checkpoint.unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    main()

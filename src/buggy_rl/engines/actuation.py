@@ -1,0 +1,291 @@
+"""From commands to road-wheel angle and wheel force: what the two bicycle engines share.
+
+A command waits for its dead time, passes a first-order lag and then acts through a static map.
+"""
+
+import importlib.resources
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+import torch
+import yaml
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec, Unbounded
+
+from buggy_rl import keys
+from buggy_rl.engines.base import Engine
+from buggy_rl.parameters import Parameter
+from buggy_rl.vehicle import CONTROL_PERIOD, integrate_pose, shift_velocity
+
+COMMANDS = "commands"  # [K, 2] past commands, newest first: throttle, steering in [-1, 1]
+ACTUATOR = "actuator"  # [2] what of throttle and steering has passed dead time and lag
+
+LONGEST_DEAD_TIME = 0.25  # [s] what `commands` has room for; DART's longest is 0.14 s
+LEFT_RIGHT_BLEND = 30.0  # steepness of the change-over from right to left, DART's
+STEERING_DRAG_ONSET = 0.3  # [m/s] DART's
+STEERING_DRAG_STEEPNESS = 20.0  # [s/m] DART's
+SLOWEST_LAG = 1e-6  # [s] stands for no lag at all, where its formula divides by zero
+
+# name, lower, upper, unit, meaning; values are in presets/*.yaml
+ACTUATION = (
+    ("cg_to_front_axle", 0.02, 0.5, "m", "Centre of gravity to front axle."),
+    ("cg_to_rear_axle", 0.02, 0.5, "m", "Centre of gravity to rear axle."),
+    ("sensor_x", -0.3, 0.3, "m", "Tracking sensor ahead of the centre of gravity."),
+    ("sensor_y", -0.3, 0.3, "m", "Tracking sensor to the left of the centre of gravity."),
+    ("mass", 0.3, 10.0, "kg", "Mass of the whole car."),
+    ("drive_force", 0.0, 100.0, "N", "Force of the motor at standstill and full drive."),
+    ("drive_force_loss", 0.0, 20.0, "N s/m", "Force the motor loses to back-EMF per speed."),
+    ("throttle_deadband", 0.0, 0.5, "-", "Drive (0..1) below which the motor does nothing."),
+    ("dry_friction", 0.0, 10.0, "N", "Friction that does not depend on speed."),
+    ("dry_friction_steepness", 0.5, 50.0, "s/m", "How fast dry friction builds up from rest."),
+    ("viscous_friction", 0.0, 5.0, "N s/m", "Friction that grows with speed."),
+    ("quadratic_drag", -0.5, 2.0, "N s^2/m^2", "Resistance that grows with speed squared."),
+    ("steering_drag", 0.0, 20.0, "N/rad", "Extra resistance per road-wheel angle."),
+    ("steering_drag_speed", 0.0, 10.0, "N s/(m rad)", "Growth of the steering drag with speed."),
+    ("steering_drag_free_angle", 0.0, 0.2, "rad", "Road-wheel angle at which that drag begins."),
+    ("left_angle", 0.05, 1.0, "rad", "Road-wheel angle that steering to the left tends to."),
+    ("left_steepness", 0.1, 5.0, "-", "How soon steering to the left gets there."),
+    ("right_angle", 0.05, 1.0, "rad", "Road-wheel angle that steering to the right tends to."),
+    ("right_steepness", 0.1, 5.0, "-", "How soon steering to the right gets there."),
+    ("steering_offset", -0.3, 0.3, "-", "Steering command that the linkage adds by itself."),
+    ("throttle_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the throttle is heard."),
+    ("throttle_lag", 0.0, 1.0, "s", "Time constant with which the throttle then follows."),
+    ("steering_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the steering is heard."),
+    ("steering_lag", 0.0, 1.0, "s", "Time constant with which the steering then follows."),
+)
+
+
+def declare(preset: str, rows: Sequence[tuple]) -> list[Parameter]:
+    """Parameters with the values of a preset.
+
+    Args:
+        preset: A file in `presets/`, without its ending.
+        rows: Name, lower bound, upper bound, unit and meaning of each.
+
+    Raises:
+        ValueError: There is no such preset, or it leaves a parameter out.
+    """
+    folder = importlib.resources.files("buggy_rl.engines") / "presets"
+    file = folder / f"{preset}.yaml"
+    if not file.is_file():
+        available = sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml"))
+        raise ValueError(f"no preset {preset!r}; available: {', '.join(available)}")
+    values = yaml.safe_load(file.read_text())["parameters"]
+    missing = [row[0] for row in rows if row[0] not in values]
+    if missing:
+        raise ValueError(f"preset {preset!r} leaves out {', '.join(missing)}: add them to {file}")
+    return [
+        Parameter(name, float(values[name]), lower, upper, unit, meaning)
+        for name, lower, upper, unit, meaning in rows
+    ]
+
+
+def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
+    """Weights of the last commands in the mean command that arrives during a control period.
+
+    The commands are a staircase u_k; late by tau, its mean over a period is
+    sum_j max(0, 1 - |j - tau / dt|) u_{k-j}: exact, and continuous in tau.
+
+    Args:
+        dead_time: [*] tau [s].
+        dt: Control period [s].
+        length: How many commands there are, the present one included.
+
+    Returns:
+        [*, length] adding up to 1.
+    """
+    age = torch.arange(length, dtype=dead_time.dtype, device=dead_time.device)
+    return (1 - (age - dead_time.unsqueeze(-1) / dt).abs()).clamp_min(0)
+
+
+def lag_decay(time_constant: Tensor, start: float, end: float) -> Tensor:
+    """Mean over start..end [s] of what a first-order lag still has to go.
+
+    y(t) = u + (y(0) - u) exp(-t / T), so its mean is u + (y(0) - u) d with
+    d = T (exp(-start / T) - exp(-end / T)) / (end - start).
+
+    Args:
+        time_constant: [*] T [s]; 0 is no lag.
+        start: Start of the interval [s].
+        end: Its end [s]; when equal to `start`, the value at that moment.
+
+    Returns:
+        [*] d in 0..1.
+    """
+    T = time_constant.clamp_min(SLOWEST_LAG)
+    if start == end:
+        return torch.exp(-start / T)
+    return torch.exp(-start / T) * -torch.expm1((start - end) / T) * T / (end - start)
+
+
+def road_wheel_angle(command: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Road-wheel angle [*] rad of a steering command [*].
+
+    s = command + offset, w = (1 + tanh(30 s)) / 2,
+    delta = w a_left tanh(b_left s) + (1 - w) a_right tanh(b_right s).
+
+    Source: DART, Lyons et al., dart_dynamic_models.py.
+    """
+    s = command + values["steering_offset"]
+    to_left = 0.5 * (1 + torch.tanh(LEFT_RIGHT_BLEND * s))
+    left = values["left_angle"] * torch.tanh(values["left_steepness"] * s)
+    right = values["right_angle"] * torch.tanh(values["right_steepness"] * s)
+    return to_left * left + (1 - to_left) * right
+
+
+def steering_command(angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Steering command [*] in [-1, 1] that comes nearest to a road-wheel angle [*] rad."""
+    left = angle > 0
+    reach = torch.where(left, values["left_angle"], values["right_angle"])
+    steepness = torch.where(left, values["left_steepness"], values["right_steepness"])
+    share = (angle / reach).clamp(-0.999, 0.999)  # atanh(1) is infinite
+    return (torch.atanh(share) / steepness - values["steering_offset"]).clamp(-1.0, 1.0)
+
+
+def motor_force(vx: Tensor, drive: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Force [*] N of a DC motor: F = (f0 - f1 vx) max(0, drive - deadband), drive in 0..1.
+
+    Source: DART, Lyons et al., dart_dynamic_models.py, with a corner for its tanh(100 .).
+    """
+    available = values["drive_force"] - values["drive_force_loss"] * vx
+    return available * (drive - values["throttle_deadband"]).clamp_min(0)
+
+
+def resistance(vx: Tensor, steering_angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Force [*] N against the motion, friction and the extra drag of steered wheels.
+
+    F = a tanh(b vx) + c vx + d vx |vx| + g(vx) (e + f |vx|) (delta tanh(30 delta) - free angle),
+    with g = 0 at rest and +-1 in motion. It never drives the car: where the sum would, as a
+    negative `quadratic_drag` makes it at high speed, it is zero.
+
+    Source: DART, Lyons et al., dart_dynamic_models.py, made odd in vx.
+    """
+    speed = vx.abs()
+    onset, steepness = STEERING_DRAG_ONSET, STEERING_DRAG_STEEPNESS
+    moving = 0.5 * (torch.tanh(steepness * (vx - onset)) + torch.tanh(steepness * (vx + onset)))
+    bend = steering_angle * torch.tanh(LEFT_RIGHT_BLEND * steering_angle)
+    force = (
+        values["dry_friction"] * torch.tanh(values["dry_friction_steepness"] * vx)
+        + values["viscous_friction"] * vx
+        + values["quadratic_drag"] * vx * speed
+        + moving
+        * (values["steering_drag"] + values["steering_drag_speed"] * speed)
+        * (bend - values["steering_drag_free_angle"])
+    )
+    return torch.where(force * vx > 0, force, torch.zeros_like(force))
+
+
+class ActuatedEngine(Engine):
+    """A bicycle behind dead times and lags; a subclass says how it moves with wheels as they are.
+
+    Within a substep the actuators stand at their mean, which is exact for a steady command and
+    of second order for a moving one.
+
+    Args:
+        batch_size: Number of cars, or a shape.
+        device: Where the state lives.
+        parameters: Values that differ from the preset's, by name.
+        dt: Control period [s].
+        preset: Which car: `buggy`, `dart` or `dart_lag`.
+        substeps: Integration steps in a control period.
+
+    Raises:
+        ValueError: The preset is unknown, or `substeps` is not positive.
+        KeyError: A parameter is unknown.
+    """
+
+    own_parameters: tuple = ()
+    """Rows like those of `ACTUATION`, of what a subclass needs beside them."""
+
+    def __init__(
+        self,
+        batch_size: int | Sequence[int] = (),
+        device: torch.device | str = "cpu",
+        parameters: Mapping[str, float] | None = None,
+        dt: float = CONTROL_PERIOD,
+        preset: str = "buggy",
+        substeps: int = 2,
+    ) -> None:
+        if substeps < 1:
+            raise ValueError(f"substeps is {substeps}: at least 1 is needed")
+        declared = declare(preset, (*self.own_parameters, *ACTUATION))
+        super().__init__(batch_size, device, parameters, dt, declared)
+        self.preset, self.substeps = preset, substeps
+        self._remembered = math.ceil(LONGEST_DEAD_TIME / dt)  # past commands kept
+        self._finish()
+        self._parameters_changed()
+
+    @abstractmethod
+    def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
+        """Velocity [*, 3] of the centre of gravity `h` seconds on, with steady actuators."""
+
+    def _latent_specs(self) -> dict[str, TensorSpec]:
+        batch, device = self.batch_size, self.device
+        return {
+            COMMANDS: Unbounded(torch.Size((*batch, self._remembered, 2)), device=device),
+            ACTUATOR: Unbounded(torch.Size((*batch, 2)), device=device),
+        }
+
+    def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+        # The car is taken to be driving steadily: throttle against resistance, wheels on the arc.
+        v = self.values
+        vx, _, yaw_rate = shift_velocity(velocity, -v["sensor_x"], -v["sensor_y"]).unbind(-1)
+        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
+        angle = torch.atan(wheelbase * yaw_rate / vx.clamp_min(0.5))  # an arc needs some speed
+        needed = resistance(vx, angle, v)
+        available = (v["drive_force"] - v["drive_force_loss"] * vx).clamp_min(1e-3)
+        drive = (v["throttle_deadband"] + needed / available) * (vx > 0)
+        throttle = 2 * drive.clamp(0.0, 1.0) - 1
+        held = torch.stack([throttle, steering_command(angle, v)], -1)  # (*, 2)
+        commands = held.unsqueeze(-2).repeat_interleave(self._remembered, -2)
+        return {COMMANDS: commands, ACTUATOR: held}
+
+    def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
+        commands = torch.cat([action.unsqueeze(-2), state[COMMANDS]], -2)  # (*, K + 1, 2)
+        target = (self._dead_time_weights * commands).sum(-2)  # (*, 2)
+        to_go = state[ACTUATOR] - target
+        pose, velocity = state[keys.POSE], state[keys.VELOCITY]
+        h = self.dt / self.substeps
+        for decay in self._mean_decays:
+            throttle, steering = (target + to_go * decay).unbind(-1)
+            angle = road_wheel_angle(steering, self.values)
+            at_cg = shift_velocity(velocity, -self.values["sensor_x"], -self.values["sensor_y"])
+            at_cg = self._substep(at_cg, 0.5 * (throttle + 1), angle, h)
+            moved = shift_velocity(at_cg, self.values["sensor_x"], self.values["sensor_y"])
+            pose, velocity = integrate_pose(pose, velocity, moved, h), moved
+        return {
+            keys.POSE: pose,
+            keys.VELOCITY: velocity,
+            COMMANDS: commands[..., :-1, :],
+            ACTUATOR: target + to_go * self._end_decay,
+        }
+
+    def _parameters_changed(self) -> None:
+        dead_time = self._both("dead_time")
+        if not bool(((dead_time >= 0) & (dead_time <= LONGEST_DEAD_TIME)).all()):
+            raise ValueError(
+                f"a dead time is outside 0..{LONGEST_DEAD_TIME} s, which is all the commands "
+                f"remembered reach back: throttle {self.values['throttle_dead_time'].tolist()}, "
+                f"steering {self.values['steering_dead_time'].tolist()}"
+            )
+        weights = dead_time_weights(dead_time, self.dt, self._remembered + 1)  # (*, 2, K + 1)
+        self._dead_time_weights = weights.transpose(-1, -2)
+        lag, h = self._both("lag"), self.dt / self.substeps
+        self._mean_decays = [lag_decay(lag, i * h, (i + 1) * h) for i in range(self.substeps)]
+        self._end_decay = lag_decay(lag, self.dt, self.dt)
+
+    def _both(self, what: str) -> Tensor:
+        """A parameter of both actuators, [*, 2]."""
+        return self._pair("throttle", "steering", what)
+
+    def _pair(self, first: str, second: str, what: str) -> Tensor:
+        """Two parameters side by side, [*, 2]."""
+        pair = (self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
+        return torch.stack(torch.broadcast_tensors(*pair), -1)
+
+    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
+        chosen = {name: p.value for name, p in self.parameters.items()}
+        return type(self)(batch_size, self.device, chosen, self.dt, self.preset, self.substeps)

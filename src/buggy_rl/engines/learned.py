@@ -1,0 +1,79 @@
+"""The learned engine: a dynamics model, its memory, and the pose that follows from velocity."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Self
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, TensorSpec, Unbounded
+
+from buggy_rl import keys
+from buggy_rl.engines.base import Engine
+from buggy_rl.models.base import INPUTS, DynamicsModel
+from buggy_rl.models.factory import load_model
+from buggy_rl.vehicle import CONTROL_PERIOD, integrate_pose
+
+
+class LearnedEngine(Engine):
+    """Steps a `DynamicsModel`; what it remembers is state, so a step stays a function of its input.
+
+    `history` [rows - 1, 5] holds velocity and action of the steps before this one, oldest first.
+    `out_of_range` [1] says that a step was asked outside what the model was trained on.
+
+    Args:
+        batch_size, device, parameters, dt: As for `Engine`; there are no parameters.
+        model: A model, or the file of one.
+    """
+
+    def __init__(
+        self,
+        batch_size: int | Sequence[int] = (),
+        device: torch.device | str = "cpu",
+        parameters: Mapping[str, float] | None = None,
+        dt: float = CONTROL_PERIOD,
+        *,
+        model: DynamicsModel | str | Path,
+    ) -> None:
+        super().__init__(batch_size, device, parameters, dt)
+        if isinstance(model, (str, Path)):
+            model, about = load_model(model)
+            if about.get("dt", dt) != dt:
+                raise ValueError(
+                    f"the model was trained at a step of {about['dt']} s, the engine runs at {dt} s"
+                )
+        self.model = model.to(self.device).eval().requires_grad_(False)
+        self._finish()
+
+    def _latent_specs(self) -> dict[str, TensorSpec]:
+        return {
+            keys.HISTORY: Unbounded(self._shape(self.model.rows - 1, INPUTS), device=self.device)
+        }
+
+    def _reading_specs(self) -> dict[str, TensorSpec]:
+        return {
+            keys.OUT_OF_RANGE: Binary(1, shape=self._shape(1), dtype=torch.bool, device=self.device)
+        }
+
+    def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+        # Best guess of an unknown past: the same velocity, without drive and steering.
+        idle = torch.tensor([-1.0, 0.0], device=self.device).expand(*self.batch_size, 2)
+        row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
+        return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
+
+    @torch.no_grad()
+    def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
+        velocity = state[keys.VELOCITY]
+        row = torch.cat([velocity, action], -1)  # (*, 5)
+        history = torch.cat([state[keys.HISTORY], row.unsqueeze(-2)], -2)  # (*, rows, 5)
+        following = self.model(history)
+        return {
+            keys.POSE: integrate_pose(state[keys.POSE], velocity, following, self.dt),
+            keys.VELOCITY: following,
+            keys.HISTORY: history[..., 1:, :].clone(),
+            keys.OUT_OF_RANGE: self.model.envelope.outside(row),
+        }
+
+    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
+        return type(self)(batch_size, self.device, dt=self.dt, model=self.model)

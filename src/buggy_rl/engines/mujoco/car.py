@@ -1,0 +1,240 @@
+"""The buggy as an MJCF model: chassis on a free joint, four sprung wheels, a floor.
+
+The body frame sits at the tracking sensor, at the height of the centre of gravity. Visual geoms
+weigh nothing: chassis and wheels have explicit inertias. The suspension is preloaded so that the
+car stands level whatever its mass. Both front wheels steer by the same angle (no Ackermann).
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo's compiled module has no type stubs.
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+
+from buggy_rl.engines.mujoco.bodywork import add_rim, add_scenery, add_shell
+from buggy_rl.engines.mujoco.weights import (
+    DRIVELINE_INERTIA,
+    SPRING_DAMPING,
+    SPRING_RATE,
+    WHEEL_MASS,
+    WHEEL_SPIN_INERTIA,
+    WHEEL_TILT_INERTIA,
+    WHEELS,
+    chassis_inertia,
+    hub,
+    spring_reference,
+)
+from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+
+Tyres = Literal["explicit", "contact"]
+"""`explicit`: frictionless wheels and a slip-angle law; `contact`: MuJoCo's own friction."""
+
+# MuJoCo's contact solver does not see the implicit damper: without some inertia along the strut
+# the light wheels hop, at 5 ms always, and at 2.5 ms with 0.1 kg still where a slide ends abruptly,
+# which kicks the car (measured: up to 1.2 % of the slide's energy; with 0.2 kg 0.03 %).
+STRUT_ARMATURE = 0.2  # [kg]
+SUSPENSION_TRAVEL = 0.015  # [m] either way
+STEERING_ARMATURE = 1.0  # [kg m^2] so large that no tyre can turn the servo
+# Next to 1, so that the tyres carry the sprung car with a tenth of a millimetre of penetration;
+# with MuJoCo's default of 0.9 the light wheels sink in by one millimetre.
+CONTACT_IMPEDANCE = (0.99, 0.99, 0.001)  # [-], [-], [m] solimp
+SETTLING_TIME = 3.0  # [s] after which the parked car no longer moves on its springs
+
+
+@dataclass(frozen=True)
+class Car:
+    """The compiled model and where to find its parts."""
+
+    dimensions: VehicleDimensions
+    tyres: Tyres
+    root: Any
+    """The `mjcf.RootElement`; its elements are generated at run time, so it has no useful type."""
+    model: mujoco.MjModel
+    hub_x: np.ndarray
+    """[4, 1] wheel centres ahead of the sensor [m]."""
+    hub_y: np.ndarray
+    """[4, 1] wheel centres to the left [m]."""
+    chassis: int
+    """Body id."""
+    wheel_bodies: np.ndarray
+    """[4] body ids."""
+    slide: np.ndarray
+    """[4] degree of freedom of each suspension; its qpos index is one higher."""
+    spin: np.ndarray
+    """[4] degree of freedom of each wheel's spin; its qpos index is one higher."""
+    steer: np.ndarray
+    """[2] degree of freedom of each front wheel's steering; its qpos index is one higher."""
+    parked: np.ndarray
+    """[nq] the car standing still at the origin, its springs settled."""
+
+    @property
+    def timestep(self) -> float:
+        """Of the physics [s]."""
+        return self.model.opt.timestep
+
+
+@lru_cache(maxsize=8)
+def make_car(
+    dimensions: VehicleDimensions, tyres: Tyres, timestep: float, visual: bool = True
+) -> Car:
+    """Builds and compiles the model; the result is shared, so it must not be written to.
+
+    Args:
+        dimensions: Of the car.
+        tyres: `explicit` or `contact`.
+        timestep: Of the physics [s].
+        visual: With what only the eye needs; it moves alike without, and steps 15 % faster.
+
+    Raises:
+        ValueError: `tyres` is neither of the two.
+    """
+    if tyres not in ("explicit", "contact"):
+        raise ValueError(f"tyres is {tyres!r}; expected 'explicit' or 'contact'")
+    root = car_mjcf(dimensions, tyres, timestep)
+    if not visual:
+        for geom in root.find_all("geom"):
+            if geom.contype == 0:
+                geom.remove()
+    model = mjcf.Physics.from_mjcf_model(root).model.ptr
+    dof = {
+        kind: np.array([model.joint(f"{kind}_{wheel}").dofadr[0] for wheel in wheels])
+        for kind, wheels in (("slide", WHEELS), ("spin", WHEELS), ("steer", WHEELS[:2]))
+    }
+    hubs = np.array([hub(dimensions, wheel) for wheel in WHEELS])  # (4, 3)
+    return Car(
+        dimensions=dimensions,
+        tyres=tyres,
+        root=root,
+        model=model,
+        hub_x=hubs[:, :1],
+        hub_y=hubs[:, 1:2],
+        chassis=model.body("chassis").id,
+        wheel_bodies=np.array([model.body(wheel).id for wheel in WHEELS]),
+        **dof,
+        parked=_parked(model),
+    )
+
+
+def model_fields(car: Car, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The model's fields that depend on parameters.
+
+    Args:
+        car: The model as compiled.
+        values: Parameter name -> [1] or [n].
+
+    Returns:
+        Field name -> [n, ...] as `MjModel` has it, or [1, ...] where all cars are alike.
+    """
+    inertia = chassis_inertia(
+        car.dimensions, values["mass"], values["yaw_inertia"], values["cg_to_front_axle"]
+    )
+    names = ["body_mass", "body_ipos", "body_inertia", "qpos_spring"]
+    rows = len(inertia["mass"])
+    if car.tyres == "contact":
+        names.append("geom_friction")
+        rows = max(rows, len(values["grip_front"]), len(values["grip_rear"]))
+    fields = {name: np.repeat(getattr(car.model, name)[None], rows, 0) for name in names}
+    fields["body_mass"][:, car.chassis] = inertia["mass"]
+    fields["body_ipos"][:, car.chassis] = inertia["ipos"]
+    fields["body_inertia"][:, car.chassis] = inertia["inertia"]
+    fields["qpos_spring"][:, car.slide + 1] = spring_reference(car.dimensions, values).T
+    if car.tyres == "contact":
+        for wheel in WHEELS:
+            geom = car.model.geom(f"tyre_{wheel}").id
+            fields["geom_friction"][:, geom, 0] = values[f"grip_{wheel.split('_')[0]}"]
+    return fields
+
+
+def car_mjcf(dimensions: VehicleDimensions, tyres: Tyres, timestep: float) -> Any:
+    """The model as dm_control MJCF, for whoever wants to add to it before compiling."""
+    root: Any = mjcf.RootElement(model="buggy")
+    root.compiler.angle = "radian"  # mjcf compiles degrees by default
+    root.option.timestep = timestep
+    root.option.gravity = [0.0, 0.0, -GRAVITY]
+    root.option.integrator = "implicitfast"
+    root.option.cone = "elliptic"
+    # A step has to be a function of the state that rides in the TensorDict, and nothing is to
+    # be put right behind the caller's back.
+    root.option.flag.warmstart = "disable"
+    root.option.flag.autoreset = "disable"
+    root.option.flag.island = "disable"  # one car, one island: finding it takes 4 % of a step
+    add_scenery(root)
+    chassis = root.worldbody.add("body", name="chassis", pos=[0, 0, dimensions.cg_height])
+    chassis.add("freejoint", name="free")
+    inertia = chassis_inertia(
+        dimensions, dimensions.mass, dimensions.yaw_inertia, dimensions.cg_to_front_axle
+    )
+    chassis.add(
+        "inertial",
+        mass=float(inertia["mass"]),
+        pos=inertia["ipos"].tolist(),
+        diaginertia=inertia["inertia"].tolist(),
+    )
+    add_shell(chassis, dimensions)
+    for wheel in WHEELS:
+        _add_wheel(chassis, wheel, dimensions, tyres)
+    return root
+
+
+def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
+    body = chassis.add("body", name=wheel, pos=hub(dimensions, wheel))
+    nominal = {name: np.array([getattr(dimensions, name)]) for name in ("mass", "cg_to_front_axle")}
+    body.add(
+        "joint",
+        name=f"slide_{wheel}",
+        type="slide",
+        axis=[0, 0, 1],
+        stiffness=SPRING_RATE,
+        damping=SPRING_DAMPING,
+        armature=STRUT_ARMATURE,
+        springref=float(spring_reference(dimensions, nominal)[WHEELS.index(wheel), 0]),
+        limited=True,
+        range=[-SUSPENSION_TRAVEL, SUSPENSION_TRAVEL],
+    )
+    if wheel.startswith("front"):
+        body.add(
+            "joint",
+            name=f"steer_{wheel}",
+            type="hinge",
+            axis=[0, 0, 1],
+            armature=STEERING_ARMATURE,
+        )
+    driven = 0.0 if wheel.startswith("front") else DRIVELINE_INERTIA
+    body.add("joint", name=f"spin_{wheel}", type="hinge", axis=[0, 1, 0], armature=driven)
+    body.add(
+        "inertial",
+        pos=[0, 0, 0],
+        mass=WHEEL_MASS,
+        diaginertia=[WHEEL_TILT_INERTIA, WHEEL_SPIN_INERTIA, WHEEL_TILT_INERTIA],
+    )
+    _add_tyre(body, wheel, dimensions, tyres)
+
+
+def _add_tyre(body, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
+    # A sphere touches a plane in one point, right under the hub, at every steering and roll angle.
+    body.add(
+        "geom",
+        name=f"tyre_{wheel}",
+        type="sphere",
+        size=[dimensions.wheel_radius],
+        mass=0,
+        condim=1 if tyres == "explicit" else 3,
+        priority=1,  # its friction counts, not the floor's
+        solimp=CONTACT_IMPEDANCE,
+        rgba=[0, 0, 0, 0],
+    )
+    add_rim(body, dimensions)
+
+
+def _parked(model: mujoco.MjModel) -> np.ndarray:
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=round(SETTLING_TIME / model.opt.timestep))
+    parked = data.qpos.copy()
+    parked[:2] = 0.0
+    return parked

@@ -1,0 +1,89 @@
+"""The parameters of the MuJoCo buggy as shipped.
+
+The values are a plausible hand-tuned guess for a small rear-driven buggy, set the way one sets a
+simulator up before there are recordings. They are fitted to nothing; mass, yaw inertia and the
+place of the centre of gravity come from the car's dimensions.
+"""
+
+from buggy_rl.parameters import Parameter
+from buggy_rl.vehicle import VehicleDimensions
+
+LONGEST_DEAD_TIME = 0.2  # [s] how far back the engine remembers commands
+
+
+def declared_parameters(dimensions: VehicleDimensions) -> list[Parameter]:
+    """Every parameter of the MuJoCo buggy, as shipped."""
+    return [*_body(dimensions), *_tyres(), *_steering(), *_drive()]
+
+
+def _body(dimensions: VehicleDimensions) -> list[Parameter]:
+    mass, inertia, cg = dimensions.mass, dimensions.yaw_inertia, dimensions.cg_to_front_axle
+    return [
+        Parameter("mass", mass, 0.7 * mass, 1.6 * mass, "kg", "Whole car with wheels and load."),
+        Parameter(
+            "yaw_inertia",
+            inertia,
+            0.6 * inertia,
+            2.5 * inertia,
+            "kg m^2",
+            "Whole car about the vertical axis through its centre of gravity.",
+        ),
+        Parameter(
+            "cg_to_front_axle",
+            cg,
+            0.3 * dimensions.wheelbase,
+            0.7 * dimensions.wheelbase,
+            "m",
+            "Centre of gravity behind the front axle; axles and sensor stay where they are.",
+        ),
+    ]
+
+
+def _tyres() -> list[Parameter]:
+    return [
+        Parameter("grip_front", 0.9, 0.2, 1.6, "-", "Largest tyre force over load, front."),
+        Parameter("grip_rear", 0.9, 0.2, 1.6, "-", "Largest tyre force over load, rear."),
+        Parameter(
+            "cornering_stiffness_front",
+            7.0,
+            2.0,
+            25.0,
+            "1/rad",
+            "Lateral force over load a radian of slip angle, front; explicit tyres only.",
+        ),
+        Parameter(
+            "cornering_stiffness_rear",
+            9.0,
+            2.0,
+            25.0,
+            "1/rad",
+            "Lateral force over load a radian of slip angle, rear; explicit tyres only.",
+        ),
+    ]
+
+
+def _steering() -> list[Parameter]:
+    longest = LONGEST_DEAD_TIME
+    return [
+        Parameter("steering_left", 0.36, 0.1, 0.7, "rad", "Wheel angle at full left command."),
+        Parameter("steering_right", 0.36, 0.1, 0.7, "rad", "Wheel angle at full right command."),
+        Parameter("steering_offset", 0.0, -0.15, 0.15, "rad", "Wheel angle at zero command."),
+        Parameter("steering_lag", 0.06, 0.0, 0.4, "s", "Time constant of the servo."),
+        Parameter("steering_dead_time", 0.02, 0.0, longest, "s", "Until the servo reacts."),
+    ]
+
+
+def _drive() -> list[Parameter]:
+    longest = LONGEST_DEAD_TIME
+    return [
+        Parameter("throttle_lag", 0.05, 0.0, 0.4, "s", "Time constant of the speed controller."),
+        Parameter("throttle_dead_time", 0.02, 0.0, longest, "s", "Until the controller reacts."),
+        Parameter("throttle_deadband", 0.1, 0.0, 0.4, "-", "Drive in 0..1 below which none acts."),
+        Parameter("drive_force", 18.0, 3.0, 50.0, "N", "Full drive at standstill, both wheels."),
+        Parameter(
+            "drive_speed_loss", 3.5, 0.0, 15.0, "N s/m", "Back-EMF: drive lost a m/s, full drive."
+        ),
+        Parameter("rolling_resistance", 0.8, 0.0, 5.0, "N", "Whole car, opposes rolling."),
+        Parameter("viscous_drag", 0.4, 0.0, 5.0, "N s/m", "Whole car, grows with the speed."),
+        Parameter("quadratic_drag", 0.02, 0.0, 1.0, "N s^2/m^2", "Whole car, the air's."),
+    ]

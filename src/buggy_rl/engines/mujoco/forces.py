@@ -1,0 +1,222 @@
+"""What acts on the car in one physics substep, written into MuJoCo's applied forces.
+
+Tyres are stiff: at 1 m/s a wheel's spin settles in half a millisecond and the yaw rate in five.
+So the tyre forces are those at the *end* of the substep, found by one Newton step of the planar car
+with its four wheel spins (linearly implicit Euler). Steady states are those of the tyre law
+itself, and substeps of several milliseconds are stable down to standstill.
+
+Arrays are [n] over cars and [4, n] over wheels and cars.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from buggy_rl.engines.mujoco.actuators import motor_torque
+from buggy_rl.engines.mujoco.car import Car
+from buggy_rl.engines.mujoco.tyres import TyreForce, tyre_force
+from buggy_rl.engines.mujoco.weights import (
+    DRIVELINE_INERTIA,
+    SPRING_DAMPING,
+    SPRING_RATE,
+    WHEEL_MASS,
+    WHEEL_SPIN_INERTIA,
+    spring_reference,
+)
+from buggy_rl.vehicle import GRAVITY
+
+# Rolling resistance fades out below this speed, so that it stops the car without pushing it back.
+STOPPING_SPEED = 0.1  # [m/s]
+
+
+class Motion(NamedTuple):
+    """The chassis seen from above, in axes along and across its heading."""
+
+    cos: NDArray
+    """Of the heading, [n]."""
+    sin: NDArray
+    vx: NDArray
+    """Of the body frame [m/s]."""
+    vy: NDArray
+    yaw_rate: NDArray
+    """About the vertical [rad/s]."""
+
+
+def read_motion(qpos: NDArray, qvel: NDArray) -> Motion:
+    """Heading and velocities of chassis on a free joint, qpos [n, nq], qvel [n, nv].
+
+    MuJoCo gives the linear part of a free joint's qvel in the world frame and the angular part in
+    the body frame; this is the place where that is undone.
+    """
+    w, x, y, z = qpos[:, 3:7].T
+    ahead_x, ahead_y = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)  # the body's x axis
+    level = 1.0 / np.sqrt(ahead_x**2 + ahead_y**2)
+    cos, sin = ahead_x * level, ahead_y * level
+    p, q, r = qvel[:, 3:6].T
+    yaw_rate = 2 * (x * z - w * y) * p + 2 * (y * z + w * x) * q + (1 - 2 * (x * x + y * y)) * r
+    vx, vy = qvel[:, 0], qvel[:, 1]
+    return Motion(cos, sin, cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate)
+
+
+class Forces:
+    """Drive, resistance and, with explicit tyres, tyre forces of n cars.
+
+    Args:
+        car: The model.
+        values: Parameter name -> [1] or [n].
+    """
+
+    def __init__(self, car: Car, values: Mapping[str, NDArray]) -> None:
+        self.car = car
+        self.values = values
+        self.radius = car.dimensions.wheel_radius
+        self.dt = car.timestep
+        front, rear = ("front", "front"), ("rear", "rear")
+        self._grip = _per_wheel(values, "grip", front + rear)
+        self._cornering = _per_wheel(values, "cornering_stiffness", front + rear)
+        self._spring_reference = spring_reference(car.dimensions, values)
+        ahead = car.dimensions.cg_to_front_axle - car.dimensions.sensor_to_cg
+        self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
+        self._arm_x = car.hub_x - self._cg_x
+        self._spin_inertia = WHEEL_SPIN_INERTIA + np.array([[0.0]] * 2 + [[DRIVELINE_INERTIA]] * 2)
+
+    def apply(
+        self,
+        qpos: NDArray,
+        qvel: NDArray,
+        xfrc_applied: NDArray,
+        qfrc_applied: NDArray,
+        steering_angle: NDArray,
+        drive: NDArray,
+    ) -> None:
+        """Sets the steering and writes the forces for the next substep.
+
+        Args:
+            qpos: [n, nq]; the steering hinges are set to the angle (a stiff servo).
+            qvel: [n, nv].
+            xfrc_applied: [n, nbody, 6] world frame, written for chassis and wheels.
+            qfrc_applied: [n, nv] written for the driven wheels.
+            steering_angle: [n] rad.
+            drive: [n] in 0..1.
+        """
+        car = self.car
+        qpos[:, car.steer + 1] = steering_angle[:, None]
+        qvel[:, car.steer] = 0.0
+        motion = read_motion(qpos, qvel)
+        spin = np.ascontiguousarray(qvel[:, car.spin].T)
+        torque, slope = motor_torque(self.values, drive, spin[2:], self.radius)
+        qfrc_applied[:, car.spin[2:]] = torque[:, None]
+        resistance = self._resistance(motion.vx)
+        xfrc_applied[:, car.chassis, 0] = resistance * motion.cos
+        xfrc_applied[:, car.chassis, 1] = resistance * motion.sin
+        if car.tyres == "contact":
+            return
+        fx, fy = self.tyre_forces(
+            qpos, qvel, motion, spin, steering_angle, torque, slope, resistance
+        )
+        world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
+        # At the patch, a radius below the hub: F = (x, y, 0) and M = (0, 0, -r) x F.
+        wrench = xfrc_applied[:, car.wheel_bodies[0] : car.wheel_bodies[-1] + 1]  # (n, 4, 6)
+        wrench[..., 0], wrench[..., 1] = world_x.T, world_y.T
+        wrench[..., 3], wrench[..., 4] = self.radius * world_y.T, -self.radius * world_x.T
+
+    def _resistance(self, speed: NDArray) -> NDArray:
+        """Force along the heading [N]: -(F_r tanh(v / v_s) + c v + k v |v|)."""
+        rolling = self.values["rolling_resistance"] * np.tanh(speed / STOPPING_SPEED)
+        drag = self.values["viscous_drag"] + self.values["quadratic_drag"] * np.abs(speed)
+        return -(rolling + drag * speed)
+
+    def loads(self, qpos: NDArray, qvel: NDArray) -> NDArray:
+        """Load [4, n] of each tyre [N]: what its spring and damper carry, and its own weight."""
+        slide = self.car.slide
+        squeeze = qpos[:, slide + 1].T - self._spring_reference
+        carried = SPRING_RATE * squeeze + SPRING_DAMPING * qvel[:, slide].T
+        return np.maximum(carried + WHEEL_MASS * GRAVITY, 0.0)
+
+    def tyre_forces(
+        self, qpos, qvel, motion: Motion, spin, steering_angle, torque, slope, resistance
+    ) -> tuple[NDArray, NDArray]:
+        """Forces [4, n] along and across the heading at the end of the substep."""
+        load = self.loads(qpos, qvel)
+        # Slip is that of the planar car: the rates of roll and pitch do not reach it.
+        patch_x = motion.vx - motion.yaw_rate * self.car.hub_y  # (4, n)
+        patch_y = motion.vy + motion.yaw_rate * self.car.hub_x
+        cos, sin = np.ones_like(load), np.zeros_like(load)
+        cos[:2], sin[:2] = np.cos(steering_angle), np.sin(steering_angle)
+        rolling = cos * patch_x + sin * patch_y  # wheel axes
+        sideways = cos * patch_y - sin * patch_x
+        force = tyre_force(
+            spin * self.radius - rolling, -sideways, rolling, load, self._grip, self._cornering
+        )
+        fx, fy = self._implicit(force, motion, cos, sin, torque, slope, resistance)
+        # The linearised force may leave the friction circle: put it back on the rim.
+        limit = self._grip * load
+        shrink = np.minimum(limit / np.maximum(np.hypot(fx, fy), 1e-12), 1.0)
+        fx, fy = fx * shrink, fy * shrink
+        return cos * fx - sin * fy, sin * fx + cos * fy
+
+    def _implicit(
+        self, force: TyreForce, motion: Motion, cos, sin, torque, slope, resistance
+    ) -> tuple[NDArray, NDArray]:
+        """Tyre forces [4, n] in wheel axes at the end of the substep.
+
+        M dv / dt = sum_i A_i^T f_i' + Q,  f_i' = f_i + J_i (r domega_i e_x - A_i dv),
+        I domega_i / dt = T_i - r f_x,i',  solved for dv = (dvx, dvy, dr) at the centre of gravity.
+        """
+        r, dt = self.radius, self.dt
+        wheel_torque, wheel_slope = np.zeros_like(cos), np.zeros_like(cos)
+        wheel_torque[2:], wheel_slope[2:] = torque, slope
+        # domega = gain (T - r f_x'): eliminates the wheel spins.
+        gain = dt / (self._spin_inertia - dt * wheel_slope)
+        held = 1.0 / (1.0 + force.fx_sx * r * r * gain)
+        push = r * gain * wheel_torque
+        fx = held * (force.fx + force.fx_sx * push)
+        fy = force.fy + force.fy_sx * (push - r * r * gain * fx)
+        jxx, jxy = held * force.fx_sx, held * force.fx_sy
+        jyx = held * force.fy_sx
+        jyy = force.fy_sy - force.fy_sx * r * r * gain * jxy
+        # Rows of A: patch velocity in wheel axes from (vx, vy, r) at the centre of gravity.
+        arm_x, arm_y = self._arm_x, self.car.hub_y
+        ax = (cos, sin, sin * arm_x - cos * arm_y)
+        ay = (-sin, cos, cos * arm_x + sin * arm_y)
+        matrix, right = [], []
+        for row in range(3):
+            along = ax[row] * jxx + ay[row] * jyx
+            across = ax[row] * jxy + ay[row] * jyy
+            matrix.append([(along * ax[c] + across * ay[c]).sum(0) for c in range(3)])
+            right.append((ax[row] * fx + ay[row] * fy).sum(0))
+        mass, inertia = self.values["mass"], self.values["yaw_inertia"]
+        for row, m in enumerate((mass, mass, inertia)):
+            matrix[row][row] = matrix[row][row] + m / dt
+        yaw_rate = motion.yaw_rate
+        right[0] += resistance + mass * yaw_rate * (motion.vy + self._cg_x * yaw_rate)
+        right[1] -= mass * yaw_rate * motion.vx
+        change = _solve3(matrix, right)
+        dx = ax[0] * change[0] + ax[1] * change[1] + ax[2] * change[2]
+        dy = ay[0] * change[0] + ay[1] * change[1] + ay[2] * change[2]
+        return fx - jxx * dx - jxy * dy, fy - jyx * dx - jyy * dy
+
+
+def _per_wheel(values: Mapping[str, NDArray], name: str, axles) -> NDArray:
+    return np.stack(np.broadcast_arrays(*(values[f"{name}_{axle}"] for axle in axles)))
+
+
+def _solve3(a, b) -> tuple[NDArray, NDArray, NDArray]:
+    """Solves n systems of three equations by Cramer's rule; a[i][j], b[i] are [n]."""
+    c00 = a[1][1] * a[2][2] - a[1][2] * a[2][1]
+    c01 = a[1][2] * a[2][0] - a[1][0] * a[2][2]
+    c02 = a[1][0] * a[2][1] - a[1][1] * a[2][0]
+    scale = 1.0 / (a[0][0] * c00 + a[0][1] * c01 + a[0][2] * c02)
+    d0 = a[0][2] * a[2][1] - a[0][1] * a[2][2]
+    d1 = a[0][0] * a[2][2] - a[0][2] * a[2][0]
+    d2 = a[0][1] * a[2][0] - a[0][0] * a[2][1]
+    e0 = a[0][1] * a[1][2] - a[0][2] * a[1][1]
+    e1 = a[0][2] * a[1][0] - a[0][0] * a[1][2]
+    e2 = a[0][0] * a[1][1] - a[0][1] * a[1][0]
+    return (
+        (c00 * b[0] + d0 * b[1] + e0 * b[2]) * scale,
+        (c01 * b[0] + d1 * b[1] + e1 * b[2]) * scale,
+        (c02 * b[0] + d2 * b[1] + e2 * b[2]) * scale,
+    )

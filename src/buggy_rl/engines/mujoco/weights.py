@@ -1,0 +1,89 @@
+"""What the buggy weighs and how its springs carry it.
+
+The whole car has the mass, yaw inertia and centre of gravity asked for; the wheels have theirs
+and the chassis gets the rest. Arrays follow numpy's broadcasting, `*` standing for the cars.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
+# Plausible for 65 mm wheels and a soft off-road suspension; none of these is measured on a car.
+WHEEL_MASS = 0.03  # [kg]
+WHEEL_SPIN_INERTIA = 2.2e-5  # [kg m^2] 0.7 m r^2: between a disc and a ring
+WHEEL_TILT_INERTIA = 1.2e-5  # [kg m^2]
+DRIVELINE_INERTIA = 3.0e-5  # [kg m^2] motor and gears as felt at one rear wheel
+SPRING_RATE = 500.0  # [N/m] a wheel: the body bounces at 5.6 Hz
+SPRING_DAMPING = 14.0  # [N s/m] a wheel: half of critical
+# Pitch and roll inertia of the chassis over its yaw inertia: a plate longer than wide.
+PITCH_SHARE, ROLL_SHARE = 0.8, 0.3
+
+
+def hub(dimensions: VehicleDimensions, wheel: str) -> list[float]:
+    """Wheel centre in the body frame, suspension at rest."""
+    x = dimensions.cg_to_front_axle - dimensions.sensor_to_cg
+    if wheel.startswith("rear"):
+        x -= dimensions.wheelbase
+    y = dimensions.track_width / 2 * (1 if wheel.endswith("left") else -1)
+    return [x, y, dimensions.wheel_radius - dimensions.cg_height]
+
+
+def chassis_inertia(
+    dimensions: VehicleDimensions, mass, yaw_inertia, cg_to_front_axle
+) -> dict[str, np.ndarray]:
+    """What the chassis must weigh so that the whole car has the given inertia.
+
+    m_c = m - 4 m_w,  I_c = I - sum_i (I_w + m_w |r_i - r_cg|^2) - m_c |r_c - r_cg|^2.
+
+    Args:
+        dimensions: Places of the wheels and height of the centre of gravity.
+        mass: [*] whole car [kg].
+        yaw_inertia: [*] whole car, about its centre of gravity [kg m^2].
+        cg_to_front_axle: [*] m.
+
+    Returns:
+        `mass` [*], `ipos` [*, 3] in the body frame, `inertia` [*, 3] about roll, pitch, yaw.
+
+    Raises:
+        ValueError: The wheels alone have more than that.
+    """
+    mass, yaw_inertia, cg = np.broadcast_arrays(mass, yaw_inertia, cg_to_front_axle)
+    front = dimensions.cg_to_front_axle - dimensions.sensor_to_cg  # axle ahead of the sensor
+    cg_x = front - cg
+    hubs = np.array([hub(dimensions, wheel) for wheel in WHEELS])
+    chassis_mass = mass - len(WHEELS) * WHEEL_MASS
+    ipos = np.stack(
+        [
+            (mass * cg_x - WHEEL_MASS * hubs[:, 0].sum()) / chassis_mass,
+            np.zeros_like(cg_x),
+            -WHEEL_MASS * hubs[:, 2].sum() / chassis_mass,
+        ],
+        -1,
+    )
+    arms = (hubs[:, 0] - cg_x[..., None]) ** 2 + hubs[:, 1] ** 2  # (*, 4)
+    wheels = len(WHEELS) * WHEEL_TILT_INERTIA + WHEEL_MASS * arms.sum(-1)
+    yaw = yaw_inertia - wheels - chassis_mass * (ipos[..., 0] - cg_x) ** 2
+    if (chassis_mass <= 0).any() or (yaw <= 0).any():
+        raise ValueError(
+            f"a car of {mass.min():.3g} kg and yaw inertia {yaw_inertia.min():.3g} kg m^2 leaves "
+            f"nothing for the chassis: its wheels weigh {len(WHEELS) * WHEEL_MASS} kg and have "
+            f"{wheels.max():.3g} kg m^2"
+        )
+    shares = np.array([ROLL_SHARE, PITCH_SHARE, 1.0])
+    return {"mass": chassis_mass, "ipos": ipos, "inertia": yaw[..., None] * shares}
+
+
+def spring_reference(dimensions: VehicleDimensions, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Unloaded place [4, n] of the wheels [m] at which the car stands level.
+
+    k (0 - s_0) = F_z - m_w g, with F_z the wheel's share of the car's weight.
+    """
+    to_front = values["cg_to_front_axle"] / dimensions.wheelbase
+    weight = values["mass"] * GRAVITY
+    front, rear = weight * (1 - to_front) / 2, weight * to_front / 2  # a wheel
+    load = np.stack(np.broadcast_arrays(front, front, rear, rear))
+    return -(load - WHEEL_MASS * GRAVITY) / SPRING_RATE

@@ -1,0 +1,98 @@
+"""A brush tyre with parabolic pressure, lagging behind its slip by a distance rolled."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from buggy_rl.engines.reference.wheels import per_wheel
+
+STANDSTILL_SPEED = 0.05  # [m/s] keeps the slip of a standing tyre finite; chosen
+DAMPING_SPEED = 1.0  # [m/s] above it the rolling itself damps the carcass; chosen
+TINY = 1e-12  # under the roots, so that a gradient exists at zero slip
+
+
+class Tyres:
+    """Four tyres a car; all tensors as described in `wheels`.
+
+    Args:
+        values: Parameter name -> value, each [*] or ones in place of the batch.
+        static_load: [4, *] load of each wheel at rest [N].
+    """
+
+    def __init__(self, values: Mapping[str, Tensor], static_load: Tensor) -> None:
+        balance = values["grip_balance"].sqrt()
+        self.grip = per_wheel(values["grip"] * balance, values["grip"] / balance)
+        self.load_loss = values["grip_load_loss"] / static_load
+        self.load_gain = 1.0 - values["grip_load_loss"]
+        self.sliding_loss = values["grip_sliding_loss"]
+        self.sliding_speed = values["sliding_speed"]
+        along = per_wheel(values["longitudinal_stiffness"], values["longitudinal_stiffness"])
+        across = per_wheel(values["front_cornering_stiffness"], values["rear_cornering_stiffness"])
+        self.stiffness = torch.stack(torch.broadcast_tensors(along, across))  # (2, 4, *)
+        self.relaxation_length = values["relaxation_length"]
+        self.carcass_damping = values["carcass_damping"]
+
+    def transport_speed(self, along: Tensor, across: Tensor, tread: Tensor) -> Tensor:
+        """Speed [4, *] at which the tyre's contact is renewed [m/s].
+
+        w = sqrt(max(v_along^2 + v_across^2, u^2) + w0^2): the faster of ground and tread, so that
+        slip stays within +-2 also with spinning or locked wheels and in a sideways slide.
+        """
+        fastest = torch.maximum(along.square() + across.square(), tread.square())
+        return (fastest + STANDSTILL_SPEED**2).sqrt()
+
+    def relaxed(
+        self, slip: Tensor, slip_speed: Tensor, transport: Tensor, dt: float
+    ) -> tuple[Tensor, Tensor]:
+        """Lets the slip that the carcass feels follow the slip at the ground.
+
+        L ds/dt = v_slip - w s, by the trapezoidal rule; at a standstill the tyre becomes a spring.
+        The carcass also resists its own deforming: s_felt = s + tau ds/dt, tau falling with speed.
+
+        Args:
+            slip: [2, 4, *] carried slip.
+            slip_speed: [2, 4, *] tread over ground, along and across [m/s].
+            transport: [4, *] see `transport_speed` [m/s].
+            dt: Step [s].
+
+        Returns:
+            [2, 4, *] the carried slip and the felt slip after the step.
+        """
+        reach = dt / self.relaxation_length
+        half = 0.5 * transport * reach  # well below 1, so the rule does not ring
+        following = (slip * (1.0 - half) + slip_speed * reach) / (1.0 + half)
+        tau = self.carcass_damping * DAMPING_SPEED / (DAMPING_SPEED + transport)
+        return following, following + (following - slip) * (tau / dt)
+
+    def friction(self, load: Tensor, slip_speed: Tensor) -> Tensor:
+        """Friction coefficient [4, *] at this load [N] and sliding speed [2, 4, *] [m/s].
+
+        mu = mu0 / (1 + p (F_z / F_z0 - 1)) (1 - q v_s / (v_s + v_q)).
+        """
+        sliding = (slip_speed.square().sum(0) + TINY).sqrt()
+        loss = self.sliding_loss * sliding / (sliding + self.sliding_speed)
+        return self.grip * (1.0 - loss) / (self.load_gain + self.load_loss * load)
+
+    def strain(self, slip: Tensor, friction: Tensor) -> Tensor:
+        """How much of the contact [4, *] slides at a slip [2, 4, *]; all of it from 1 on.
+
+        z = |(c_along s_along, c_across s_across)| / (3 mu).
+        """
+        return ((self.stiffness * slip).square().sum(0) + TINY).sqrt() / (3.0 * friction)
+
+    def force(self, felt_slip: Tensor, load: Tensor, strain: Tensor) -> Tensor:
+        """Force [2, 4, *] of the ground on the tyre [N].
+
+        Bristles on a parabolic pressure: with e = (c_along s_along, c_across s_across) and
+        z = |e| / (3 mu),  F = mu F_z (1 - (1 - min(z, 1))^3) e / |e|; so |F| <= mu F_z.
+
+        Args:
+            felt_slip: [2, 4, *] see `relaxed`.
+            load: [4, *] normal load [N].
+            strain: [4, *] z of the felt slip.
+        """
+        held = strain.clamp_max(1.0)
+        # mu (1 - (1 - z)^3) / |e| = (3 - 3 z + z^2) / 3 while sticking, 1 / (3 z) once sliding.
+        share = (3.0 - 3.0 * held + held.square()) / (3.0 * strain.clamp_min(1.0))
+        return self.stiffness * felt_slip * (load * share)

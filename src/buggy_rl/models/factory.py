@@ -1,0 +1,65 @@
+"""Models from a config, to a file and back."""
+
+import importlib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from buggy_rl.models import MODELS
+from buggy_rl.models.base import DynamicsModel
+from buggy_rl.models.ensemble import Ensemble
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Which model."""
+
+    kind: str = "mlp"
+    """A name in `MODELS`: mlp, temporal_cnn, gru, transformer."""
+    members: int = 1
+    """Models in the ensemble; 1 is a single model."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Arguments of the model's class, such as rows (samples of history) or hidden."""
+
+
+def make_model(config: ModelConfig) -> DynamicsModel:
+    """Builds an untrained model.
+
+    Raises:
+        ValueError: The kind is unknown, or an option does not belong to it.
+    """
+    if config.kind not in MODELS:
+        raise ValueError(f"no model {config.kind!r}; available: {', '.join(sorted(MODELS))}")
+    module, _, name = MODELS[config.kind].partition(":")
+    model_class = getattr(importlib.import_module(module), name)
+    try:
+        members = [model_class(**config.options) for _ in range(config.members)]
+    except TypeError as error:
+        raise ValueError(f"model {config.kind!r}: {error}") from None
+    return members[0] if config.members == 1 else Ensemble(members)
+
+
+def save_model(model: DynamicsModel, config: ModelConfig, file: Path, about: dict) -> None:
+    """Writes weights, normalisation and envelope, atomically, with what they were trained on."""
+    content = {"model": asdict(config), "weights": model.state_dict(), "about": about}
+    partial = file.with_name(file.name + ".partial")
+    torch.save(content, partial)
+    partial.replace(file)
+
+
+def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
+    """Reads a model and what is known about its training, ready to predict.
+
+    Raises:
+        ValueError: The file is not such a model.
+    """
+    if not Path(file).is_file():
+        raise ValueError(f"there is no model file {file}: train one with scripts/train_model.py")
+    content = torch.load(file, map_location="cpu", weights_only=True)
+    if not isinstance(content, dict) or not {"model", "weights", "about"} <= set(content):
+        raise ValueError(f"{file} was not written by scripts/train_model.py")
+    model = make_model(ModelConfig(**content["model"]))
+    model.load_state_dict(content["weights"])
+    return model.eval().requires_grad_(False), content["about"]

@@ -1,0 +1,25 @@
+"""Fixtures for all tests; one torch thread, because two default ones collapse beside any other."""
+
+import os
+from pathlib import Path
+
+import pytest
+import torch
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def dart_folder() -> Path:
+    """The real DART drives: where `BUGGY_RL_DART` says, or beside the repository."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "dart"
+    folder = Path(os.environ.get("BUGGY_RL_DART", beside))
+    if not folder.is_dir():
+        pytest.skip("the DART drives are not here: name their folder in BUGGY_RL_DART")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the repository."""
+    return Path(__file__).resolve().parents[1]

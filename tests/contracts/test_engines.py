@@ -1,0 +1,360 @@
+"""What every engine must prove, whatever moves the car in it."""
+
+from functools import partial
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import ParallelEnv, SerialEnv, StepCounter, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+from buggy_rl import keys
+from buggy_rl.engines import ENGINES, make_engine
+from buggy_rl.models.factory import ModelConfig, make_model
+from buggy_rl.vehicle import rotate
+
+FLIP = torch.tensor([1.0, -1.0, -1.0])  # left for right, of a pose or a velocity
+
+# Parameters that tell left from right, at values at which they do not.
+SYMMETRIC = {"sensor_y": 0.0, "steering_offset": 0.0, "steering_trim": 0.0}
+PAIRS = (
+    ("left_angle", "right_angle"),
+    ("left_steepness", "right_steepness"),
+    ("steering_left", "steering_right"),
+    ("lock_left", "lock_right"),
+)
+# Where a parameter is felt only beside another value of a second one: the knee of an empty battery.
+TELLING = {"initial_charge": 0.1}
+
+
+def untrained_model():
+    """A small history MLP as training would begin with, of the range of an indoor car."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = make_model(ModelConfig("mlp", options={"rows": 3}))
+    model.output_scale.fill_(0.02)
+    model.envelope.low.copy_(torch.tensor([-1.0, -3.5, -6.5, -1.0, -1.0]))
+    model.envelope.high.copy_(torch.tensor([3.5, 3.5, 6.5, 1.0, 1.0]))
+    return model
+
+
+def make(name, batch_size=(), **options):
+    if name == "learned":
+        options["model"] = untrained_model()
+    return make_engine(name, batch_size, **options)
+
+
+def symmetric(engine):
+    """The engine with left and right alike, and as many cars."""
+    values = {n: v for n, v in SYMMETRIC.items() if n in engine.parameters}
+    for left, right in PAIRS:
+        if left in engine.parameters:
+            values[right] = float(engine.values[left])
+    tensors = {name: torch.full(engine.batch_size, value) for name, value in values.items()}
+    return engine.with_parameters(TensorDict(tensors, batch_size=engine.batch_size))
+
+
+def start(engine, pose=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
+    """The state after a reset at a pose and a velocity, one for all cars or one each."""
+    given = TensorDict(batch_size=engine.batch_size)
+    for key, value in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
+        value = torch.as_tensor(value, dtype=torch.float32)
+        given[key] = value.expand(*engine.batch_size, 3).clone()
+    return engine.reset(given)
+
+
+def step(engine, state, action):
+    action = torch.as_tensor(action, dtype=torch.float32)
+    acted = state.clone().set(keys.ACTION, action.expand(*engine.batch_size, 2).clone())
+    return engine.step(acted)["next"]
+
+
+def follow(engine, state, actions):
+    """Poses and velocities [T, *, 3] under actions [T, 2] or [T, *, 2]."""
+    poses, velocities = [], []
+    for action in actions:
+        state = step(engine, state, action)
+        poses.append(state[keys.POSE])
+        velocities.append(state[keys.VELOCITY])
+    return torch.stack(poses), torch.stack(velocities)
+
+
+def manoeuvre(steps=60):
+    """Actions [steps, 2] with throttle and both directions, starting from a turn to the left."""
+    time = torch.arange(steps) * 0.01
+    throttle = 0.1 + 0.5 * torch.sin(3 * time)
+    return torch.stack([throttle, 0.7 * torch.cos(7 * time)], -1)
+
+
+@pytest.fixture(params=sorted(ENGINES))
+def name(request):
+    return request.param
+
+
+@pytest.fixture(params=[(), (4,)], ids=["one", "four"])
+def engine(name, request):
+    return make(name, request.param)
+
+
+def test_it_keeps_its_specs(engine):
+    check_env_specs(engine)
+    assert engine.batch_locked
+    assert engine.dt == 0.01
+
+
+def test_pose_and_velocity_are_single_precision_on_the_engines_device(engine):
+    for state in (engine.reset(), engine.rand_step(engine.reset())["next"]):
+        assert state.device == engine.device
+        for key in (keys.POSE, keys.VELOCITY):
+            assert state[key].dtype == torch.float32
+            assert state[key].shape == (*engine.batch_size, 3)
+
+
+@pytest.mark.parametrize("batch_size", [(), (4,)], ids=["one", "four"])
+@pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
+def test_it_drives_alike_inside_a_batch_of_environments(name, kind, batch_size):
+    options = {"mp_start_method": "fork"} if kind is ParallelEnv else {}
+    actions = manoeuvre(5)
+    lone = make(name, batch_size)
+    expected, _ = follow(lone, lone.reset(), actions)
+    several = kind(2, partial(make, name, batch_size), **options)
+    try:
+        check_env_specs(several)
+        poses, _ = follow(several, several.reset(), actions)
+    finally:
+        several.close()
+    torch.testing.assert_close(poses[:, 0], expected, atol=0, rtol=0)
+    torch.testing.assert_close(poses[:, 1], expected, atol=0, rtol=0)
+
+
+def test_the_same_seed_gives_the_same_trajectory(name):
+    def drive():
+        engine = make(name, (4,))
+        engine.set_seed(3)
+        torch.manual_seed(3)
+        return engine.rollout(10)
+
+    first, second = drive(), drive()
+    for key in (keys.ACTION, ("next", keys.POSE), ("next", keys.VELOCITY)):
+        assert torch.equal(first[key], second[key])
+
+
+def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(engine):
+    state = start(engine, velocity=(1.5, 0.1, 0.5))
+    for action in manoeuvre(3):
+        state = step(engine, state, action)
+    state = state.set(keys.ACTION, torch.tensor([0.4, -0.3]).expand(*engine.batch_size, 2).clone())
+    before = state.clone()
+    first = engine.step(state.copy())["next"].clone()
+    assert (state == before).all()
+    engine.rollout(3)  # whatever happens in between
+    second = engine.step(state.copy())["next"]
+    assert (first == second).all()
+
+
+def test_cars_of_a_batch_do_not_feel_one_another(name):
+    engine, lone = make(name, (4,)), make(name)
+    velocity = torch.tensor([[0.0, 0, 0], [1.0, 0, 0.5], [2.0, 0.2, -1.0], [0.5, -0.1, 2.0]])
+    share = torch.tensor([1.0, -1.0, 0.5, 0.0])
+    actions = manoeuvre(30)[:, None] * share[:, None]  # (30, 4, 2)
+    poses, velocities = follow(engine, start(engine, velocity=velocity), actions)
+    for i in range(4):
+        pose, own = follow(lone, start(lone, velocity=velocity[i]), actions[:, i])
+        # Vectorised arithmetic may round the last bit differently in another place of a batch.
+        torch.testing.assert_close(poses[:, i], pose, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(velocities[:, i], own, atol=1e-4, rtol=1e-4)
+
+
+def test_a_reset_at_a_pose_and_a_velocity_starts_there(engine):
+    pose, velocity = (3.0, -2.0, 0.7), (1.2, 0.05, 0.4)
+    state = start(engine, pose, velocity)
+    assert torch.equal(state[keys.POSE], torch.tensor(pose).expand(*engine.batch_size, 3))
+    assert torch.equal(state[keys.VELOCITY], torch.tensor(velocity).expand(*engine.batch_size, 3))
+    moved = step(engine, state, (-0.5, 0.0))
+    # 1.2 m/s along 0.7 rad for 10 ms: 9 mm and 8 mm
+    shift = moved[keys.POSE] - state[keys.POSE]
+    torch.testing.assert_close(
+        shift[..., :2], torch.tensor([0.0092, 0.0077]).expand_as(shift[..., :2]), atol=3e-3, rtol=0
+    )
+
+
+def test_a_reset_without_either_starts_at_rest_in_the_origin(engine):
+    state = engine.reset()
+    assert not state[keys.POSE].any()
+    assert not state[keys.VELOCITY].any()
+
+
+def moved(pose, turn, shift):
+    """A pose [*, 3] after the world was turned by `turn` rad and then shifted by [2] m."""
+    xy = rotate(pose[..., :2], torch.full(pose.shape[:-1], turn)) + shift
+    return torch.cat([xy, pose[..., 2:] + turn], -1)
+
+
+def test_the_place_and_the_heading_do_not_matter(name):
+    engine = make(name)
+    turn, shift = 2.1, torch.tensor([4.0, -3.0])
+    velocity = (1.0, 0.1, 0.8)
+    poses, velocities = follow(engine, start(engine, velocity=velocity), manoeuvre())
+    elsewhere = start(engine, pose=(4.0, -3.0, 2.1), velocity=velocity)
+    other_poses, other_velocities = follow(engine, elsewhere, manoeuvre())
+    torch.testing.assert_close(other_poses, moved(poses, turn, shift), atol=1e-3, rtol=0)
+    torch.testing.assert_close(other_velocities, velocities, atol=2e-3, rtol=0)
+
+
+def test_an_edited_pose_is_honoured(name):
+    engine = make(name)
+    turn, shift = -0.9, torch.tensor([1.0, 2.0])
+    state = start(engine, velocity=(1.0, 0.0, 0.5))
+    for action in manoeuvre(20):
+        state = step(engine, state, action)
+    edited = state.clone().set(keys.POSE, moved(state[keys.POSE], turn, shift))
+    poses, velocities = follow(engine, state, manoeuvre(20))
+    other_poses, other_velocities = follow(engine, edited, manoeuvre(20))
+    torch.testing.assert_close(other_poses, moved(poses, turn, shift), atol=1e-3, rtol=0)
+    torch.testing.assert_close(other_velocities, velocities, atol=2e-3, rtol=0)
+
+
+def test_an_edited_velocity_is_honoured(name):
+    engine = make(name)
+    state = start(engine, velocity=(1.0, 0.0, 0.0))
+    for action in manoeuvre(20):
+        state = step(engine, state, action)
+    edited = state.clone().set(keys.VELOCITY, torch.tensor([2.5, 0.0, 0.0]))
+    before, after = step(engine, state, (0.0, 0.0)), step(engine, edited, (0.0, 0.0))
+    assert float(before[keys.VELOCITY][0]) < 2.0
+    assert float(after[keys.VELOCITY][0]) == pytest.approx(2.5, abs=0.3)
+    # and the pose follows the edit: 2.5 m/s for 10 ms
+    way = (after[keys.POSE] - edited[keys.POSE])[:2].norm()
+    assert float(way) == pytest.approx(0.025, abs=0.004)
+
+
+# Nothing promises symmetry of a network; mirrored training data only encourages it.
+@pytest.mark.parametrize("name", sorted(set(ENGINES) - {"learned"}))
+def test_left_is_the_mirror_of_right(name):
+    engine = symmetric(make(name))
+    velocity = torch.tensor([1.0, 0.1, 0.8])
+    actions = manoeuvre()
+    poses, velocities = follow(engine, start(engine, velocity=velocity), actions)
+    mirrored = start(engine, velocity=velocity * FLIP)
+    other_poses, other_velocities = follow(engine, mirrored, actions * FLIP[:2])
+    torch.testing.assert_close(other_poses, poses * FLIP, atol=1e-3, rtol=0)
+    torch.testing.assert_close(other_velocities, velocities * FLIP, atol=2e-3, rtol=0)
+    assert poses[-1, 1].abs() > 0.02 or name == "hold"  # m: it did turn
+
+
+@pytest.mark.parametrize("steering", [-1.0, 0.0, 1.0])
+def test_at_rest_without_throttle_it_stays_at_rest(name, steering):
+    engine = make(name)
+    poses, velocities = follow(engine, engine.reset(), torch.tensor([[-1.0, steering]] * 200))
+    assert poses.abs().max() < 1e-3  # m, rad
+    assert velocities.abs().max() < 1e-3  # m/s, rad/s
+
+
+@pytest.mark.parametrize("steering", [-1.0, 1.0])
+def test_full_throttle_and_full_lock_from_rest_run_away_nowhere(name, steering):
+    engine = make(name)
+    poses, velocities = follow(engine, engine.reset(), torch.tensor([[1.0, steering]] * 500))
+    assert poses.isfinite().all()
+    assert poses[..., :2].abs().max() < 50  # m: 5 s at the top speed of 10 m/s
+    assert velocities[..., :2].norm(dim=-1).max() < 12  # m/s
+    assert velocities[..., 2].abs().max() < 40  # rad/s
+
+
+def test_actions_out_of_range_are_taken_as_the_nearest_bound(engine):
+    state = start(engine, velocity=(1.0, 0.0, 0.0))
+    beyond, bound = state, state
+    for _ in range(10):
+        beyond, bound = step(engine, beyond, (7.0, -3.0)), step(engine, bound, (1.0, -1.0))
+    assert torch.equal(beyond[keys.POSE], bound[keys.POSE])
+    assert torch.equal(beyond[keys.VELOCITY], bound[keys.VELOCITY])
+
+
+def test_a_reset_of_some_cars_leaves_the_others_as_they_are(name):
+    engine = make(name, (4,))
+    state = start(engine, velocity=(1.0, 0.0, 0.5))
+    for action in manoeuvre(5):
+        state = step(engine, state, action)
+    mask = torch.tensor([True, False, False, True])
+    asked = state.clone().set("_reset", mask[:, None])
+    asked[keys.POSE], asked[keys.VELOCITY] = torch.full((4, 3), 9.0), torch.zeros(4, 3)
+    expected = start(engine, pose=(9.0, 9.0, 9.0))
+    asked[keys.POSE][~mask] = state[keys.POSE][~mask]
+    asked[keys.VELOCITY][~mask] = state[keys.VELOCITY][~mask]
+    after = engine.reset(asked)
+    for key in engine.state_spec:
+        assert torch.equal(after[key][mask], expected[key][mask]), key
+        assert torch.equal(after[key][~mask], state[key][~mask]), key
+
+
+def test_cars_that_are_done_start_again_and_the_others_drive_on(name):
+    engine = make(name, (4,))
+    counted = TransformedEnv(engine, StepCounter(max_steps=4))
+    state = counted.reset()
+    state["step_count"] = torch.tensor([[0], [2], [0], [3]])  # car 3 ends first, then car 1
+    reference = engine.reset()
+    for k, action in enumerate(manoeuvre(3)):
+        reference = step(engine, reference, action)
+        state[keys.ACTION] = action.expand(4, 2).clone()
+        data, state = counted.step_and_maybe_reset(state)
+        done = torch.tensor([False, k == 1, False, k == 0])
+        assert torch.equal(data["next", "done"][:, 0], done)
+        # what is recorded is the true last state, what goes on is the fresh one
+        kept = torch.tensor([True, k < 2, True, False])
+        true_end = torch.tensor([True, k < 2, True, k < 1])
+        for key in engine.state_spec:
+            assert torch.equal(data["next", key][true_end], reference[key][true_end]), key
+            going_on = kept & ~done
+            assert torch.equal(state[key][going_on], reference[key][going_on]), key
+            assert torch.equal(state[key][done], engine.reset()[key][done]), key
+
+
+def test_parameters_are_declared_in_full(name):
+    for key, parameter in make(name).parameters.items():
+        assert parameter.name == key
+        assert parameter.lower < parameter.upper, key
+        assert parameter.lower <= parameter.value <= parameter.upper, key
+        assert parameter.unit, key
+        assert len(parameter.meaning) > 10, key
+
+
+def test_every_parameter_changes_the_drive(name):
+    declared = list(make(name).parameters.values())
+    count = len(declared)
+    if not count:
+        assert name in ("hold", "learned")  # these have nothing to declare
+        return
+    values = TensorDict(batch_size=[count + 1])
+    for i, parameter in enumerate(declared):
+        value = TELLING.get(parameter.name, parameter.value)
+        shift = 0.2 * (parameter.upper - parameter.lower)
+        values[parameter.name] = torch.full((count + 1,), value)
+        values[parameter.name][i] += shift if value + shift <= parameter.upper else -shift
+    engine = make(name).with_parameters(values)
+    assert engine.batch_size == (count + 1,)
+    # full throttle, half throttle and coasting, straight, weaving and from lock to lock
+    throttle = torch.tensor([1.0, 1.0, 0.0, 0.0, -1.0, -1.0]).repeat_interleave(25)
+    time = torch.arange(150) * 0.01
+    steering = torch.where(time < 1.0, time * torch.sin(8 * time), torch.sin(12 * time).sign())
+    _, velocities = follow(engine, engine.reset(), torch.stack([throttle, steering], -1))
+    change = (velocities - velocities[:, -1:]).abs().amax((0, 2))  # (count + 1,)
+    idle = [p.name for p, c in zip(declared, change[:-1], strict=True) if c < 1e-4]
+    assert idle == []
+
+
+def test_the_declared_values_are_those_in_use(name):
+    engine = make(name)
+    declared = {n: torch.tensor(p.value) for n, p in engine.parameters.items()}
+    again = engine.with_parameters(TensorDict(declared))
+    poses, _ = follow(engine, engine.reset(), manoeuvre(20))
+    other_poses, _ = follow(again, again.reset(), manoeuvre(20))
+    assert torch.equal(poses, other_poses)
+
+
+def test_an_unknown_parameter_is_refused_with_those_there_are(name):
+    engine = make(name)
+    available = ", ".join(sorted(engine.parameters)) or "none"
+    with pytest.raises(KeyError, match="no parameter colour; available") as refused:
+        make(name, parameters={"colour": 1.0})
+    assert available in str(refused.value)
+    with pytest.raises(KeyError, match="no parameter colour; available"):
+        engine.with_parameters(TensorDict({"colour": torch.tensor(1.0)}))
