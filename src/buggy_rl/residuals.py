@@ -147,7 +147,7 @@ class RolloutResiduals:
     def _errors(self, places: np.ndarray, start_shift: torch.Tensor | None = None) -> np.ndarray:
         """Errors [C, M] of C sets of parameters, in one batch of C * N cars."""
         sets, count = len(places), len(self.windows)
-        start = self.start_velocity.repeat(sets, 1, 1)
+        start = torch.tile(self.start_velocity, (sets, 1, 1))
         if start_shift is not None:
             start[:, -1] += start_shift
         values = torch.as_tensor(self.lower + places * self.width, dtype=torch.float32)  # (C, P)
