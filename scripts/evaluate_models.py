@@ -4,7 +4,8 @@
 
 Plays the commands of held-out windows into every model that scripts/train_models.py has trained,
 MuJoCo as shipped and as scripts/fit_mujoco.py fitted it, the single-track car, a kinematic bicycle,
-hold-last, and whatever `simulators` names. Writes OUTPUT/table.md, table.csv and rollouts.png.
+hold-last, and whatever `simulators` names. Writes OUTPUT/table.md, table.csv, table.png and
+rollouts.png.
 """
 
 from pathlib import Path
@@ -22,7 +23,7 @@ def main() -> None:
 
     from buggy_rl.comparison import held_out_windows, judge, markdown, table_row
     from buggy_rl.study import candidates, load_drives
-    from buggy_rl.visual import rollout_figure
+    from buggy_rl.visual import rollout_figure, table_figure
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, on_refusal=tqdm.write)
@@ -40,8 +41,9 @@ def main() -> None:
     pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
     best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
     shown = {name: rollouts[name] for name in config.shown or best[:3]}
-    rollout_figure(test.measured, shown).savefig(folder / "rollouts.png")
-    print(f"written: {folder / 'table.md'}, {folder / 'table.csv'}, {folder / 'rollouts.png'}")
+    rollout_figure(test.measured, shown).savefig(folder / "rollouts.png", dpi=110)
+    table_figure(rows).savefig(folder / "table.png", dpi=130)
+    print(f"written: {folder}/table.md, table.csv, table.png, rollouts.png")
 
 
 if __name__ == "__main__":

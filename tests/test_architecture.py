@@ -11,7 +11,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "buggy_rl"
 GROUND = {"keys", "parameters", "vehicle", "config"}
 DATA = GROUND | {"recordings", "paths", "camera", "dataset"}
 SIMULATION = DATA | {"models", "engines", "effects", "transforms", "env"}
-JUDGEMENT = SIMULATION | {"drivers", "policy", "evaluation", "fitting"}
+JUDGEMENT = SIMULATION | {"drivers", "policy", "evaluation", "residuals", "fitting"}
 ALLOWED = {
     "keys": set(),
     "parameters": {"keys"},
@@ -30,6 +30,7 @@ ALLOWED = {
     "policy": GROUND | {"env"},
     "ppo": SIMULATION | {"drivers", "policy"},
     "evaluation": SIMULATION | {"drivers", "policy"},
+    "residuals": JUDGEMENT,
     "fitting": JUDGEMENT,
     "comparison": JUDGEMENT,
     "study": JUDGEMENT | {"comparison"},

@@ -10,8 +10,8 @@ from buggy_rl.dataset import filtered, local_parabola, windows
 from buggy_rl.engines.base import Engine
 from buggy_rl.fitting import FitConfig, as_simulator, fit
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import integrate_pose
 from buggy_rl.recordings.recording import Recording
+from buggy_rl.vehicle import integrate_pose
 from tests.drives import toy_drive
 
 TRUE = {"push": 4.0, "drag": 1.5, "turn": 8.0}

@@ -66,9 +66,7 @@ class RolloutResiduals:
             )
         self.simulator, self.windows = simulator, windows
         self.start_velocity = smooth_velocity[:, : WARM_UP + 1]
-        self.velocity_noise = (
-            torch.std(windows[keys.VELOCITY] - smooth_velocity, (0, 1))
-        )  # (3,)
+        self.velocity_noise = torch.std(windows[keys.VELOCITY] - smooth_velocity, (0, 1))  # (3,)
         self.whitening: np.ndarray | None = None  # (N, K, K), once starts are free
         self.chosen = [simulator.parameters[name] for name in names]
         self.lower = np.array([p.lower for p in self.chosen])

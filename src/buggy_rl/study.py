@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from omegaconf import MISSING
 
@@ -59,7 +60,7 @@ class StudyConfig:
     fit: FitConfig = field(default_factory=FitConfig)
     fit_simulator: str = "mujoco"
     """The simulator that scripts/fit_mujoco.py fits: any that declares parameters."""
-    fit_options: dict[str, str] = field(default_factory=dict)
+    fit_options: dict[str, Any] = field(default_factory=dict)
     """Further arguments of that simulator's class, such as tyres: contact."""
     simulators: dict[str, str] = field(default_factory=dict)
     """Further simulators for the table, by the name they have in it."""

@@ -6,7 +6,7 @@ from buggy_rl import keys
 from buggy_rl.dataset import windows
 from buggy_rl.models.factory import ModelConfig, make_model
 from buggy_rl.models.losses import one_step_loss, rollout_loss
-from buggy_rl.models.normalisation import resting_throttle
+from buggy_rl.models.normalisation import coasting_deceleration, resting_throttle
 from buggy_rl.models.training import Training, TrainingConfig
 from tests.drives import toy_drive
 
@@ -120,7 +120,28 @@ def test_the_resting_throttle_lies_below_the_throttle_that_starts_the_car():
     speed[200:] = 0.02 * torch.arange(200)
     drive.data[keys.ACTION][:, 0] = throttle
     drive.data[keys.VELOCITY] = torch.stack([speed, 0 * speed, 0 * speed], -1)
-    assert -0.4 < resting_throttle([drive]) < -0.3
+    assert resting_throttle([drive]) == pytest.approx(-0.5)
+
+
+def test_a_throttle_that_was_never_tried_from_rest_does_not_count_as_rest():
+    drive = toy_drive("a", 400, 0)
+    throttle = torch.full((400,), -1.0)
+    throttle[200:] = 0.2
+    speed = torch.zeros(400)
+    speed[200:] = 0.03 * torch.arange(200)
+    drive.data[keys.ACTION][:, 0] = throttle
+    drive.data[keys.VELOCITY] = torch.stack([speed, 0 * speed, 0 * speed], -1)
+    assert resting_throttle([drive]) == pytest.approx(-0.98)
+
+
+def test_the_coasting_deceleration_is_the_least_that_was_seen():
+    # Without drive, 2 m/s down at 0.8 m/s^2, then at 0.4 m/s^2.
+    drive = toy_drive("a", 300, 0)
+    rate = torch.where(torch.arange(300) < 100, 0.008, 0.004)
+    drive.data[keys.ACTION][:, 0] = -1.0
+    vx = 2.0 - rate.cumsum(0)
+    drive.data[keys.VELOCITY] = torch.stack([vx, 0 * vx, 0 * vx], -1)
+    assert coasting_deceleration([drive]) == pytest.approx(0.4, rel=1e-3)
 
 
 def test_without_a_standing_car_only_no_throttle_counts_as_rest():

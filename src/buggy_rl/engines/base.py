@@ -116,13 +116,11 @@ class Engine(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict[keys.ACTION].clamp(-1.0, 1.0)
-        result = TensorDict(
-            self._advance(tensordict, action), batch_size=self.batch_size, device=self.device
-        )
-        result[keys.REWARD] = self.reward_spec.zero()  # the task's, not the engine's
-        result[keys.DONE] = torch.zeros((*self.batch_size, 1), dtype=torch.bool, device=self.device)
-        result[keys.TERMINATED] = result[keys.DONE].clone()
-        return result
+        result = self._advance(tensordict, action)
+        done = torch.zeros(self._shape(1), dtype=torch.bool, device=self.device)
+        result[keys.REWARD] = torch.zeros(self._shape(1), device=self.device)  # the task's
+        result[keys.DONE], result[keys.TERMINATED] = done, done.clone()
+        return TensorDict(result, batch_size=self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         """Engines are deterministic: noise belongs to the sensing, starts to the task."""

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 TAIL = 5e-4  # share of the data on each side taken for sensor noise, not for range
-BINS = 16  # cells along each input; coarse, so that honest driving fills them
+BINS = 24  # cells along each input; coarse, so that honest driving fills them
 
 
 class Envelope(nn.Module):

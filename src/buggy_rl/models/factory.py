@@ -56,10 +56,10 @@ def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
         ValueError: The file is not such a model.
     """
     if not Path(file).is_file():
-        raise ValueError(f"there is no model file {file}: train one with scripts/train_model.py")
+        raise ValueError(f"there is no model file {file}: train one with scripts/train_models.py")
     content = torch.load(file, map_location="cpu", weights_only=True)
     if not isinstance(content, dict) or not {"model", "weights", "about"} <= set(content):
-        raise ValueError(f"{file} was not written by scripts/train_model.py")
+        raise ValueError(f"{file} was not written by scripts/train_models.py")
     model = make_model(ModelConfig(**content["model"]))
     model.load_state_dict(content["weights"])
     return model.eval().requires_grad_(False), content["about"]

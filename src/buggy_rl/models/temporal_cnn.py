@@ -4,7 +4,6 @@ from torch import Tensor, nn
 
 from buggy_rl.models.base import INPUTS, DynamicsModel
 
-
 REACH = 18  # rows that one output sees: 4 + 2 * (4 - 1) + 4 * (3 - 1)
 
 

@@ -17,7 +17,7 @@ from buggy_rl.dataset import Preparation, filtered, mirror, windows
 from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.models.losses import one_step_loss, rollout_loss
-from buggy_rl.models.normalisation import fit_normalisation, resting_throttle
+from buggy_rl.models.normalisation import fit_normalisation
 from buggy_rl.recordings.recording import Recording
 
 
@@ -82,7 +82,7 @@ class Training:
         self.validation = windows(prepared(validation, config), length, max(stride, 5))
         if config.preparation == "mirrored":
             self.training = torch.cat([self.training, mirror(self.training)])
-        fit_normalisation(model, self.training, resting_throttle(training))
+        fit_normalisation(model, self.training, training)
         self.generator = torch.Generator().manual_seed(config.seed)
         self.optimiser = torch.optim.AdamW(
             model.parameters(),

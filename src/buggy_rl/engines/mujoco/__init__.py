@@ -1,5 +1,10 @@
 """The MuJoCo buggy: a batched TorchRL engine and a dm_control task over the same model."""
 
-from buggy_rl.engines.mujoco.engine import MujocoEngine
+import warnings
+
+with warnings.catch_warnings():
+    # Without a display dm_control's window library complains; nothing here opens a window.
+    warnings.filterwarnings("ignore", message=".*DISPLAY.*")
+    from buggy_rl.engines.mujoco.engine import MujocoEngine
 
 __all__ = ["MujocoEngine"]

@@ -1,0 +1,38 @@
+"""Shows what was driven: histograms of speeds and commands, before and after mirroring.
+
+    python scripts/show_drives.py configs/sample.yaml
+
+Looks at the training drives of a study; writes OUTPUT/drives.png. A range that is missing here is
+one that no model can learn: drive it.
+"""
+
+from pathlib import Path
+
+from buggy_rl.config import from_command_line
+
+
+def main() -> None:
+    """Draws the training drives of a study."""
+    config = from_command_line(__doc__, "buggy_rl.study:StudyConfig")
+
+    from tensordict import TensorDict
+    from tqdm import tqdm
+
+    from buggy_rl import keys
+    from buggy_rl.dataset import mirror
+    from buggy_rl.study import load_drives
+    from buggy_rl.visual import histogram_figure
+
+    drives = load_drives(config.data, on_refusal=tqdm.write)
+    keep = (keys.POSE, keys.VELOCITY, keys.ACTION)
+    rows: TensorDict = TensorDict.cat([r.data.select(*keep) for r in drives.training])  # type: ignore[assignment]
+    both: TensorDict = TensorDict.cat([rows, mirror(rows)])  # type: ignore[assignment]
+    file = Path(config.output) / "drives.png"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    histogram_figure({"as driven": rows, "and mirrored": both}).savefig(file, dpi=120)
+    seconds = sum(r.duration for r in drives.training)
+    print(f"{len(drives.training)} training drives, {seconds:.0f} s; written: {file}")
+
+
+if __name__ == "__main__":
+    main()
