@@ -10,7 +10,7 @@ rollouts.png.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line
+from buggy_rl.config import from_command_line, run, save_run
 
 
 def main() -> None:
@@ -22,21 +22,29 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.comparison import held_out_windows, judge, markdown, table_row
-    from buggy_rl.study import candidates, load_drives
+    from buggy_rl.study import candidates, fit_file, load_drives
     from buggy_rl.visual import rollout_figure, table_figure
 
     torch.set_num_threads(config.threads)
+    folder = Path(config.output)
     drives = load_drives(config.data, on_refusal=tqdm.write)
     test = held_out_windows(drives.held_out, config.windows)
     rows, rollouts = [], {}
-    for candidate in (bar := tqdm(list(candidates(config)), "judging", unit="simulator")):
+    found = list(candidates(config, [r.name for r in drives.held_out]))
+    unknown = sorted(set(config.shown) - {candidate.name for candidate in found})
+    if unknown:
+        raise ValueError(f"shown={unknown}: the simulators are {[c.name for c in found]}")
+    if not (folder / fit_file(config)).is_file():
+        print(f"no {fit_file(config)} in {folder}: scripts/fit_mujoco.py adds it to the table")
+        found = [c for c in found if c.name != f"{config.fit_simulator}, fitted"]
+    for candidate in (bar := tqdm(found, "judging", unit="simulator")):
         bar.set_postfix_str(candidate.name)
         made, error = judge(candidate, test)
         rows.append(table_row(candidate.name, error, test.groups()))
         rollouts[candidate.name] = made
     table = markdown(rows, len(test.rows), len(drives.held_out))
     print(table)
-    folder = Path(config.output)
+    save_run(config, folder)
     (folder / "table.md").write_text(table)
     pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
     best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
@@ -47,4 +55,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,7 +10,7 @@ parameter with its 95 % interval, and warns about what these drives cannot deter
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, save_run
+from buggy_rl.config import from_command_line, run, save_run
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
     from buggy_rl.dataset import filtered, local_parabola, windows
     from buggy_rl.engines import make_engine
     from buggy_rl.evaluation import WARM_UP
-    from buggy_rl.fitting import Simulator, as_simulator, fit
+    from buggy_rl.fitting import Simulator, as_simulator, fit, second_pass
     from buggy_rl.study import fit_file, load_drives
 
     torch.set_num_threads(config.threads)
@@ -39,8 +39,11 @@ def main() -> None:
     )
     simulator = make_engine(config.fit_simulator, **config.fit_options)
     if not isinstance(simulator, Simulator):
-        raise SystemExit(f"error: {config.fit_simulator} declares no parameters to fit")
-    with tqdm(desc=f"fitting {config.fit_simulator}", total=config.fit.iterations) as bar:
+        raise ValueError(f"{config.fit_simulator} declares no parameters to fit")
+    with tqdm(
+        desc=f"fitting {config.fit_simulator}",
+        total=config.fit.iterations + second_pass(config.fit),
+    ) as bar:
 
         def show(metrics: dict[str, float]) -> None:
             bar.update()
@@ -62,4 +65,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -8,7 +8,7 @@ one that no model can learn: drive it.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line
+from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
@@ -35,4 +35,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,7 +10,7 @@ it stopped, bit for bit, and leaves finished models alone (`fresh=true` trains a
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, save_run
+from buggy_rl.config import from_command_line, plain, run, save_run
 
 SCHEMA = "buggy_rl.study:StudyConfig"
 
@@ -23,7 +23,7 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.models.factory import make_model, save_model
+    from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
     from buggy_rl.study import load_drives, model_file, model_runs
 
@@ -31,11 +31,16 @@ def main() -> None:
     save_run(config, Path(config.output) / "models")
     drives = load_drives(config.data, on_refusal=tqdm.write)
     for name, model_config, training_config in model_runs(config):
-        if config.only and name not in config.only:
-            continue
         file = model_file(config, name)
         checkpoint = file.with_suffix(".checkpoint")
+        about = {
+            "dt": drives.training[0].dt,
+            "training": plain(training_config),
+            "drives": [r.name for r in drives.training + drives.validation],
+        }
         if file.exists() and not fresh:
+            if load_about(file) != (plain(model_config), about):
+                raise ValueError(f"{file} was trained otherwise: fresh=true trains it anew")
             print(f"{name}: {file} is there already")
             continue
         torch.manual_seed(training_config.seed)
@@ -49,14 +54,9 @@ def main() -> None:
             partial = checkpoint.with_suffix(".partial")
             torch.save(run.state_dict(), partial)
             partial.replace(checkpoint)
-        about = {
-            "dt": drives.training[0].dt,
-            "training": plain(training_config),
-            "drives": [r.name for r in drives.training],
-        }
         save_model(model, model_config, file, about)
         checkpoint.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

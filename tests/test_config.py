@@ -59,3 +59,21 @@ def test_help_answers_without_importing_torch(script: Path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout) > 100
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("runs: {MLP: {kind: mlp}}", r"unknown key 'runs\.MLP\.kind'; available: model, prep"),
+        ("runs: [a, b]", "study.yaml"),
+        ("data: {recordings: data/sample}", r"write \[one, two\]"),
+        ("runs: {MLP: {preparations: [foo]}}", "expected one of"),
+    ],
+)
+def test_likely_slips_in_a_study_are_named(tmp_path: Path, content: str, message: str):
+    from buggy_rl.study import StudyConfig
+
+    file = tmp_path / "study.yaml"
+    file.write_text(content)
+    with pytest.raises(ConfigError, match=message):
+        build(StudyConfig, [str(file)])

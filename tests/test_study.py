@@ -26,7 +26,7 @@ def test_without_names_every_drive_has_exactly_one_use():
 
 
 def test_two_drives_are_too_few_and_the_message_says_what_to_do():
-    with pytest.raises(ValueError, match="record another"):
+    with pytest.raises(ValueError, match="record more"):
         divide(drives("ab"), DataConfig(recordings=[]))
 
 
@@ -43,10 +43,34 @@ def test_each_preparation_is_a_row_of_its_own(tmp_path):
 
 def test_comparing_before_training_says_what_to_run(tmp_path):
     file = tmp_path / "study.yaml"
-    file.write_text(f"output: {tmp_path}\ndata: {{recordings: [x]}}\nruns: {{MLP: {{}}}}\n")
+    file.write_text(
+        f"output: {tmp_path}\ndata: {{recordings: [x]}}\nruns: {{MLP: {{model: {{kind: mlp}}}}}}\n"
+    )
     with pytest.raises(ValueError, match=r"scripts/train_models\.py"):
-        list(candidates(build(StudyConfig, [str(file)])))
+        list(candidates(build(StudyConfig, [str(file)]), []))
 
 
 def test_names_become_file_names_without_surprises():
     assert file_name("MLP, one step (raw)") == "mlp__one_step__raw"
+
+
+def test_a_model_that_was_trained_on_a_judge_is_refused(tmp_path):
+    from buggy_rl.models.factory import ModelConfig, make_model, save_model
+
+    (tmp_path / "models").mkdir()
+    model, about = ModelConfig(), {"dt": 0.01, "drives": ["a", "b"], "training": {}}
+    save_model(make_model(model), model, tmp_path / "models" / "mlp.pt", about)
+    file = tmp_path / "study.yaml"
+    runs = "{MLP: {model: {kind: mlp}}}"
+    file.write_text(f"output: {tmp_path}\ndata: {{recordings: [x]}}\nruns: {runs}\n")
+    config = build(StudyConfig, [str(file)])
+    assert next(candidates(config, ["c"])).name == "MLP"
+    with pytest.raises(ValueError, match=r"was trained on \['b'\], which now judge"):
+        next(candidates(config, ["b", "c"]))
+
+
+def test_only_an_existing_model_can_be_chosen(tmp_path):
+    file = tmp_path / "study.yaml"
+    file.write_text("output: o\ndata: {recordings: [x]}\nruns: {MLP: {model: {kind: mlp}}}\n")
+    with pytest.raises(ValueError, match=r"only=\['MLPP'\]: the models are \['MLP'\]"):
+        list(model_runs(build(StudyConfig, [str(file), "only=[MLPP]"])))

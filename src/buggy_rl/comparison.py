@@ -79,6 +79,8 @@ def held_out_windows(recordings: Sequence[Recording], count: int) -> TestWindows
     Raises:
         ValueError: The drives are too short for a single one.
     """
+    if count < 2:
+        raise ValueError(f"a table needs at least 2 windows, got windows={count}")
     length = WARM_UP + round(max(HORIZONS) / recordings[0].dt) + 1
     total = sum(max(0, len(r) - length) for r in recordings)
     stride = max(1, total // (2 * count))

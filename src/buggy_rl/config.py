@@ -11,9 +11,10 @@ import difflib
 import importlib
 import importlib.util
 import json
+import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -92,15 +93,21 @@ def _merge(config, layer, source: str):
         return OmegaConf.merge(config, layer)
     except ConfigKeyError as error:
         key = str(error.full_key or error.key)
-        parent, _, leaf = key.rpartition(".")
-        known = sorted(str(k) for k in (OmegaConf.select(config, parent) if parent else config))
+        leaf = key.rpartition(".")[2]
+        fields = dataclasses.fields(error.object_type) if error.object_type else ()
+        known = sorted(field.name for field in fields)
         close = difflib.get_close_matches(leaf, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise ConfigError(
             f"{source}: unknown key {key!r}; {hint}available: {', '.join(known)}"
         ) from None
-    except OmegaConfBaseException as error:
-        raise ConfigError(f"{source}: {' '.join(str(error).split())}") from None
+    except (OmegaConfBaseException, TypeError, AttributeError) as error:
+        what = str(error).splitlines()[0]
+        place = getattr(error, "full_key", None)
+        where = f"{source}: {place}" if place else source
+        if "ListConfig" in what:
+            what = "a list is expected: write [one, two], also for a single one"
+        raise ConfigError(f"{where}: {what}") from None
 
 
 def describe(schema: str, prefix: str = "") -> Iterator[str]:
@@ -163,6 +170,20 @@ def _docline(node: ast.stmt | None) -> str:
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return " ".join(str(node.value.value).split())
     return ""
+
+
+def run(main: Callable[[], None]) -> None:
+    """Runs a script's main so that what a user can mend is one line, not a traceback.
+
+    Set BUGGY_RL_TRACEBACK=1 to see where an error comes from all the same.
+    """
+    try:
+        main()
+    except (ValueError, KeyError, OSError, FloatingPointError) as error:
+        if os.environ.get("BUGGY_RL_TRACEBACK"):
+            raise
+        message = error.args[0] if isinstance(error, KeyError) and error.args else error
+        raise SystemExit(f"error: {message}") from None
 
 
 def save_run(config: Any, folder: Path) -> None:

@@ -117,6 +117,8 @@ def local_parabola(signal: Tensor, width: int) -> Tensor:
         signal: [T, C].
         width: Rows, odd; a signal shorter than that is left as it is.
     """
+    if width % 2 == 0:
+        raise ValueError(f"a local parabola needs an odd width, got {width}")
     if len(signal) < width:
         return signal.clone()
     return torch.as_tensor(savgol_filter(signal.numpy(), width, 2, axis=0), dtype=signal.dtype)

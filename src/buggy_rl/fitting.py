@@ -23,12 +23,14 @@ class FitConfig:
 
     parameters: list[str] = field(default_factory=list)
     """Names of the parameters to fit; empty for all that the simulator declares."""
+    fixed: list[str] = field(default_factory=lambda: ["mass"])
+    """Parameters left as they are, unless named above: weigh the car, drives cannot tell mass."""
     horizon: float = 1.0
     """Length of a window [s]."""
     windows: int = 150
     """Most windows to fit on, spread evenly over the drives."""
     iterations: int = 12
-    """Most iterations of the least-squares solver."""
+    """Most iterations of the first pass; the second takes at most half of it, but 3 at least."""
     every: int = 10
     """Rows between the compared instants."""
     smoothing: int = 21
@@ -49,6 +51,11 @@ class Estimate:
     """Upper end."""
     warnings: tuple[str, ...] = ()
     """What the drives cannot tell about it, in plain words."""
+
+
+def second_pass(config: FitConfig) -> int:
+    """Most iterations of the second pass."""
+    return max(3, config.iterations // 2)
 
 
 def fit(
@@ -78,7 +85,10 @@ def fit(
         KeyError: A name in the config is not a parameter of the simulator.
         FloatingPointError: The simulator does not return finite rollouts.
     """
-    names = config.parameters or list(simulator.parameters)
+    declared = [name for name in simulator.parameters if name not in config.fixed]
+    names = config.parameters or declared
+    if not names:
+        raise ValueError("the simulator declares no parameters to fit")
     residuals = RolloutResiduals(simulator, names, windows, smooth_velocity, config.every)
     iteration = 0
 
@@ -103,7 +113,7 @@ def fit(
 
     place = solve(residuals.prior, config.iterations)
     residuals.free_start(place)
-    place = solve(place, max(3, config.iterations // 2))
+    place = solve(place, second_pass(config))
     covariance = residuals.covariance(place, groups.numpy())
     spread = float(student_t.ppf(0.975, max(1, len(np.unique(groups)) - 1)))
     return _estimates(residuals.chosen, place, covariance, spread)

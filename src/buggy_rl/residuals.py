@@ -75,6 +75,11 @@ class RolloutResiduals:
         self.prior = (values - self.lower) / self.width
         steps = windows.batch_size[1] - WARM_UP
         self.instants = torch.arange(every, steps, every)
+        if len(self.instants) == 0:
+            raise ValueError(
+                f"windows of {steps - 1} rows hold no instant to compare every {every} rows: "
+                "lengthen fit.horizon or lower fit.every"
+            )
         self.measured = self._seen(windows[:, WARM_UP:])
 
     def value(self, place: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """A study: which drives, which models trained how, which simulators beside them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import MISSING
 
 from buggy_rl.comparison import Candidate
-from buggy_rl.dataset import split
+from buggy_rl.dataset import Preparation, split
 from buggy_rl.engines import make_engine
 from buggy_rl.fitting import FitConfig
 from buggy_rl.models.factory import ModelConfig, load_model
@@ -44,8 +44,8 @@ class RunConfig:
 
     model: ModelConfig = field(default_factory=ModelConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
-    preparations: list[str] = field(default_factory=lambda: ["raw"])
-    """Any of raw, filtered, mirrored; each becomes a row of the table."""
+    preparations: list[Preparation] = field(default_factory=list)
+    """Any of raw, filtered, mirrored, each a row of the table; empty for the training's own."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ class StudyConfig:
     simulators: dict[str, str] = field(default_factory=dict)
     """Further simulators for the table, by the name they have in it."""
     windows: int = 300
-    """Most held-out windows that the table is made over."""
+    """Most held-out windows that the table is made over; at least 2."""
     threads: int = 1
     """Threads of PyTorch."""
     only: list[str] = field(default_factory=list)
-    """Train only these models, by their name in the table."""
+    """Train and judge only these models, by their name in the table."""
     shown: list[str] = field(default_factory=list)
     """Simulators whose rollouts are drawn; empty for the best three."""
 
@@ -108,18 +108,37 @@ def divide(recordings: list[Recording], config: DataConfig) -> Drives:
     if missing:
         raise ValueError(f"cannot leave out {missing}: the drives are {sorted(known)}")
     kept = [r for r in recordings if r.name not in config.leave_out]
+    if len(kept) < 3:
+        raise ValueError(
+            f"{len(kept)} drive(s) are too few: one to train on, one to stop training by and one "
+            "to judge by are needed; record more, or cut a long one in parts"
+        )
     rest, held_out = split(kept, config.held_out or config.held_out_share, config.seed)
     training, validation = split(rest, config.validation or 1 / len(rest), config.seed)
     return Drives(training, validation, held_out)
 
 
 def model_runs(config: StudyConfig) -> Iterator[tuple[str, ModelConfig, TrainingConfig]]:
-    """Every model of a study: its name, what it is, how it is trained."""
+    """Every model of a study that `only` does not leave out: its name, what it is, its training.
+
+    Raises:
+        ValueError: `only` names a model that is not there.
+    """
+    runs = list(_all_runs(config))
+    names = [name for name, _, _ in runs]
+    unknown = sorted(set(config.only) - set(names))
+    if unknown:
+        raise ValueError(f"only={unknown}: the models are {names}")
+    yield from (run for run in runs if not config.only or run[0] in config.only)
+
+
+def _all_runs(config: StudyConfig) -> Iterator[tuple[str, ModelConfig, TrainingConfig]]:
     for name, run in config.runs.items():
+        if not run.preparations:
+            yield name, run.model, run.training
         for preparation in run.preparations:
-            suffix = "" if len(run.preparations) == 1 else f", {preparation}"
             training = replace(run.training, preparation=preparation)
-            yield name + suffix, run.model, training
+            yield f"{name}, {preparation}", run.model, training
 
 
 def fit_file(config: StudyConfig) -> str:
@@ -132,22 +151,27 @@ def model_file(config: StudyConfig, name: str) -> Path:
     return Path(config.output) / "models" / f"{file_name(name)}.pt"
 
 
-def candidates(config: StudyConfig) -> Iterator[Candidate]:
+def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candidate]:
     """Every simulator that the study's table compares.
 
+    Args:
+        config: The study.
+        held_out: Names of the drives that judge.
+
     Raises:
-        ValueError: A model has not been trained, or the fit has not been made.
+        ValueError: A model has not been trained, or was trained on a drive that judges.
     """
+    held_out = set(held_out)
     for name, _, training in model_runs(config):
-        model = load_model(model_file(config, name))[0]
+        model, about = load_model(model_file(config, name))
+        leaked = sorted(set(about["drives"]) & held_out)
+        if leaked:
+            raise ValueError(f"{name} was trained on {leaked}, which now judge: train it anew")
         make = partial(make_engine, "learned", model=model)
         yield Candidate(name, make, 1 if training.preparation == "raw" else training.filter_width)
-    fitted = Path(config.output) / fit_file(config)
-    if not fitted.is_file():
-        raise ValueError(f"there is no fit {fitted}: make it with scripts/fit_mujoco.py")
     named = {
         f"{config.fit_simulator}, as shipped": config.fit_simulator,
-        f"{config.fit_simulator}, fitted": str(fitted),
+        f"{config.fit_simulator}, fitted": str(Path(config.output) / fit_file(config)),
         "single track, as shipped": "single_track",
         "kinematic bicycle": "kinematic",
         "hold last": "hold",

@@ -51,3 +51,42 @@ def test_a_parameter_the_engine_does_not_have_is_refused(tmp_path):
     file.write_text("engine: single_track\nparameters: {weight: 2.0}\n")
     with pytest.raises(KeyError, match="no parameter weight; available:"):
         make_engine(file)
+
+
+def test_parameters_in_a_file_reach_a_users_own_simulator(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from buggy_rl.engines.single_track import SingleTrackEngine as factory\n"
+    )
+    file = tmp_path / "car.yaml"
+    file.write_text("engine: mine.py:factory\nparameters: {mass: 2.0}\n")
+    assert make_engine(file, 3).values["mass"].tolist() == [2.0, 2.0, 2.0]
+
+
+def test_parameters_for_a_simulator_that_takes_none_are_refused(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from torchrl.envs import PendulumEnv\n\n\n"
+        "def factory(batch_size, device):\n    return PendulumEnv()\n"
+    )
+    with pytest.raises(ValueError, match="takes no parameters"):
+        make_engine(f"{tmp_path / 'mine.py'}:factory", parameters={"mass": 1.0})
+
+
+def test_the_dimensions_of_another_car_come_from_a_file(tmp_path):
+    file = tmp_path / "car.yaml"
+    file.write_text("engine: mujoco\noptions: {dimensions: {wheelbase: 0.26, mass: 3.0}}\n")
+    assert make_engine(file).values["mass"].item() == 3.0
+
+
+@pytest.mark.parametrize("options", [{"timestepp": 0.001}, {}])
+def test_wrong_or_missing_options_name_the_engine(options):
+    with pytest.raises(ValueError, match="engine 'learned'"):
+        make_engine("learned", 2, **options)
+
+
+def test_a_start_of_the_wrong_shape_is_refused():
+    import torch
+    from tensordict import TensorDict
+
+    engine = make_engine("hold", 4)
+    with pytest.raises(ValueError, match=r"pose of shape \[4, 2\], expected \[4, 3\]"):
+        engine.reset(TensorDict({"pose": torch.zeros(4, 2)}, [4]))

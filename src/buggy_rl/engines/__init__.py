@@ -48,17 +48,39 @@ def make_engine(
     if name.endswith(".pt"):
         return make_engine("learned", batch_size, device, parameters, model=name, **options)
     if ":" in name:
-        return load_factory(name)(batch_size, device)
+        return _users_own(name, batch_size, device, parameters, options)
     if name not in ENGINES:
         raise ValueError(
             f"no engine {name!r}; available: {', '.join(sorted(ENGINES))}, a .yaml, a .pt, "
             "or your own as file.py:factory"
         )
-    engine_class = load_factory(ENGINES[name])
-    return engine_class(batch_size, device, parameters, **options)
+    try:
+        return load_factory(ENGINES[name])(batch_size, device, parameters, **options)
+    except TypeError as error:  # an option that the class does not have, or one it needs
+        raise ValueError(f"engine {name!r}: {error}") from error
+
+
+def _users_own(name: str, batch_size, device, parameters, options) -> Any:
+    """A simulator from outside this package: the contract gives it two arguments, no more."""
+    if options:
+        raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
+    engine = load_factory(name)(batch_size, device)
+    if not parameters:
+        return engine
+    with_parameters = getattr(engine, "with_parameters", None)
+    if not callable(with_parameters):
+        raise ValueError(f"{name} takes no parameters (it has no with_parameters)")
+    import torch
+    from tensordict import TensorDict
+
+    shape = engine.batch_size
+    values = {key: torch.full(shape, float(value)) for key, value in parameters.items()}
+    return with_parameters(TensorDict(values, shape))
 
 
 def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase":
+    if not file.is_file():
+        raise ValueError(f"there is no simulator file {file}")
     content = yaml.safe_load(file.read_text())
     allowed = {"engine", "parameters", "options"}
     if not isinstance(content, dict) or "engine" not in content:
@@ -71,7 +93,10 @@ def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase"
     settings = {**(content.get("options") or {}), **options}
     if "model" in settings:  # a path beside the YAML file itself
         settings["model"] = str(file.parent / settings["model"])
-    return make_engine(content["engine"], batch_size, device, merged or None, **settings)
+    engine = str(content["engine"])
+    if ".py:" in engine and not Path(engine).is_absolute():
+        engine = str(file.parent / engine)
+    return make_engine(engine, batch_size, device, merged or None, **settings)
 
 
 def load_factory(name: str) -> "Callable[..., EnvBase]":

@@ -110,9 +110,18 @@ class Engine(EnvBase):
         start = TensorDict(batch_size=self.batch_size, device=self.device)
         for key in (keys.POSE, keys.VELOCITY):
             given = None if tensordict is None else tensordict.get(key, None)
-            start[key] = self.observation_spec[key].zero() if given is None else given.clone()
+            start[key] = self._start(key, given)
         latent = self._rest_latent(start[keys.POSE], start[keys.VELOCITY])
         return start.update(latent).update(self._rest_readings())
+
+    def _start(self, key: str, given: Tensor | None) -> Tensor:
+        if given is None:
+            return self.observation_spec[key].zero()
+        if given.shape != self._shape(3):
+            raise ValueError(
+                f"reset got {key} of shape {list(given.shape)}, expected {list(self._shape(3))}"
+            )
+        return given.to(device=self.device, dtype=torch.float32, copy=True)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict[keys.ACTION].clamp(-1.0, 1.0)

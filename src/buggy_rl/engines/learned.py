@@ -62,7 +62,6 @@ class LearnedEngine(Engine):
         row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
 
-    @torch.no_grad()
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         velocity = state[keys.VELOCITY]
         row = torch.cat([velocity, action], -1)  # (*, 5)

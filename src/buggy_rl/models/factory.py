@@ -49,17 +49,31 @@ def save_model(model: DynamicsModel, config: ModelConfig, file: Path, about: dic
     partial.replace(file)
 
 
+def load_about(file: Path | str) -> tuple[dict, dict]:
+    """The model's config and what was said of its training, without building it."""
+    content = _read(file)
+    return content["model"], content["about"]
+
+
 def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
     """Reads a model and what is known about its training, ready to predict.
 
     Raises:
         ValueError: The file is not such a model.
     """
+    content = _read(file)
+    model = make_model(ModelConfig(**content["model"]))
+    try:
+        model.load_state_dict(content["weights"])
+    except RuntimeError as error:
+        raise ValueError(f"{file} is of another version of this project: train it anew") from error
+    return model.eval().requires_grad_(False), content["about"]
+
+
+def _read(file: Path | str) -> dict:
     if not Path(file).is_file():
         raise ValueError(f"there is no model file {file}: train one with scripts/train_models.py")
     content = torch.load(file, map_location="cpu", weights_only=True)
     if not isinstance(content, dict) or not {"model", "weights", "about"} <= set(content):
         raise ValueError(f"{file} was not written by scripts/train_models.py")
-    model = make_model(ModelConfig(**content["model"]))
-    model.load_state_dict(content["weights"])
-    return model.eval().requires_grad_(False), content["about"]
+    return content

@@ -57,7 +57,7 @@ class MujocoEngine(Engine):
         tyres: `explicit` slip-angle law, or MuJoCo's friction at the `contact`.
         timestep: Of the physics [s], a whole fraction of `dt`; None takes dt over `SUBSTEPS`.
         nthread: Threads MuJoCo steps the cars on; results do not depend on it.
-        dimensions: Of the car.
+        dimensions: Of the car, or those that differ from the buggy's, by name.
 
     Raises:
         ValueError: `dt` is not a multiple of `timestep`.
@@ -72,9 +72,10 @@ class MujocoEngine(Engine):
         tyres: Tyres = "explicit",
         timestep: float | None = None,
         nthread: int = 1,
-        dimensions: VehicleDimensions | None = None,
+        dimensions: VehicleDimensions | Mapping[str, float] | None = None,
     ) -> None:
-        dimensions = dimensions or VehicleDimensions()
+        if not isinstance(dimensions, VehicleDimensions):
+            dimensions = VehicleDimensions(**(dimensions or {}))
         super().__init__(batch_size, device, parameters, dt, declared_parameters(dimensions))
         if timestep is None:
             timestep = default_timestep(tyres, dt)
