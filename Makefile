@@ -33,7 +33,10 @@ install: .venv/installed
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0
+	$(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0+cpu || { \
+	    echo "pip knows no CPU build of torch 2.13.0: taking the default one (on Linux with" ; \
+	    echo "gigabytes of CUDA packages; README, Installation, says how to avoid them)" ; \
+	    $(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0 ; }
 	$(BIN)/pip install -e '.[dev]'
 	touch $@
 
