@@ -23,13 +23,14 @@ def test_every_command_of_the_readme_runs_in_the_order_given(tmp_path: Path):
     parts = ("scripts", "configs", "data/sample", "src")
     for part in parts:
         shutil.copytree(ROOT / part, clone / part)
-    binaries = Path(sys.executable).parent
+    path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+    environment = {"PATH": path, "OMP_NUM_THREADS": "1", "HOME": str(tmp_path)}
     for language, block in BLOCKS:
         command = ["bash", "-ec", block] if language == "bash" else [sys.executable, "-c", block]
         done = subprocess.run(
             command,
             cwd=clone,
-            env={"PATH": f"{binaries}:/usr/bin:/bin", "OMP_NUM_THREADS": "1", "HOME": str(tmp_path)},
+            env=environment,
             capture_output=True,
             text=True,
         )
