@@ -59,7 +59,7 @@ def test_a_wrong_option_is_refused_by_name(record, tmp_path):
 def test_the_sample_is_small_accepted_and_complete():
     recordings, refusals = load_recordings(SAMPLE)
     assert not refusals
-    assert len(recordings) == 6
+    assert len(recordings) == 9
     assert sum(r.duration for r in recordings) == pytest.approx(240.0)
     assert sum(f.stat().st_size for f in SAMPLE.iterdir()) < 5e6
     velocity = torch.cat([r.data[keys.VELOCITY] for r in recordings])
