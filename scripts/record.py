@@ -15,7 +15,7 @@ DECIMALS = 5  # of every column: 10 micrometres, a seventieth of the camera's no
 
 def main() -> None:
     """Drives all cars at once, then measures and writes drive by drive."""
-    config = from_command_line(__doc__, "buggy_rl.drivers:RecordConfig")
+    config = from_command_line(__doc__, "buggy_rl.drivers.room:RecordConfig")
 
     import torch
     from tensordict import TensorDict
@@ -23,7 +23,7 @@ def main() -> None:
 
     from buggy_rl import keys
     from buggy_rl.camera import Camera
-    from buggy_rl.drivers import RoomDriver
+    from buggy_rl.drivers.room import RoomDriver
     from buggy_rl.engines import make_engine
     from buggy_rl.recordings import save_recording
     from buggy_rl.vehicle import CONTROL_PERIOD

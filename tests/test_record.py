@@ -60,7 +60,7 @@ def test_the_sample_is_small_accepted_and_complete():
     recordings, refusals = load_recordings(SAMPLE)
     assert not refusals
     assert len(recordings) == 9
-    assert sum(r.duration for r in recordings) == pytest.approx(240.0)
+    assert sum(r.duration for r in recordings) == pytest.approx(360.0)
     assert sum(f.stat().st_size for f in SAMPLE.iterdir()) < 5e6
     velocity = torch.cat([r.data[keys.VELOCITY] for r in recordings])
     action = torch.cat([r.data[keys.ACTION] for r in recordings])

@@ -3,7 +3,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
-from buggy_rl.drivers import RecordConfig, RoomConfig, RoomDriver
+from buggy_rl.drivers.room import RecordConfig, RoomConfig, RoomDriver
 from buggy_rl.engines import make_engine
 
 NOSE = 0.14  # [m] half the car's length, rounded up

@@ -1,8 +1,7 @@
-"""Who drives: policies that are written down rather than learned.
+"""The room driver: gathers data as a person does who drives about an empty room.
 
-The room driver gathers data the way a person does. It runs two programmes side by side, one for
-the steering and one for the throttle, each drawn anew when it ends, and leaves both to turn away
-from the walls while its car can still do so.
+It runs two programmes side by side, one for the steering and one for the throttle, each drawn anew
+when it ends, and leaves both to turn away from the walls while its car can still do so.
 """
 
 import math

@@ -1,0 +1,37 @@
+"""Lets policies drive in both simulators and on the reference car: tables 7.2 to 7.7.
+
+    python scripts/evaluate_policies.py configs/policies.yaml
+
+The original study's printed numbers stand beside ours. Writes OUTPUT/policies.md, policies.csv.
+"""
+
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, run, save_run
+
+
+def main() -> None:
+    """Drives, prints and saves."""
+    config = from_command_line(__doc__, "buggy_rl.policy_tables:PolicyTablesConfig")
+
+    import pandas as pd
+    from tqdm import tqdm
+
+    from buggy_rl.policy_tables import results, tables
+
+    found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
+    car = "reference car" if config.car == "reference" else config.car
+    text = tables(found, car)
+    print(text)
+    folder = Path(config.output)
+    save_run(config, folder)
+    (folder / "policies.md").write_text(text)
+    rows = [
+        {"policy": r.policy, "place": r.place, "course": r.course, **r.scores.means()}
+        for r in found
+    ]
+    pd.DataFrame(rows).to_csv(folder / "policies.csv", index=False)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,42 @@
+"""Draws the reference paths together: random ones for training and validation, lap, infinity, ...
+
+    python scripts/show_paths.py
+    python scripts/show_paths.py output=runs/mine.png paths.kind=file paths.file=track.csv
+
+Prints of each set how many paths it holds, their spacing, and how sharply they turn.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+from buggy_rl.config import from_command_line
+
+
+def main() -> None:
+    """Makes every kind of path, checks it, and draws it."""
+    config = from_command_line(__doc__, "buggy_rl.paths.making:ShowPathsConfig")
+
+    from buggy_rl.paths import make_paths
+    from buggy_rl.visual import paths_figure
+
+    chosen = {
+        "training": replace(config.paths, kind="simplex", part="training"),
+        "validation": replace(config.paths, kind="simplex", part="validation"),
+    }
+    chosen |= {k: replace(config.paths, kind=k) for k in ("lap", "infinity", "circle", "tight")}
+    if config.paths.kind == "file":
+        chosen = {Path(config.paths.file).stem: config.paths, **chosen}
+    sets = {name: make_paths(paths) for name, paths in chosen.items()}
+    print(f"{'paths':12} {'number':>6} {'waypoints':>9} {'spacing':>8} {'tightest turn':>14}")
+    for name, paths in sets.items():
+        radius = 1 / float(paths.largest_curvature.max())
+        spacing, count = float(paths.spacing.mean()), int(paths.count.max())
+        print(f"{name:12} {len(paths):6} {count:9} {spacing:6.3f} m {radius:12.2f} m")
+    file = Path(config.output)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    paths_figure(sets, config.shown, config.waypoints).savefig(file, dpi=110)
+    print(f"written: {file}")
+
+
+if __name__ == "__main__":
+    main()

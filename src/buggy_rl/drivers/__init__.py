@@ -1,0 +1,1 @@
+"""Who drives: policies that are written down rather than learned, one a file."""

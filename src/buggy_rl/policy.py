@@ -1,0 +1,179 @@
+"""The policy: a Gaussian actor and its critic, from a config, to a file and back."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
+
+from buggy_rl import keys
+from buggy_rl.transforms.task_keys import OBSERVATION
+
+ACTIONS = 2  # throttle, steering
+ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh, "elu": nn.ELU}
+SMALL_GAIN = 0.01  # of the actor's last layer: at first every command is near zero
+OBSERVATION_LIMIT = 5.0  # standard deviations, beyond which an observation is cut off
+SMALLEST_SD = 1e-2  # of an observation, in its own unit: a number that hardly moves stays small
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """What the actor and the critic are made of."""
+
+    hidden: list[int] = field(default_factory=lambda: [64, 64])
+    """Widths of the hidden layers, of the actor as of the critic."""
+    activation: Literal["relu", "tanh", "elu"] = "relu"
+    """Between the layers."""
+    initial_sd: float = 0.3
+    """Of either command when training begins; it is learned, and the same in every state."""
+    scaling: Literal["running", "none"] = "running"
+    """`running` takes observations by their mean and sd over training; `none` as they are."""
+
+
+class Scaling(nn.Module):
+    """(x - mean) / sd with the mean and sd [size] of all observations seen so far.
+
+    They travel with the weights, so that a policy file is complete, and change only between two
+    batches: within one, the collecting and the learning policy see the same numbers.
+    """
+
+    count: Tensor
+    mean: Tensor
+    sd: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("sd", torch.ones(size))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        scaled = (observation - self.mean) / self.sd
+        return scaled.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT)
+
+    @torch.no_grad()
+    def update(self, observation: Tensor) -> None:
+        """Takes in further observations [*, size], by the parallel form of Welford's sums.
+
+        Source: Chan, Golub, LeVeque, Updating formulae and a pairwise algorithm, 1979.
+        """
+        rows = observation.reshape(-1, observation.shape[-1]).double()
+        total = self.count + len(rows)
+        gap = rows.mean(0) - self.mean
+        seen = self.count * self.sd.double().square() * (self.count > 0)
+        squares = seen + len(rows) * rows.var(0, correction=0)
+        squares = squares + gap.square() * self.count * len(rows) / total
+        self.mean.add_((gap * len(rows) / total).float())
+        self.sd.copy_((squares / total).sqrt().clamp_min(SMALLEST_SD))
+        self.count.copy_(total)
+
+
+class Gaussian(nn.Module):
+    """Mean and standard deviation [*, 2] of the commands; the latter the same in every state."""
+
+    def __init__(self, mean: nn.Module, log_sd: nn.Parameter) -> None:
+        super().__init__()
+        self.mean, self.log_sd = mean, log_sd
+
+    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        mean = self.mean(observation)
+        return mean, self.log_sd.exp().expand_as(mean)
+
+
+class Policy(nn.Module):
+    """An actor that explores, a critic of states, and a driver that does not explore.
+
+    Commands are not squashed: the simulator clamps them and the data keep what was drawn. A
+    squashing function would make the likelihood of a command near its limit blow up.
+
+    Args:
+        observation_size: Numbers in an observation.
+        config: What it is made of.
+    """
+
+    def __init__(self, observation_size: int, config: PolicyConfig | None = None) -> None:
+        super().__init__()
+        self.config = config or PolicyConfig()
+        self.observation_size = observation_size
+        self.scaling = (
+            Scaling(observation_size) if self.config.scaling == "running" else nn.Identity()
+        )
+        self.mean_layers = _layers(observation_size, ACTIONS, SMALL_GAIN, self.config)
+        self.value_layers = _layers(observation_size, 1, 1.0, self.config)
+        self.log_sd = nn.Parameter(torch.full((ACTIONS,), math.log(self.config.initial_sd)))
+
+    def actor(self) -> ProbabilisticActor:
+        """Draws `action` [*, 2] for `observation` [*, size], with `action_log_prob` [*]."""
+        gaussian = Gaussian(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
+        return ProbabilisticActor(
+            TensorDictModule(gaussian, [OBSERVATION], ["loc", "scale"]),
+            in_keys=["loc", "scale"],
+            out_keys=[keys.ACTION],
+            distribution_class=IndependentNormal,
+            return_log_prob=True,
+        )
+
+    def critic(self) -> ValueOperator:
+        """Writes `state_value` [*, 1] of `observation` [*, size]."""
+        return ValueOperator(nn.Sequential(self.scaling, self.value_layers), [OBSERVATION])
+
+    def driver(self) -> TensorDictModule:
+        """Writes the most likely `action` [*, 2], the same each time; what evaluation drives."""
+        mean = nn.Sequential(self.scaling, self.mean_layers)
+        return TensorDictModule(mean, [OBSERVATION], [keys.ACTION])
+
+    @torch.no_grad()
+    def observe(self, observation: Tensor) -> None:
+        """Takes observations [*, size] into the scaling, if there is one."""
+        if isinstance(self.scaling, Scaling):
+            self.scaling.update(observation)
+
+
+def _layers(size: int, out: int, gain: float, config: PolicyConfig) -> nn.Sequential:
+    """Fully connected, with orthogonal weights that keep the spread of what goes through."""
+    layers: list[nn.Module] = []
+    for width in config.hidden:
+        layers += [_orthogonal(nn.Linear(size, width), math.sqrt(2))]
+        layers += [ACTIVATIONS[config.activation]()]
+        size = width
+    return nn.Sequential(*layers, _orthogonal(nn.Linear(size, out), gain))
+
+
+def _orthogonal(layer: nn.Linear, gain: float) -> nn.Linear:
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def save_policy(policy: Policy, file: Path, about: dict[str, Any]) -> None:
+    """Writes weights, scaling and config, atomically, with what the policy was trained on."""
+    content = {
+        "policy": asdict(policy.config),
+        "observation_size": policy.observation_size,
+        "weights": policy.state_dict(),
+        "about": about,
+    }
+    partial = file.with_name(file.name + ".partial")
+    torch.save(content, partial)
+    partial.replace(file)
+
+
+def load_policy(file: Path | str) -> tuple[Policy, dict[str, Any]]:
+    """Reads a policy and what is known about its training, ready to drive.
+
+    Raises:
+        ValueError: There is no such file, or it is not a policy's.
+    """
+    if not Path(file).is_file():
+        raise ValueError(f"there is no policy file {file}: train one with scripts/train_policy.py")
+    content = torch.load(file, map_location="cpu", weights_only=True)
+    needed = {"policy", "observation_size", "weights", "about"}
+    if not isinstance(content, dict) or not needed <= set(content):
+        raise ValueError(f"{file} was not written by scripts/train_policy.py")
+    policy = Policy(content["observation_size"], PolicyConfig(**content["policy"]))
+    policy.load_state_dict(content["weights"])
+    return policy.eval().requires_grad_(False), content["about"]

@@ -1,0 +1,206 @@
+"""The original study's tables 7.2 to 7.7: policies in simulators and on the car."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+from omegaconf import MISSING
+from torch import Tensor
+
+from buggy_rl.driving import Driver, Scores, drive
+from buggy_rl.engines import make_engine
+from buggy_rl.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.paths import PathConfig
+from buggy_rl.policy import load_policy
+
+ORIGINAL: dict[str, dict[str, dict[str, str]]] = {  # printed; place -> path set -> policy
+    "learned": {
+        "training": {"learned": "88.2 ± 21.2", "mujoco": "34.9 ± 21.9"},
+        "validation": {"learned": "59.7 ± 27.0", "mujoco": "18.9 ± 22.0"},
+    },
+    "mujoco": {
+        "training": {"learned": "67.2 ± 29.0", "mujoco": "81.5 ± 29.9"},
+        "validation": {"learned": "52.0 ± 16.6", "mujoco": "78.7 ± 25.3"},
+    },
+    "own simulator": {
+        "lap": {"learned": "87", "mujoco": "106"},
+        "infinity": {"learned": "75", "mujoco": "72"},
+        "random": {"learned": "36", "mujoco": "22"},
+    },
+    "car": {
+        "lap": {"learned": "60.0 ± 16.4", "mujoco": "47.3 ± 14.3"},
+        "infinity": {"learned": "64.4 ± 10.8", "mujoco": "42.2 ± 8.7"},
+        "random": {"learned": "31.6 ± 4.6", "mujoco": "11.5 ± 1.5"},
+    },
+    "lost": {"mean": {"learned": "13.66", "mujoco": "33.02"}},
+}
+
+
+@dataclass(frozen=True)
+class PolicyTablesConfig:
+    """Which policies drive where."""
+
+    output: str = MISSING
+    """Folder for policies.md and policies.csv."""
+    policies: dict[str, list[str]] = field(default_factory=dict)
+    """Policy files of each kind, one a seed: `learned` and `mujoco`, as in the original."""
+    simulators: dict[str, str] = field(default_factory=dict)
+    """The simulator that each kind was trained in, under the same names."""
+    car: str = "reference"
+    """What stands for the real car; neither kind was trained on it."""
+    car_drives: int = 5
+    """Drives of each policy on the car, which differ by the camera's noise."""
+    task: TaskConfig = field(default_factory=TaskConfig)
+    """The task, as in training; its paths are replaced by those of the tables."""
+    random_paths: int = 10
+    """Training paths that policies are judged on; the validation paths are all driven."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A set of paths and how long it is driven."""
+
+    paths: PathConfig
+    steps: int
+
+
+def courses(config: PolicyTablesConfig) -> dict[str, Course]:
+    """The tables' path sets: random ones, lap, infinity and the tight random path."""
+    paths = replace(config.task.paths, placed=False, mirrored=False)
+    return {
+        "training": Course(replace(paths, kind="simplex", part="training"), 1000),
+        "validation": Course(replace(paths, kind="simplex", part="validation"), 1000),
+        "lap": Course(replace(paths, kind="lap"), 1000),
+        "infinity": Course(replace(paths, kind="infinity"), 1000),
+        "random": Course(replace(paths, kind="tight"), 500),
+    }
+
+
+@dataclass(frozen=True)
+class Result:
+    """One kind of policy in one place on one set of paths."""
+
+    policy: str
+    place: str
+    course: str
+    scores: Scores
+    """Of all its drives; [seeds * drives]."""
+
+
+def results(
+    config: PolicyTablesConfig, progress: Callable[[Sequence], Iterable] = list
+) -> Iterator[Result]:
+    """Drives every policy in every simulator, and on the car."""
+    places = {**config.simulators, "car": config.car}
+    everything = [
+        (kind, place, course)
+        for kind in config.policies
+        for place in places
+        for course in courses(config)
+        # The original drove random paths in simulators only: they do not fit in a room.
+        if place != "car" or course not in ("training", "validation")
+    ]
+    for kind, place, course in progress(everything):
+        parts = [
+            _drives(config, places[place], place == "car", course, load_policy(file)[0].driver())
+            for file in config.policies[kind]
+        ]
+        yield Result(kind, place, course, _joined(parts))
+
+
+def _drives(
+    config: PolicyTablesConfig, simulator: str, on_the_car: bool, name: str, driver: Driver
+) -> Scores:
+    course = courses(config)[name]
+    many = {"training": config.random_paths, "validation": course.paths.validation_count}
+    cars = many.get(name, config.car_drives if on_the_car else 1)
+    stack = dict(config.task.transforms)
+    waypoints = stack["waypoints"]
+    stack["waypoints"] = replace(waypoints, options={**waypoints.options, "order": "fixed"})
+    stack["step_limit"] = TransformConfig("step_limit", {"max_steps": course.steps})
+    if on_the_car:  # a simulator is judged as it is; the car is seen through its camera
+        stack["noise"] = TransformConfig("observation_noise")
+    task = replace(config.task, paths=course.paths, transforms=stack)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        return drive(make_env(make_engine(simulator, cars), task=task), driver, course.steps)
+
+
+def _joined(parts: Sequence[Scores]) -> Scores:
+    return Scores(**{name: torch.cat([getattr(p, name) for p in parts]) for name in vars(parts[0])})
+
+
+def tables(found: Sequence[Result], car: str) -> str:
+    """Tables 7.2 to 7.7 as Markdown, ours beside the original's printed numbers.
+
+    Args:
+        found: From `results`.
+        car: What the car's column is called, such as "reference car".
+    """
+    closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
+    kinds = list(dict.fromkeys(r.policy for r in found))
+    lines = ["Waypoints closed, mean ± sd; in brackets the original study's printed figures."]
+    for number, course in (("7.2", "training"), ("7.3", "validation")):
+        lines += _heading(f"Table {number}: ten {course} paths, 1000 steps", "driven in", kinds)
+        lines += [
+            _row(place, [(closed[k, place, course], _printed(place, course, k)) for k in kinds])
+            for place in kinds
+        ]
+    lines += ["", "Table 7.4: the human driver's row is left for a person to drive."]
+    lines += _heading("Table 7.5: each policy in its own simulator", "path", kinds)
+    room = ("lap", "infinity", "random")
+    for course in room:
+        own = [(closed[k, k, course], _printed("own simulator", course, k)) for k in kinds]
+        lines.append(_row(course, own))
+    lines += _heading(f"Table 7.6: on the {car}", "path", kinds)
+    for course in room:
+        there = [(closed[k, "car", course], _printed("car", course, k)) for k in kinds]
+        lines.append(_row(course, there))
+    lines += _heading(f"Table 7.7: waypoints lost from simulator to {car}", "path", kinds)
+    lost = {k: [_lost(closed, k, course) for course in room] for k in kinds}
+    for index, course in enumerate(room):
+        lines.append(f"| {course} | " + " | ".join(f"{lost[k][index]:.1f}" for k in kinds) + " |")
+    mean = [f"{sum(lost[k]) / 3:.1f} ({_printed('lost', 'mean', k)})" for k in kinds]
+    lines.append("| mean | " + " | ".join(mean) + " |")
+    return "\n".join([*lines, "", *_details(found)]) + "\n"
+
+
+def _lost(closed: Mapping[tuple[str, str, str], Tensor], kind: str, course: str) -> float:
+    return (closed[kind, kind, course].mean() - closed[kind, "car", course].mean()).item()
+
+
+def _printed(place: str, course: str, kind: str) -> str:
+    return ORIGINAL.get(place, {}).get(course, {}).get(kind, "-")
+
+
+def _heading(title: str, first: str, kinds: Sequence[str]) -> list[str]:
+    columns = " | ".join(f"policy from {kind}" for kind in kinds)
+    return ["", f"{title}:", "", f"| {first} | {columns} |", "|---|" + "---|" * len(kinds)]
+
+
+def _row(name: str, cells: Sequence[tuple[Tensor, str]]) -> str:
+    texts = [
+        f"{values.mean():.1f} ± {values.std(correction=0):.1f} ({printed})"
+        for values, printed in cells
+    ]
+    return f"| {name} | " + " | ".join(texts) + " |"
+
+
+def _details(found: Sequence[Result]) -> list[str]:
+    lines = [
+        "How they drove:",
+        "",
+        "| policy from | in | path | waypoints | kept on | lateral mean / RMS / max [m]"
+        " | heading [rad] | speed [m/s] | steering effort | out of range |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in found:
+        m = r.scores.means()
+        lateral = f"{m['lateral_mean']:.3f} / {m['lateral_rms']:.3f} / {m['lateral_max']:.3f}"
+        outside = "-" if m["out_of_range"] != m["out_of_range"] else f"{m['out_of_range']:.1%}"
+        lines.append(
+            f"| {r.policy} | {r.place} | {r.course} | {m['waypoints']:.1f} | {m['kept_on']:.0%}"
+            f" | {lateral} | {m['heading_mean']:.3f} | {m['speed']:.2f}"
+            f" | {m['steering_effort']:.3f} | {outside} |"
+        )
+    return lines

@@ -1,0 +1,78 @@
+"""The task as a stack of transforms, each by name."""
+
+import importlib
+import importlib.util
+import inspect
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
+    from torchrl.envs import Transform
+
+TRANSFORMS = {
+    "last_action": "buggy_rl.transforms.last_action:LastAction",
+    "action_smoothing": "buggy_rl.transforms.smoothing:ActionSmoothing",
+    "rate_limit": "buggy_rl.transforms.rate_limit:RateLimit",
+    "observation_noise": "buggy_rl.transforms.noise:ObservationNoise",
+    "past_mean": "buggy_rl.transforms.past_mean:PastMean",
+    "clip_velocity": "buggy_rl.transforms.clip:ClipVelocity",
+    "waypoints": "buggy_rl.transforms.waypoints:Waypoints",
+    "target_speed": "buggy_rl.transforms.target_speed:TargetSpeed",
+    "observation": "buggy_rl.transforms.observation:Observation",
+    "history": "buggy_rl.transforms.history:History",
+    "leave_path": "buggy_rl.transforms.leave_path:LeavePath",
+    "path_end": "buggy_rl.transforms.path_end:PathEnd",
+    "rewards": "buggy_rl.transforms.rewards:Rewards",
+    "step_limit": "torchrl.envs:StepCounter",
+}
+
+
+def make_transform(
+    name: str, options: Mapping[str, Any] | None = None, **context: Any
+) -> "Transform":
+    """Builds a transform from what a user can write in YAML.
+
+    Args:
+        name: In `TRANSFORMS`, or one's own or TorchRL's as `path/to/file.py:Class` or
+            `package.module:Class`.
+        options: Arguments of the class.
+        context: Further arguments, such as `paths` and `dt`, for the classes that take them.
+
+    Raises:
+        ValueError: The name is unknown, or an option does not belong to it; the message lists
+            what does.
+    """
+    if name not in TRANSFORMS and ":" not in name:
+        raise ValueError(
+            f"no transform {name!r}; available: {', '.join(TRANSFORMS)}, none, or your own as "
+            "file.py:Class"
+        )
+    transform_class = _load(TRANSFORMS.get(name, name))
+    takes = inspect.signature(transform_class).parameters
+    unknown = sorted(set(options or {}) - set(takes))
+    if unknown:
+        allowed = sorted(set(takes) - set(context))
+        raise ValueError(
+            f"transform {name!r} has no option {', '.join(unknown)}; "
+            f"available: {', '.join(allowed) or 'none'}"
+        )
+    given = {key: value for key, value in context.items() if key in takes}
+    return transform_class(**{**given, **(options or {})})
+
+
+def _load(name: str) -> "type[Transform]":
+    place, _, attribute = name.rpartition(":")
+    if place.endswith(".py"):
+        if not Path(place).is_file():
+            raise ValueError(f"{name}: there is no file {place}")
+        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    else:
+        module = importlib.import_module(place)
+    if not hasattr(module, attribute):
+        raise ValueError(f"{name}: {place} has no {attribute!r}")
+    return getattr(module, attribute)

@@ -1,0 +1,89 @@
+"""What the transforms of the task have in common.
+
+State that a transform needs from step to step rides in the TensorDict under a key of its own, so
+that a step is a function of what it is given. Only a reset draws random numbers: which path,
+which noise, which target speed. They are those of PyTorch's global generator, as the policy's
+are, so `torch.manual_seed` fixes a run and its saved state continues it; `env.set_seed` does not
+reach a transform.
+"""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
+from torchrl.data.utils import DEVICE_TYPING
+from torchrl.envs import Transform
+
+from buggy_rl import keys
+from buggy_rl.transforms.task_keys import MEASURED_POSE, MEASURED_VELOCITY
+
+RESTING = (-1.0, 0.0)  # no drive, wheels straight: what a car was told before its first step
+
+
+class TaskTransform(Transform):
+    """A transform that says what it reads and what it writes.
+
+    `_call` works on what an engine returned, after a reset as after a step. One that needs the
+    step before overrides `_step(td, next_td)`, and `_reset(td, td_reset)` with it.
+    """
+
+    reads: tuple[str, ...] = ()
+    """Keys that must have been written by what stands before."""
+    before: tuple[str, ...] = ()
+    """Keys that only what stands behind may write."""
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        """Specs of the keys that it writes, with the batch `shape`; none by default."""
+        return {}
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        self._check_place(observation_spec)
+        for key, spec in self._specs(observation_spec.shape, observation_spec.device).items():
+            observation_spec[key] = spec
+        return observation_spec
+
+    def _check_place(self, promised: Composite) -> None:
+        name, written = type(self).__name__, set(promised.keys())
+        missing = [key for key in self.reads if key not in written]
+        if missing:
+            raise ValueError(
+                f"{name} reads {', '.join(missing)}, which nothing before it writes: put the "
+                "transform that does before it in the stack"
+            )
+        early = [key for key in self.before if key in written]
+        if early:
+            raise ValueError(
+                f"{name} comes too late: {', '.join(early)} is already written; put it before "
+                "the transform that does"
+            )
+
+
+def numbers(shape: torch.Size, *sizes: int, device: DEVICE_TYPING | None) -> Unbounded:
+    """Spec of float32 numbers [*shape, *sizes]."""
+    return Unbounded(torch.Size((*shape, *sizes)), device=device)
+
+
+def counter(shape: torch.Size, device: DEVICE_TYPING | None) -> Bounded:
+    """Spec of one count [*shape, 1]."""
+    high = torch.iinfo(torch.int64).max
+    return Bounded(0, high, torch.Size((*shape, 1)), dtype=torch.int64, device=device)
+
+
+def measured_velocity(tensordict: TensorDictBase) -> Tensor:
+    """Velocity [*, 3] as the sensing transforms so far left it."""
+    measured = tensordict.get(MEASURED_VELOCITY, None)
+    return tensordict.get(keys.VELOCITY) if measured is None else measured
+
+
+def measured_pose(tensordict: TensorDictBase) -> Tensor:
+    """Pose [*, 3] as the sensing transforms so far left it."""
+    measured = tensordict.get(MEASURED_POSE, None)
+    return tensordict.get(keys.POSE) if measured is None else measured

@@ -1,0 +1,15 @@
+"""What the car was told in the step before, for the policy to see and for rewards."""
+
+from torch import Tensor
+
+from buggy_rl.transforms.commands import CommandFilter
+from buggy_rl.transforms.task_keys import LAST_ACTION
+
+
+class LastAction(CommandFilter):
+    """u'_t = u_t within [-1, 1]. Before a smoothing in the stack it sees what that gives out."""
+
+    memory = LAST_ACTION
+
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        return asked
