@@ -81,7 +81,7 @@ def test_the_target_speed_is_drawn_at_a_reset_and_kept():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Rewards({"joy": 1.0}), "no term joy; available: deviation, progress"),
+        (lambda: Rewards({"joy": 1.0}), "no term joy; available: deviation, out_of_range, progress"),
         (lambda: Rewards({}), "no term at all"),
         (lambda: TargetSpeed(3.0, 1.0), "low 3.0 and high 1.0"),
     ],
@@ -89,3 +89,16 @@ def test_the_target_speed_is_drawn_at_a_reset_and_kept():
 def test_wrong_options_are_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_leaving_what_a_learned_simulator_knows_costs_and_other_engines_know_no_such_range():
+    from tensordict import TensorDict
+
+    from buggy_rl.transforms.rewards import out_of_range
+
+    reward = torch.zeros(3, 1)
+    flag = torch.tensor([[True], [False], [True]])
+    learned = TensorDict({keys.REWARD: reward, keys.OUT_OF_RANGE: flag}, [3])
+    assert out_of_range(learned, learned).flatten().tolist() == [-1.0, 0.0, -1.0]
+    other = TensorDict({keys.REWARD: reward}, [3])
+    assert out_of_range(other, other).flatten().tolist() == [0.0, 0.0, 0.0]

@@ -51,6 +51,15 @@ def terminated(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     return -after.get(keys.TERMINATED).float()
 
 
+def out_of_range(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-1 in a step that a learned simulator was not trained for; nothing over other engines.
+
+    Without it a policy finds what such a simulator gets wrong, and drives there.
+    """
+    flag = after.get(keys.OUT_OF_RANGE, None)
+    return torch.zeros_like(after.get(keys.REWARD)) if flag is None else -flag.float()
+
+
 Term = Callable[[TensorDictBase, TensorDictBase], Tensor]
 TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each reads
     "waypoints_closed": (waypoints_closed, (WAYPOINTS_CLOSED,)),
@@ -59,6 +68,7 @@ TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each rea
     "steering_effort": (steering_effort, (LAST_ACTION,)),
     "speed_error": (speed_error, (TARGET_SPEED,)),
     "terminated": (terminated, ()),
+    "out_of_range": (out_of_range, ()),
 }
 
 
