@@ -172,6 +172,28 @@ def _docline(node: ast.stmt | None) -> str:
     return ""
 
 
+def load_named(name: str) -> Any:
+    """What is named by `path/to/file.py:attribute` or `package.module:attribute`.
+
+    Raises:
+        ValueError: There is no such file or attribute.
+    """
+    place, _, attribute = name.rpartition(":")
+    if place.endswith(".py"):
+        if not Path(place).is_file():
+            raise ValueError(f"{name}: there is no file {place}")
+        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    else:
+        module = importlib.import_module(place)
+    if not hasattr(module, attribute):
+        raise ValueError(f"{name}: {place} has no {attribute!r}")
+    return getattr(module, attribute)
+
+
 def run(main: Callable[[], None]) -> None:
     """Runs a script's main so that what a user can mend is one line, not a traceback.
 

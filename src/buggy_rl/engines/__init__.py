@@ -1,12 +1,12 @@
 """Engines by name: each moves the car by one kind of physics, all with the same keys."""
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
+
+from buggy_rl.config import load_named
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import EnvBase
@@ -55,7 +55,7 @@ def make_engine(
             "or your own as file.py:factory"
         )
     try:
-        return load_factory(ENGINES[name])(batch_size, device, parameters, **options)
+        return load_named(ENGINES[name])(batch_size, device, parameters, **options)
     except TypeError as error:  # an option that the class does not have, or one it needs
         raise ValueError(f"engine {name!r}: {error}") from error
 
@@ -64,7 +64,7 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     """A simulator from outside this package: the contract gives it two arguments, no more."""
     if options:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
-    engine = load_factory(name)(batch_size, device)
+    engine = load_named(name)(batch_size, device)
     if not parameters:
         return engine
     with_parameters = getattr(engine, "with_parameters", None)
@@ -97,21 +97,3 @@ def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase"
     if ".py:" in engine and not Path(engine).is_absolute():
         engine = str(file.parent / engine)
     return make_engine(engine, batch_size, device, merged or None, **settings)
-
-
-def load_factory(name: str) -> "Callable[..., EnvBase]":
-    """The callable named by `path/to/file.py:attribute` or `package.module:attribute`."""
-    place, _, attribute = name.rpartition(":")
-    if place.endswith(".py"):
-        if not Path(place).is_file():
-            raise ValueError(f"{name}: there is no file {place}")
-        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    else:
-        module = importlib.import_module(place)
-    if not hasattr(module, attribute):
-        raise ValueError(f"{name}: {place} has no {attribute!r}")
-    return getattr(module, attribute)

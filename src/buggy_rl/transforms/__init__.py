@@ -1,11 +1,10 @@
 """The task as a stack of transforms, each by name."""
 
-import importlib
-import importlib.util
 import inspect
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from buggy_rl.config import load_named
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import Transform
@@ -48,7 +47,7 @@ def make_transform(
             f"no transform {name!r}; available: {', '.join(TRANSFORMS)}, none, or your own as "
             "file.py:Class"
         )
-    transform_class = _load(TRANSFORMS.get(name, name))
+    transform_class = load_named(TRANSFORMS.get(name, name))
     takes = inspect.signature(transform_class).parameters
     unknown = sorted(set(options or {}) - set(takes))
     if unknown:
@@ -59,20 +58,3 @@ def make_transform(
         )
     given = {key: value for key, value in context.items() if key in takes}
     return transform_class(**{**given, **(options or {})})
-
-
-def _load(name: str) -> "type[Transform]":
-    place, _, attribute = name.rpartition(":")
-    if place.endswith(".py"):
-        if not Path(place).is_file():
-            raise ValueError(f"{name}: there is no file {place}")
-        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    else:
-        module = importlib.import_module(place)
-    if not hasattr(module, attribute):
-        raise ValueError(f"{name}: {place} has no {attribute!r}")
-    return getattr(module, attribute)
