@@ -11,11 +11,11 @@ from torchrl.envs.utils import check_env_specs
 
 import buggy_rl.env
 from buggy_rl import keys
+from buggy_rl import keys as task
 from buggy_rl.config import ConfigError, build
 from buggy_rl.env import TaskConfig, TransformConfig, default_transforms, in_order, make_env
 from buggy_rl.paths import PathConfig
 from buggy_rl.transforms import make_transform
-from buggy_rl.transforms import task_keys as task
 from buggy_rl.transforms.history import History
 from buggy_rl.transforms.past_mean import PastMean
 from buggy_rl.transforms.rate_limit import RateLimit

@@ -10,7 +10,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import step_mdp
 
 from buggy_rl import keys
-from buggy_rl.transforms.task_keys import (
+from buggy_rl.keys import (
     COMPLETED,
     HEADING_ERROR,
     LAST_ACTION,

@@ -9,7 +9,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.transforms.task_keys import WAYPOINTS_CLOSED
+from buggy_rl.keys import WAYPOINTS_CLOSED
 
 EPISODES = 100  # last finished ones, over which is averaged
 

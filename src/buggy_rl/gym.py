@@ -20,8 +20,7 @@ from torchrl.envs import EnvBase, Transform
 
 from buggy_rl import keys
 from buggy_rl.env import TaskConfig, make_env
-from buggy_rl.paths import PathSet
-from buggy_rl.transforms.task_keys import (
+from buggy_rl.keys import (
     COMPLETED,
     HEADING_ERROR,
     LATERAL_ERROR,
@@ -29,6 +28,7 @@ from buggy_rl.transforms.task_keys import (
     PATH,
     WAYPOINTS_CLOSED,
 )
+from buggy_rl.paths import PathSet
 
 NAME = "buggy_rl/Waypoints-v0"
 TOLD = (PATH, WAYPOINTS_CLOSED, LATERAL_ERROR, HEADING_ERROR, COMPLETED)

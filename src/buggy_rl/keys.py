@@ -20,3 +20,29 @@ REWARD = "reward"
 DONE = "done"
 TERMINATED = "terminated"
 TRUNCATED = "truncated"
+
+# Of the task.
+
+OBSERVATION = "observation"  # [N] what the policy sees
+MEASURED_POSE = "measured_pose"  # [3] the pose as the sensing transforms left it
+MEASURED_VELOCITY = "measured_velocity"  # [3] likewise; what was not touched is not there
+NOISE_STATE = "noise_state"  # [1] int64, where the car's stream of noise stands
+VELOCITY_ROWS = "velocity_rows"  # [K, 4] last velocities of the past-mean filter, and if there
+OBSERVATION_ROWS = "observation_rows"  # [K, N] last observations, oldest first
+
+LAST_ACTION = "last_action"  # [2] what the car was told in the step that led here
+SMOOTHED_ACTION = "smoothed_action"  # [2] state of the action smoothing
+LIMITED_ACTION = "limited_action"  # [2] state of the rate limit
+
+PATH = "path"  # [1] int64, which path of the set a car follows
+NEXT_WAYPOINT = "next_waypoint"  # [1] int64, counted on over the laps of a closed path
+WAYPOINTS = "waypoints"  # [10, 2] the next waypoints in the car's frame [m]
+WAYPOINTS_CLOSED = "waypoints_closed"  # [1] closed in the last step
+PATH_POSITION = "path_position"  # [1] distance along the path from its start [m], laps included
+LATERAL_ERROR = "lateral_error"  # [1] distance from the path [m], positive to its left
+HEADING_ERROR = "heading_error"  # [1] yaw against the path's [rad], positive to the left
+COMPLETED = "completed"  # [1] bool, an open path has no waypoint left
+TARGET_SPEED = "target_speed"  # [1] vx asked for [m/s]
+
+REWARD_TERMS = "reward_terms"  # [T] weighted, in the order of the rewards' configuration
+STEP_COUNT = "step_count"  # [1] int64, of the episode

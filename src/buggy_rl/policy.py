@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 
 from buggy_rl import keys
-from buggy_rl.transforms.task_keys import OBSERVATION
+from buggy_rl.keys import OBSERVATION
 
 ACTIONS = 2  # throttle, steering
 ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh, "elu": nn.ELU}

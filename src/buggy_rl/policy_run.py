@@ -11,10 +11,10 @@ from torchrl.envs import TransformedEnv
 from buggy_rl.driving import drive
 from buggy_rl.engines import make_engine
 from buggy_rl.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.keys import OBSERVATION
 from buggy_rl.paths import make_paths
 from buggy_rl.policy import Policy, PolicyConfig
 from buggy_rl.ppo import PPOConfig
-from buggy_rl.transforms.task_keys import OBSERVATION
 
 
 @dataclass(frozen=True)

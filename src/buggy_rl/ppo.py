@@ -21,8 +21,8 @@ from torchrl.objectives.value import GAE
 from buggy_rl import keys
 from buggy_rl.checkpoint import environment_state, restore_environment
 from buggy_rl.episodes import Episodes
+from buggy_rl.keys import OBSERVATION, STEP_COUNT
 from buggy_rl.policy import Policy
-from buggy_rl.transforms.task_keys import OBSERVATION, STEP_COUNT
 
 LEARNED_FROM = (OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
 REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")

@@ -5,7 +5,7 @@ import torch
 from torchrl.envs import Transform
 
 from buggy_rl import keys
-from buggy_rl.transforms import task_keys as task
+from buggy_rl import keys as task
 from buggy_rl.transforms.last_action import LastAction
 from buggy_rl.transforms.rate_limit import RateLimit
 from buggy_rl.transforms.smoothing import ActionSmoothing

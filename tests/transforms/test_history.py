@@ -3,7 +3,7 @@ import torch
 from torchrl.envs import CatFrames, StepCounter
 
 from buggy_rl import keys
-from buggy_rl.transforms import task_keys as task
+from buggy_rl import keys as task
 from buggy_rl.transforms.history import History
 from buggy_rl.transforms.observation import Observation
 from tests.transforms.cars import over_hold, start, step

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.transforms import task_keys as task
+from buggy_rl import keys as task
 from buggy_rl.transforms.last_action import LastAction
 from buggy_rl.transforms.leave_path import LeavePath
 from buggy_rl.transforms.rewards import TERMS, Rewards

@@ -5,8 +5,8 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
+from buggy_rl import keys as task
 from buggy_rl.dataset import past_mean
-from buggy_rl.transforms import task_keys as task
 from buggy_rl.transforms.clip import ClipVelocity
 from buggy_rl.transforms.noise import ObservationNoise, normal
 from buggy_rl.transforms.observation import Observation

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from buggy_rl import keys
+from buggy_rl import keys as task
 from buggy_rl.paths import PathConfig, joined_paths, make_paths
-from buggy_rl.transforms import task_keys as task
 from buggy_rl.transforms.waypoints import Waypoints
 from tests.transforms.cars import over_hold, place, square_path, start, step, straight_path
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.drivers.preview import SpeedConfig, ahead, allowed_speed, throttle, with_past
 from buggy_rl.drivers.tuning import Number, within
-from buggy_rl.transforms.task_keys import WAYPOINTS
+from buggy_rl.keys import WAYPOINTS
 from buggy_rl.vehicle import VehicleDimensions
 
 CAR = VehicleDimensions()

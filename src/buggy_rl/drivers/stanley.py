@@ -18,7 +18,7 @@ from buggy_rl.drivers.preview import (
     with_past,
 )
 from buggy_rl.drivers.tuning import Number, within
-from buggy_rl.transforms.task_keys import WAYPOINTS
+from buggy_rl.keys import WAYPOINTS
 from buggy_rl.vehicle import VehicleDimensions
 
 CAR = VehicleDimensions()

@@ -15,7 +15,7 @@ from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
 from buggy_rl import keys
-from buggy_rl.transforms.task_keys import MEASURED_POSE, MEASURED_VELOCITY
+from buggy_rl.keys import MEASURED_POSE, MEASURED_VELOCITY
 
 RESTING = (-1.0, 0.0)  # no drive, wheels straight: what a car was told before its first step
 

@@ -8,8 +8,8 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
+from buggy_rl.keys import MEASURED_VELOCITY, OBSERVATION
 from buggy_rl.transforms.base import TaskTransform, measured_velocity, numbers
-from buggy_rl.transforms.task_keys import MEASURED_VELOCITY, OBSERVATION
 
 # vx, vy [m/s], yaw_rate [rad/s]: the original study clipped the states of its learned model here.
 TRAINED_LOW, TRAINED_HIGH = (-1.0, -3.5, -6.5), (3.5, 3.5, 6.5)

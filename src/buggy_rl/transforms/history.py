@@ -5,8 +5,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Composite
 
+from buggy_rl.keys import OBSERVATION, OBSERVATION_ROWS
 from buggy_rl.transforms.base import TaskTransform, numbers
-from buggy_rl.transforms.task_keys import OBSERVATION, OBSERVATION_ROWS
 
 
 class History(TaskTransform):

@@ -2,8 +2,8 @@
 
 from torch import Tensor
 
+from buggy_rl.keys import LAST_ACTION
 from buggy_rl.transforms.commands import CommandFilter
-from buggy_rl.transforms.task_keys import LAST_ACTION
 
 
 class LastAction(CommandFilter):

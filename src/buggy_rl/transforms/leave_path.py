@@ -3,8 +3,8 @@
 from tensordict import TensorDictBase
 
 from buggy_rl import keys
+from buggy_rl.keys import LATERAL_ERROR, REWARD_TERMS, STEP_COUNT
 from buggy_rl.transforms.base import TaskTransform
-from buggy_rl.transforms.task_keys import LATERAL_ERROR, REWARD_TERMS, STEP_COUNT
 
 
 class LeavePath(TaskTransform):

@@ -9,20 +9,20 @@ from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.transforms.base import (
-    TaskTransform,
-    counter,
-    measured_pose,
-    measured_velocity,
-    numbers,
-)
-from buggy_rl.transforms.task_keys import (
+from buggy_rl.keys import (
     MEASURED_POSE,
     MEASURED_VELOCITY,
     NOISE_STATE,
     OBSERVATION,
     VELOCITY_ROWS,
     WAYPOINTS,
+)
+from buggy_rl.transforms.base import (
+    TaskTransform,
+    counter,
+    measured_pose,
+    measured_velocity,
+    numbers,
 )
 
 PAIRS = 3  # of normal numbers a step: one each for x, y, yaw, vx, vy, yaw_rate

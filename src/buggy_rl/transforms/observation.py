@@ -8,8 +8,8 @@ from torch import Tensor
 from torchrl.data import Composite
 
 from buggy_rl import keys
+from buggy_rl.keys import OBSERVATION, WAYPOINTS
 from buggy_rl.transforms.base import TaskTransform, measured_velocity, numbers
-from buggy_rl.transforms.task_keys import OBSERVATION, WAYPOINTS
 
 
 class Observation(TaskTransform):

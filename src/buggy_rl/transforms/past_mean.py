@@ -6,8 +6,8 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
+from buggy_rl.keys import MEASURED_VELOCITY, OBSERVATION, VELOCITY_ROWS
 from buggy_rl.transforms.base import TaskTransform, measured_velocity, numbers
-from buggy_rl.transforms.task_keys import MEASURED_VELOCITY, OBSERVATION, VELOCITY_ROWS
 
 
 class PastMean(TaskTransform):

@@ -5,8 +5,8 @@ from tensordict import TensorDictBase
 from torchrl.data import Composite
 
 from buggy_rl import keys
+from buggy_rl.keys import COMPLETED, STEP_COUNT
 from buggy_rl.transforms.base import TaskTransform
-from buggy_rl.transforms.task_keys import COMPLETED, STEP_COUNT
 
 
 class PathEnd(TaskTransform):

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
+from buggy_rl.keys import LIMITED_ACTION
 from buggy_rl.transforms.commands import CommandFilter
-from buggy_rl.transforms.task_keys import LIMITED_ACTION
 
 
 class RateLimit(CommandFilter):

@@ -9,8 +9,7 @@ from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.transforms.base import TaskTransform, numbers
-from buggy_rl.transforms.task_keys import (
+from buggy_rl.keys import (
     LAST_ACTION,
     LATERAL_ERROR,
     PATH_POSITION,
@@ -18,6 +17,7 @@ from buggy_rl.transforms.task_keys import (
     TARGET_SPEED,
     WAYPOINTS_CLOSED,
 )
+from buggy_rl.transforms.base import TaskTransform, numbers
 
 
 def waypoints_closed(before: TensorDictBase, after: TensorDictBase) -> Tensor:

@@ -5,8 +5,8 @@ import math
 import torch
 from torch import Tensor
 
+from buggy_rl.keys import SMOOTHED_ACTION
 from buggy_rl.transforms.commands import CommandFilter
-from buggy_rl.transforms.task_keys import SMOOTHED_ACTION
 
 
 class ActionSmoothing(CommandFilter):

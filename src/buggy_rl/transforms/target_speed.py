@@ -6,8 +6,8 @@ from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
+from buggy_rl.keys import OBSERVATION, TARGET_SPEED
 from buggy_rl.transforms.base import TaskTransform, numbers
-from buggy_rl.transforms.task_keys import OBSERVATION, TARGET_SPEED
 
 
 class TargetSpeed(TaskTransform):

@@ -9,9 +9,7 @@ from torchrl.data import Binary, Composite, TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.paths import PathSet
-from buggy_rl.transforms.base import TaskTransform, counter, measured_pose, numbers
-from buggy_rl.transforms.task_keys import (
+from buggy_rl.keys import (
     COMPLETED,
     HEADING_ERROR,
     LATERAL_ERROR,
@@ -22,6 +20,8 @@ from buggy_rl.transforms.task_keys import (
     WAYPOINTS,
     WAYPOINTS_CLOSED,
 )
+from buggy_rl.paths import PathSet
+from buggy_rl.transforms.base import TaskTransform, counter, measured_pose, numbers
 from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
