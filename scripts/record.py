@@ -1,21 +1,24 @@
-"""Drives a simulator about an 8 m room and writes what a tracking camera would have recorded.
+r"""Drives a simulator about an 8 m room and writes what a tracking camera would have recorded.
 
     python scripts/record.py configs/record_sample.yaml
     python scripts/record.py output=runs/drives drives=20 seconds=60 seed=7 format=parquet
+    python scripts/record.py output=runs/late faults.steering_dead_time.dead_time=0.06 \
+        camera.latency=0.03 sealed=runs/late_answer
 
-Writes OUTPUT/PREFIX_00.csv and so on, each a recording as every other script reads it.
+Writes OUTPUT/PREFIX_00.csv and so on, each a recording as every other script reads it, and the
+config beside them, or to SEALED where the drives are to be a riddle. The faults of the reference
+car are listed in src/buggy_rl/engines/reference/faults.py.
 """
 
 from pathlib import Path
+from typing import cast
 
-from buggy_rl.config import from_command_line, save_run
-
-DECIMALS = 5  # of every column: 10 micrometres, a seventieth of the camera's noise
+from buggy_rl.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Drives all cars at once, then measures and writes drive by drive."""
-    config = from_command_line(__doc__, "buggy_rl.drivers.room:RecordConfig")
+    config = from_command_line(__doc__, "buggy_rl.drivers.recording:RecordConfig")
 
     import torch
     from tensordict import TensorDict
@@ -23,53 +26,37 @@ def main() -> None:
 
     from buggy_rl import keys
     from buggy_rl.camera import Camera
+    from buggy_rl.drivers.recording import driven
     from buggy_rl.drivers.room import RoomDriver
     from buggy_rl.engines import make_engine
-    from buggy_rl.recordings import save_recording
+    from buggy_rl.recordings import Recording, save_recording
     from buggy_rl.vehicle import CONTROL_PERIOD
 
     torch.set_num_threads(1)
     folder = Path(config.output)
-    engine = make_engine(config.simulator, config.drives)
-    driver = RoomDriver(config.room, config.seed)
-    pose = driver.start_pose(engine.batch_size)
-    start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
-    state = engine.reset(TensorDict(start, engine.batch_size))
-    rows = []
-    for _ in tqdm(range(round(config.seconds / CONTROL_PERIOD)), "driving", unit="step"):
-        state = driver(state)
-        rows.append(state.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone())
-        state = engine.step(state)["next"]
-
-    save_run(config, folder)
+    about = Path(config.sealed or config.output)
+    if config.sealed and about.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"sealed={about} lies in output={folder}: name a folder elsewhere")
+    options = {"faults": config.faults} if config.faults else {}
+    engine = make_engine(config.simulator, config.drives, **options)
     camera = Camera(config.camera, config.seed)
-    for index, drive in enumerate(torch.stack(rows, 1)):
+    steps = round(config.seconds / CONTROL_PERIOD)
+    rows = driven(engine, RoomDriver(config.room, config.seed), steps)
+    rows = list(tqdm(rows, "driving", steps, unit="step"))
+    drives = cast(TensorDict, TensorDict.stack(rows, 1))
+
+    save_run(config, about)
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, drive in enumerate(drives.unbind(0)):
         name = f"{config.prefix}_{index:02d}"
-        save_recording(measured(name, drive, camera), folder / f"{name}.{config.format}")
-    farthest = max(float(row[keys.POSE][..., :2].abs().max()) for row in rows)
+        recording = Recording(name, camera.recorded(drive), CONTROL_PERIOD)
+        save_recording(recording, folder / f"{name}.{config.format}")
+    farthest = float(drives[keys.POSE][..., :2].abs().max())
     print(
         f"{config.drives} drives of {config.seconds:g} s of {config.simulator!r} in {folder}; "
         f"at most {farthest:.2f} m from the middle of the room along a wall"
     )
 
 
-def measured(name, drive, camera):
-    """What the camera makes of a drive [T], as a Recording; dropped frames leave gaps."""
-    import torch
-    from tensordict import TensorDict
-
-    from buggy_rl import keys
-    from buggy_rl.recordings import Recording
-    from buggy_rl.vehicle import CONTROL_PERIOD
-
-    pose, velocity = camera.measure(drive[keys.POSE], drive[keys.VELOCITY], CONTROL_PERIOD)
-    row = torch.nonzero(camera.arrived(len(drive)))  # (T', 1)
-    columns = {keys.POSE: pose, keys.VELOCITY: velocity, keys.ACTION: drive[keys.ACTION]}
-    data = {key: value.round(decimals=DECIMALS)[row[:, 0]] for key, value in columns.items()}
-    data[keys.TIME] = (row.double() * CONTROL_PERIOD).round(decimals=DECIMALS)
-    data[keys.SEGMENT] = (row[:, 0].diff(prepend=row[:1, 0]) > 1).cumsum(0)
-    return Recording(name, TensorDict(data, len(row)), CONTROL_PERIOD)
-
-
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -21,56 +21,31 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.checkpoint import load_checkpoint, save_checkpoint
-    from buggy_rl.policy import save_policy
-    from buggy_rl.policy_run import (
-        new_policy,
-        training_environment,
-        validate,
-        validation_environment,
-    )
-    from buggy_rl.ppo import PPO, NonFiniteLossError
+    from buggy_rl.policy_run import PolicyRun
+    from buggy_rl.ppo import NonFiniteLossError
 
     torch.set_num_threads(config.threads)
-    torch.manual_seed(config.seed)
     folder = Path(config.output)
     save_run(config, folder)
-    env, validation = training_environment(config), validation_environment(config)
-    policy = new_policy(env, config.policy)
-    run, best = PPO(env, policy, config.ppo), -1.0
-    if config.resume:
-        state = load_checkpoint(folder / "checkpoint.pt")
-        best = state.pop("best")
-        run.load_state_dict(state)
+    run = PolicyRun(config)
     loggers, rows = make_loggers(config, folder), []
-    batch = config.ppo.cars * config.ppo.batch_steps
-    bar = tqdm(total=config.ppo.steps, initial=run.steps, unit="step", unit_scale=True)
+    steps = config.ppo.steps
+    bar = tqdm(total=steps, initial=run.ppo.steps, unit="step", unit_scale=True, desc=folder.name)
     try:
-        for metrics in run.run():
-            bar.update(batch)
+        for metrics in run.metrics():
+            bar.update(run.batch)
             bar.set_postfix_str(
-                f"reward {metrics['reward']:.4f}, {metrics['waypoints']:.1f} closed"
+                f"reward {metrics['reward']:.3f}, {metrics['waypoints']:.1f} closed"
             )
-            done, due = run.steps / config.ppo.steps, (run.steps - batch) / config.ppo.steps
-            last = run.steps >= config.ppo.steps
-            if last or int(done * config.validations) > int(due * config.validations):
-                metrics |= validate(validation, policy, config.validation_steps)
-                about = {"config": plain(config), "steps": run.steps, **metrics}
-                if metrics["validation_waypoints"] > best:
-                    best = metrics["validation_waypoints"]
-                    save_policy(policy, folder / "best.pt", about)
-                save_policy(policy, folder / "last.pt", about)
             rows.append(metrics)
-            if last or run.steps // batch % config.checkpoint_batches == 0:
+            if run.checkpoint_is_due:
                 log(loggers, rows)  # just before the checkpoint, so that a resumed log repeats none
-                save_checkpoint({**run.state_dict(), "best": best}, folder / "checkpoint.pt")
+                run.checkpoint()
     except NonFiniteLossError as error:
-        save_checkpoint(error.batch.to_dict(), folder / "failed_batch.pt")
-        raise SystemExit(
-            f"error: {error}\n(the batch is in {folder / 'failed_batch.pt'})"
-        ) from None
+        file = folder / "failed_batch.pt"
+        raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
     bar.close()
-    print(f"{folder / 'best.pt'}: {best:.1f} waypoints on the validation paths")
+    print(f"{folder / 'best.pt'}: {run.best:.1f} waypoints on the validation paths")
 
 
 def make_loggers(config, folder):

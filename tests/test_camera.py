@@ -2,7 +2,9 @@ import dataclasses
 
 import pytest
 import torch
+from tensordict import TensorDict
 
+from buggy_rl import keys
 from buggy_rl.camera import Camera, CameraConfig, delayed
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)
@@ -75,7 +77,62 @@ def test_dropped_frames_are_as_many_as_stated_and_never_the_first():
     assert Camera(QUIET).arrived(100).all()
 
 
-@pytest.mark.parametrize("wrong", [{"yaw_noise": -0.1}, {"latency": -1.0}, {"dropped_share": 1.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"yaw_noise": -0.1},
+        {"latency": -1.0},
+        {"lag": -0.1},
+        {"speed_scale": 0.0},
+        {"dropped_share": 1.0},
+    ],
+)
 def test_impossible_cameras_are_refused_by_name(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Camera(dataclasses.replace(QUIET, **wrong))
+
+
+def test_a_turned_camera_reports_another_heading_and_another_course():
+    pose = torch.tensor([[1.0, 2.0, 0.3]])
+    config = dataclasses.replace(QUIET, yaw=0.1)
+    measured, velocity = Camera(config).measure(pose, torch.tensor([[2.0, 0.0, 1.5]]), 0.01)
+    torch.testing.assert_close(measured, torch.tensor([[1.0, 2.0, 0.4]]))
+    # Turned to the left, it sees the car move ahead to its right: 2 cos 0.1, -2 sin 0.1.
+    torch.testing.assert_close(velocity, torch.tensor([[1.9900, -0.1997, 1.5]]), atol=1e-4, rtol=0)
+
+
+def test_a_lagging_camera_follows_a_ramp_late_by_its_time_constant():
+    config = dataclasses.replace(QUIET, lag=0.04)
+    pose, velocity = ramp(200)
+    measured, reported = Camera(config).measure(pose, velocity, 0.01)
+    assert torch.equal(measured[0], pose[0])  # settled at the start
+    # A ramp of 1 a row is 4 rows late once e^(-t / 0.04 s) is gone, whatever the rate of rows.
+    late = torch.arange(200)[100:] - 4.0
+    torch.testing.assert_close(measured[100:, 0], late, atol=1e-4, rtol=0)
+    torch.testing.assert_close(reported[100:, 1], -late, atol=1e-4, rtol=0)
+    torch.testing.assert_close(reported[:, 2], velocity[:, 2])
+    # After 4 rows of the ramp it lacks 4 (1 - 1 / e) = 2.528 of them.
+    assert float(pose[4, 0] - measured[4, 0]) == pytest.approx(2.528, abs=1e-3)
+
+
+def test_scale_and_bias_are_of_the_reported_velocity_alone():
+    pose, velocity = ramp()
+    config = dataclasses.replace(QUIET, speed_scale=0.9, gyro_bias=-0.1)
+    measured, reported = Camera(config).measure(pose, velocity, 0.01)
+    assert torch.equal(measured, pose)
+    expected = velocity * torch.tensor([0.9, 0.9, 1.0]) - torch.tensor([0.0, 0.0, 0.1])
+    torch.testing.assert_close(reported, expected)
+
+
+def test_a_recorded_drive_has_a_clock_and_segments_without_the_dropped_frames():
+    pose, velocity = ramp(300)
+    columns = {keys.POSE: pose, keys.VELOCITY: velocity, keys.ACTION: torch.zeros(300, 2)}
+    camera = Camera(dataclasses.replace(QUIET, dropped_share=0.05), seed=1)
+    recorded = camera.recorded(TensorDict(columns, [300]))
+    row = recorded[keys.POSE][:, 0]  # row k stands at x = k
+    torch.testing.assert_close(recorded[keys.TIME][:, 0], 0.01 * row.double())
+    assert 5 < 300 - len(row) < 30
+    gaps = row.diff() > 1
+    assert torch.equal(recorded[keys.SEGMENT].diff() == 1, gaps)
+    assert recorded[keys.SEGMENT][0] == 0
+    assert gaps.any()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.config import ConfigError, build, describe
+from buggy_rl.config import ConfigError, build, describe, from_plain, plain
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,27 @@ def test_help_shows_key_default_and_meaning_of_every_option():
     lines = list(describe("buggy_rl.models.training:TrainingConfig"))
     assert any("batch_size=" in line for line in lines)
     assert all("\n      " in line for line in lines), "an option without a line that explains it"
+
+
+def test_help_follows_a_class_that_a_package_hands_on():
+    # policy_tables takes PathConfig from buggy_rl.paths, which is where no class is defined
+    lines = list(describe("buggy_rl.policy_tables:Course"))
+    assert "  paths.kind='simplex'" in lines[0]
+    assert not any("PathConfig" in line for line in lines)
+
+
+def test_help_knows_every_option_down_to_plain_values():
+    for schema in ("policy_run:PolicyRunConfig", "driver_tables:DriverTablesConfig"):
+        text = "\n".join(describe(f"buggy_rl.{schema}"))
+        assert "task.paths.kind='simplex'" in text
+        assert "Config" not in text
+
+
+def test_a_config_comes_back_from_its_plain_values():
+    config = Outer("other", Inner(0.5))
+    assert from_plain(Outer, plain(config), "policy.pt") == config
+    with pytest.raises(ConfigError, match=r"policy\.pt: unknown key 'inner\.rat'"):
+        from_plain(Outer, {"inner": {"rat": 1.0}}, "policy.pt")
 
 
 @pytest.mark.parametrize("script", sorted(Path("scripts").glob("*.py")), ids=lambda p: p.name)

@@ -2,10 +2,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import opensimplex
 import pytest
 import torch
 
 from buggy_rl.paths import PathConfig, PathSet, joined_paths, make_paths
+from buggy_rl.paths.noise import simplex_noise
 from buggy_rl.paths.path_set import equal_paths
 from buggy_rl.paths.simplex import chase
 
@@ -102,6 +104,21 @@ def test_a_seed_fixes_the_paths_whatever_their_number():
     make_paths.cache_clear()
     assert torch.equal(make_paths(SMALL).points, first.points)
     assert torch.equal(make_paths(replace(SMALL, count=5)).points, first.points[:5])
+
+
+def test_noise_is_the_librarys_to_the_last_bit():
+    # 500 places a seed: on both sides of the origin, in both triangles of some 500 cells
+    generator = np.random.default_rng(0)
+    seeds = [0, 7, 2**62 + 11]
+    x, y = generator.uniform(-60.0, 60.0, (2, 3, 500))
+    expected = [
+        [opensimplex.OpenSimplex(seed).noise2(*place) for place in zip(*rows, strict=True)]
+        for seed, *rows in zip(seeds, x[:, :100], y[:, :100], strict=True)
+    ]
+    noise = simplex_noise(seeds, x, y)
+    assert np.array_equal(noise[:, :100], np.array(expected))
+    assert np.abs(noise).max() <= 1.0
+    assert noise.std() > 0.2
 
 
 def test_random_paths_turn_left_as_often_as_right():

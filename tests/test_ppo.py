@@ -111,7 +111,7 @@ def estimated(terminated, truncated):
         [1, 3],
     )
     with torch.no_grad():
-        run.gae(batch)
+        run.estimate(batch)
     return batch
 
 
@@ -138,7 +138,7 @@ def test_advantages_of_collected_batches_are_those_of_the_textbook():
     run = PPO(point(), Policy(1, PolicyConfig(initial_sd=1.5)), settings)
     batch = next(iter(run.collector))
     with torch.no_grad():
-        run.gae(batch)
+        run.estimate(batch)
         critic = run.policy.critic()
         value = critic(batch.select("observation"))["state_value"]
         following = critic(batch["next"].select("observation"))["state_value"]

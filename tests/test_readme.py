@@ -1,6 +1,7 @@
 """What the README tells a newcomer to type, typed."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -8,12 +9,43 @@ from pathlib import Path
 
 import pytest
 
+from buggy_rl.config import build, plain
+from buggy_rl.policy_run import PolicyRunConfig
+from buggy_rl.transforms.rate_limit import RateLimit
+
 ROOT = Path(__file__).parents[1]
-BLOCKS = re.findall(r"^```(bash|python)\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+README = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"^```(bash|python)\n(.*?)^```", README, re.M | re.S)
 
 
 def test_the_readme_has_commands_to_run():
     assert {language for language, _ in BLOCKS} == {"bash", "python"}
+
+
+def test_the_example_swaps_one_transform_in_five_lines(monkeypatch, capsys):
+    (block,) = [b for _, b in BLOCKS if "transforms.command.name=none" in b]
+    assert len([line for line in block.splitlines() if line]) == 5
+    monkeypatch.chdir(ROOT)
+    space: dict = {}
+    exec(block, space)
+    assert re.match(r"tensor\(-?\d+\.", capsys.readouterr().out)
+    swapped = [type(t) for t in space["env"].transform]
+    exec(block.replace(', "transforms.command.name=none"', ""), space)
+    before = [type(t) for t in space["env"].transform]
+    assert RateLimit in before
+    assert swapped == [kind for kind in before if kind is not RateLimit]
+
+
+def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    lines = README.replace("\\\n", " ").splitlines()
+    commands = [shlex.split(line) for line in lines if "scripts/train_policy.py" in line]
+    learned, mujoco = (plain(build(PolicyRunConfig, words[2:])) for words in commands[:2])
+    assert {Path(c["engine"]["simulator"]).suffix for c in (learned, mujoco)} == {".pt", ".yaml"}
+    for config in (learned, mujoco):
+        del config["engine"], config["output"]
+    assert learned == mujoco
+    assert learned["task"]["transforms"]["rewards"]["options"]  # ours, not the bare defaults
 
 
 @pytest.mark.slow

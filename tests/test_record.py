@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
+import yaml
 
 from buggy_rl import keys
 from buggy_rl.recordings import load_recordings
@@ -54,6 +55,39 @@ def test_a_wrong_option_is_refused_by_name(record, tmp_path):
     with pytest.raises(SystemExit, match="secconds"):
         record(f"output={tmp_path}", "secconds=3")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_concealed_fault_is_in_the_drives_and_its_name_where_it_was_sealed(record, tmp_path):
+    plain, riddle, answer = (tmp_path / name for name in ("plain", "riddle", "answer"))
+    common = ["drives=1", "seconds=2.5", "seed=4"]
+    record(f"output={plain}", *common)
+    fault = ["faults.payload.mass_ratio=1.5", "camera.gyro_bias=0.1"]
+    record(f"output={riddle}", *common, *fault, f"sealed={answer}")
+    assert [file.name for file in riddle.iterdir()] == ["drive_00.csv"]
+    assert (plain / "config.yaml").is_file()
+    config = yaml.safe_load((answer / "config.yaml").read_text())
+    assert config["faults"] == {"payload": {"mass_ratio": 1.5}}
+    assert config["camera"]["gyro_bias"] == 0.1
+    one, two = (pd.read_csv(folder / "drive_00.csv") for folder in (plain, riddle))
+    assert list(one.columns) == list(two.columns)
+    assert two["vx"].mean() < 0.95 * one["vx"].mean()
+    assert (two["yaw_rate"] - one["yaw_rate"])[:20].mean() == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("faults.payload.mass=1.5", "no fault payload.mass; available: .*payload.mass_ratio"),
+        ("faults.payload.mass_ratio=9", "must be in"),
+        ("sealed={output}/answer", "name a folder elsewhere"),
+        ("sealed={output}", "name a folder elsewhere"),
+    ],
+)
+def test_an_impossible_riddle_is_one_line_and_leaves_nothing(record, tmp_path, wrong, message):
+    output = tmp_path / "out"
+    with pytest.raises(SystemExit, match=message):
+        record(f"output={output}", "drives=1", "seconds=1", wrong.format(output=output))
+    assert not output.exists()
 
 
 def test_the_sample_is_small_accepted_and_complete():

@@ -1,12 +1,17 @@
 """The scripts as a user runs them, on a small study; one after the other in one folder."""
 
+import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
+
+from buggy_rl.config import build
+from buggy_rl.policy_run import PolicyRunConfig
 
 ROOT = Path(__file__).parents[1]
 STUDY = """
@@ -91,3 +96,72 @@ def test_a_missing_folder_of_drives_is_one_line_not_a_traceback(study: list[str]
     assert done.returncode == 1
     assert "nowhere" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+SMALL_TASK = ("task.paths.count=3", "task.paths.validation_count=2", "task.paths.waypoints=12")
+
+
+@pytest.fixture
+def run_here(monkeypatch):
+    """Runs a script in this process, which saves it the imports."""
+
+    def run_one(script: str, *arguments: str) -> None:
+        monkeypatch.chdir(ROOT)
+        monkeypatch.setattr(sys, "argv", [f"scripts/{script}.py", *arguments])
+        runpy.run_path(f"scripts/{script}.py", run_name="__main__")
+
+    return run_one
+
+
+def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
+    engine = "engine.simulator=kinematic"
+    small = ("rounds=1", "candidates=4", "tuning_paths=2", "steps=60", "random_paths=2")
+    run_here("tune_drivers", engine, f"output={tmp_path / 'drivers'}", *SMALL_TASK, *small)
+    table = pd.read_csv(tmp_path / "drivers" / "drivers.csv")
+    assert set(table["driver"]) == {"pure_pursuit", "stanley", "random"}
+    assert "| stanley | infinity |" in (tmp_path / "drivers" / "drivers.md").read_text()
+
+    for seed in (0, 1):
+        run_here(
+            "train_policy", engine, f"output={tmp_path / f'run_{seed}'}", f"seed={seed}",
+            "ppo.cars=4", "ppo.batch_steps=32", "ppo.minibatch=64", "ppo.steps=256",
+            "validations=2", "validation_steps=20", "policy.hidden=[4]", *SMALL_TASK,
+        )  # fmt: skip
+    run_here(
+        "show_learning", f"runs.kinematic=[{tmp_path / 'run_0'},{tmp_path / 'run_1'}]",
+        f"drivers.kinematic={tmp_path / 'drivers' / 'drivers.csv'}", f"output={tmp_path / 'l.png'}",
+    )  # fmt: skip
+    run_here(
+        "show_policies", f"policies.mine={tmp_path / 'run_0' / 'last.pt'}", "courses=[lap]",
+        "car=kinematic", f"pure_pursuit={tmp_path / 'drivers' / 'pure_pursuit.yaml'}",
+        f"output={tmp_path / 'p.png'}",
+    )  # fmt: skip
+    for picture in ("l.png", "p.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    assert "kinematic, validation_waypoints: " in said
+    assert "after 256 steps, pure pursuit " in said
+    assert said.count("in its simulator") == 1
+
+
+def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
+    demo = runpy.run_path(str(ROOT / "scripts" / "demo.py"))
+    talk = (
+        "import sys; print('first line'); sys.stderr.write('  7%|x| 7/100 [00:01<00:12, "
+        "3.5 closed]\\r 60%|xx| 60/100 [00:02<00:01, 8.1 closed]\\n'); sys.exit('broken')"
+    )
+    code, lines = demo["follow"]("learned", [sys.executable, "-c", talk], 0)
+    assert (code, sorted(lines)) == (1, ["broken", "first line"])
+    shown = capfd.readouterr().err
+    assert "learned  60%" in shown
+    assert "8.1 closed" in shown
+
+
+def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    demo = runpy.run_path("scripts/demo.py")
+    config = build(PolicyRunConfig, [*demo["SETTINGS"], "output=demo"])
+    ours = build(PolicyRunConfig, ["configs/ppo.yaml", "output=demo"])
+    assert config.ppo.steps < ours.ppo.steps
+    assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours
+    assert replace(config.ppo, steps=ours.ppo.steps) == ours.ppo

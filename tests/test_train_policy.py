@@ -90,5 +90,5 @@ def test_runs_on_two_simulators_differ_in_the_engine_alone(train, tmp_path):
 def test_help_answers_without_torch(repository):
     command = [sys.executable, "-X", "importtime", "scripts/train_policy.py", "--help"]
     done = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=True)
-    assert "ppo.learning_rate=0.001" in done.stdout
+    assert "ppo.learning_rate=0.003" in done.stdout
     assert "torch" not in done.stderr

@@ -14,7 +14,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,17 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
     if missing:
         raise ConfigError(f"needed but not given: {', '.join(sorted(missing))}")
     return OmegaConf.to_object(config)
+
+
+def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
+    """Builds a config from what `plain` made of one, such as that in a policy file.
+
+    Raises:
+        ConfigError: It has a key or value that the class does not take; the message names `source`.
+    """
+    from omegaconf import OmegaConf
+
+    return OmegaConf.to_object(_merge(OmegaConf.structured(cls), content, source))
 
 
 def _read_yaml(file: Path):
@@ -114,13 +125,7 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
     """One line for each option of a dataclass: key, default, what it means. Imports nothing."""
     module, _, name = schema.partition(":")
     tree = _source(module)
-    origins = {
-        alias.asname or alias.name: f"{node.module}:{alias.name}"
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom) and node.module
-        for alias in node.names
-    }
-    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    origins, classes = _imported(tree), {node.name: node for node in _classes(tree)}
     if name not in classes:
         raise ConfigError(f"{module} defines no class {name}")
     body = classes[name].body
@@ -130,10 +135,10 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
         key, kind = prefix + node.target.id, ast.unparse(node.annotation)
         if kind.startswith("dict[str, "):  # options of each entry, under a name of one's own
             inner = kind.removeprefix("dict[str, ").rstrip("]")
-            if inner in classes or _is_class(origins.get(inner, "")):
+            if inner in classes or _home(origins.get(inner, "")):
                 key, kind = f"{key}.NAME", inner
-        nested = f"{module}:{kind}" if kind in classes else origins.get(kind, "")
-        if _is_class(nested):
+        nested = f"{module}:{kind}" if kind in classes else _home(origins.get(kind, ""))
+        if nested:
             yield from describe(nested, f"{key}.")
             continue
         default = "(needed)" if node.value is None else _default(node.value)
@@ -148,11 +153,29 @@ def _source(module: str) -> ast.Module:
     return ast.parse(Path(spec.origin).read_text())
 
 
-def _is_class(name: str) -> bool:
+def _imported(tree: ast.Module) -> dict[str, str]:
+    """What a module imports by name, also for the type checker only: name -> `module:name`."""
+    return {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+
+
+def _classes(tree: ast.Module) -> list[ast.ClassDef]:
+    return [node for node in tree.body if isinstance(node, ast.ClassDef)]
+
+
+def _home(name: str) -> str:
+    """`module:Class` where a class of ours is defined, also when a package hands it on; or ""."""
     module, _, attribute = name.partition(":")
     if not module.startswith("buggy_rl."):
-        return False
-    return any(isinstance(n, ast.ClassDef) and n.name == attribute for n in _source(module).body)
+        return ""
+    tree = _source(module)
+    if attribute in {node.name for node in _classes(tree)}:
+        return name
+    return _home(_imported(tree).get(attribute, ""))
 
 
 def _default(value: ast.expr) -> str:

@@ -10,14 +10,15 @@ One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
     print(env.rollout(100)["next", "reward"].sum())
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
-from buggy_rl.engines import make_engine
+from buggy_rl.effects import make_effects
+from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.paths.making import PathConfig, make_paths
 from buggy_rl.paths.path_set import PathSet
 from buggy_rl.transforms import make_transform
@@ -73,6 +74,39 @@ class TaskConfig:
     history, leave_path, path_end, rewards, step_limit, or a place of one's own."""
 
 
+def make_simulator(
+    simulator: str | Path,
+    batch_size: int | Sequence[int] = (),
+    device: str = "cpu",
+    parameters: Mapping[str, float] | None = None,
+    **options: Any,
+) -> EnvBase:
+    """Builds an engine, or one with missing physics put into it (`effects:` of a .yaml file).
+
+    Args:
+        simulator: As for `make_engine`.
+        batch_size: Likewise.
+        device: Likewise.
+        parameters: Likewise.
+        options: Likewise.
+
+    Raises:
+        ValueError: A name is unknown; the message lists the known ones.
+    """
+    if not str(simulator).endswith((".yaml", ".yml")):
+        return make_engine(simulator, batch_size, device, parameters, **options)
+    content = read_simulator(Path(simulator))
+    merged = {**content["parameters"], **(parameters or {})}
+    settings = {**content["options"], **options}
+    engine = make_simulator(content["engine"], batch_size, device, merged or None, **settings)
+    if not content["effects"]:
+        return engine
+    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
+    for effect in make_effects(content["effects"]):
+        env.append_transform(effect)
+    return env
+
+
 def make_env(
     engine: EnvBase | str | Path,
     effects: Sequence[Transform] = (),
@@ -84,7 +118,7 @@ def make_env(
     """Puts missing physics and a task over an engine.
 
     Args:
-        engine: A simulator, or what `make_engine` makes one of.
+        engine: A simulator, or what `make_simulator` makes one of.
         effects: Missing physics, from the engine outwards.
         task: What to do; None is the original study's task, made sound.
         batch_size: Number of cars or a shape, for an engine that is still to be made.
@@ -96,7 +130,7 @@ def make_env(
     """
     task = task or TaskConfig()
     if not isinstance(engine, EnvBase):
-        engine = make_engine(engine, batch_size, device)
+        engine = make_simulator(engine, batch_size, device)
     # Over a simulator that is itself an engine with transforms, one stack grows from theirs.
     env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
     context = {
@@ -108,6 +142,14 @@ def make_env(
         env.append_transform(transform)
     _ = env.output_spec  # a transform that stands in a wrong place says so here
     return env
+
+
+def judged(transforms: dict[str, TransformConfig]) -> dict[str, TransformConfig]:
+    """The stack in which drivers are compared: a path for each car, all set down at its start."""
+    waypoints = transforms["waypoints"]
+    exact = {"order": "fixed", "start_lateral": 0.0, "start_heading": 0.0}
+    options = {**waypoints.options, **exact}
+    return {**transforms, "waypoints": replace(waypoints, options=options)}
 
 
 def in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:

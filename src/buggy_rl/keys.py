@@ -46,3 +46,8 @@ TARGET_SPEED = "target_speed"  # [1] vx asked for [m/s]
 
 REWARD_TERMS = "reward_terms"  # [T] weighted, in the order of the rewards' configuration
 STEP_COUNT = "step_count"  # [1] int64, of the episode
+
+# Of the effects.
+
+ELAPSED = "elapsed"  # [1] s since the battery was at its best; a reset may give it, else 0
+MEMORY = "_memory"  # ends the key of an effect's own latent state: effect's name + this

@@ -1,14 +1,18 @@
 """The policy: a Gaussian actor and its critic, from a config, to a file and back."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
-from tensordict.nn import TensorDictModule
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
 from torch import Tensor, nn
-from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
+from torch.distributions import Distribution
+from torchrl.envs.utils import ExplorationType, exploration_type
+from torchrl.modules import ValueOperator
 
 from buggy_rl import keys
 from buggy_rl.keys import OBSERVATION
@@ -72,16 +76,69 @@ class Scaling(nn.Module):
         self.count.copy_(total)
 
 
-class Gaussian(nn.Module):
-    """Mean and standard deviation [*, 2] of the commands; the latter the same in every state."""
+class Gaussian(Distribution):
+    """Independent normal commands: log p(u) = -sum_i (z_i^2 / 2 + log sd_i + log(2 pi) / 2).
+
+    z = (u - mean) / sd.
+
+    Args:
+        loc: Means [*, n].
+        log_sd: Logarithms [n] of the standard deviations, the same in every state.
+    """
+
+    arg_constraints: ClassVar[dict[str, Any]] = {}
+
+    def __init__(self, loc: Tensor, log_sd: Tensor) -> None:
+        self.loc, self.log_sd = loc, log_sd
+        self.scale = log_sd.exp()
+        super().__init__(loc.shape[:-1], loc.shape[-1:], validate_args=False)
+
+    @torch.no_grad()
+    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+        noise = torch.randn((*sample_shape, *self.loc.shape), device=self.loc.device)
+        return torch.addcmul(self.loc, noise, self.scale)
+
+    def log_prob(self, value: Tensor) -> Tensor:
+        z = (value - self.loc) / self.scale
+        return -0.5 * z.square().sum(-1) - self._constant()
+
+    def entropy(self) -> Tensor:
+        return (self._constant() + 0.5 * self.log_sd.numel()).expand(self.batch_shape)
+
+    def _constant(self) -> Tensor:
+        return self.log_sd.sum() + 0.5 * math.log(2 * math.pi) * self.log_sd.numel()
+
+
+class Actor(TensorDictModuleBase):
+    """Draws commands; with TorchRL's exploration set to deterministic, the mean.
+
+    Does what TorchRL's `ProbabilisticActor` does with `IndependentNormal`, at a fraction of its
+    fixed cost for a call, which is felt at some hundred cars a step and 2048 rows a minibatch.
+
+    Args:
+        mean: Observations [*, size] to mean commands [*, n].
+        log_sd: [n]
+    """
 
     def __init__(self, mean: nn.Module, log_sd: nn.Parameter) -> None:
         super().__init__()
+        self.in_keys = [OBSERVATION]
+        self.out_keys = ["loc", "scale", keys.ACTION, "action_log_prob"]
         self.mean, self.log_sd = mean, log_sd
 
-    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        mean = self.mean(observation)
-        return mean, self.log_sd.exp().expand_as(mean)
+    def get_dist(self, tensordict: TensorDictBase) -> Gaussian:
+        """The distribution of commands for `observation` [*, size]; the loss asks for it."""
+        return Gaussian(self.mean(tensordict.get(OBSERVATION)), self.log_sd)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes `action`, `loc`, `scale` [*, n] and `action_log_prob` [*]."""
+        drawn = self.get_dist(tensordict)
+        mean_wanted = exploration_type() == ExplorationType.DETERMINISTIC
+        action = drawn.loc if mean_wanted else drawn.sample()
+        tensordict.set("loc", drawn.loc)
+        tensordict.set("scale", drawn.scale.expand_as(drawn.loc))
+        tensordict.set(keys.ACTION, action)
+        return tensordict.set("action_log_prob", drawn.log_prob(action))
 
 
 class Policy(nn.Module):
@@ -106,16 +163,9 @@ class Policy(nn.Module):
         self.value_layers = _layers(observation_size, 1, 1.0, self.config)
         self.log_sd = nn.Parameter(torch.full((ACTIONS,), math.log(self.config.initial_sd)))
 
-    def actor(self) -> ProbabilisticActor:
+    def actor(self) -> Actor:
         """Draws `action` [*, 2] for `observation` [*, size], with `action_log_prob` [*]."""
-        gaussian = Gaussian(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
-        return ProbabilisticActor(
-            TensorDictModule(gaussian, [OBSERVATION], ["loc", "scale"]),
-            in_keys=["loc", "scale"],
-            out_keys=[keys.ACTION],
-            distribution_class=IndependentNormal,
-            return_log_prob=True,
-        )
+        return Actor(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
 
     def critic(self) -> ValueOperator:
         """Writes `state_value` [*, 1] of `observation` [*, size]."""

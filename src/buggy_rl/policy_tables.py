@@ -8,8 +8,7 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from buggy_rl.driving import Driver, Scores, drive
-from buggy_rl.engines import make_engine
-from buggy_rl.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.env import TaskConfig, TransformConfig, judged, make_env, make_simulator
 from buggy_rl.paths import PathConfig
 from buggy_rl.policy import load_policy
 
@@ -114,16 +113,14 @@ def _drives(
     course = courses(config)[name]
     many = {"training": config.random_paths, "validation": course.paths.validation_count}
     cars = many.get(name, config.car_drives if on_the_car else 1)
-    stack = dict(config.task.transforms)
-    waypoints = stack["waypoints"]
-    stack["waypoints"] = replace(waypoints, options={**waypoints.options, "order": "fixed"})
+    stack = judged(config.task.transforms)
     stack["step_limit"] = TransformConfig("step_limit", {"max_steps": course.steps})
     if on_the_car:  # a simulator is judged as it is; the car is seen through its camera
         stack["noise"] = TransformConfig("observation_noise")
     task = replace(config.task, paths=course.paths, transforms=stack)
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        return drive(make_env(make_engine(simulator, cars), task=task), driver, course.steps)
+        return drive(make_env(make_simulator(simulator, cars), task=task), driver, course.steps)
 
 
 def _joined(parts: Sequence[Scores]) -> Scores:

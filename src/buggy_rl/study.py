@@ -10,7 +10,7 @@ from omegaconf import MISSING
 
 from buggy_rl.comparison import Candidate
 from buggy_rl.dataset import Preparation, split
-from buggy_rl.engines import make_engine
+from buggy_rl.env import make_simulator
 from buggy_rl.fitting import FitConfig
 from buggy_rl.models.factory import ModelConfig, load_model
 from buggy_rl.models.training import TrainingConfig
@@ -167,7 +167,7 @@ def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candi
         leaked = sorted(set(about["drives"]) & held_out)
         if leaked:
             raise ValueError(f"{name} was trained on {leaked}, which now judge: train it anew")
-        make = partial(make_engine, "learned", model=model)
+        make = partial(make_simulator, "learned", model=model)
         yield Candidate(name, make, 1 if training.preparation == "raw" else training.filter_width)
     named = {
         f"{config.fit_simulator}, as shipped": config.fit_simulator,
@@ -178,7 +178,7 @@ def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candi
     }
     for name, simulator in (named | config.simulators).items():
         options = config.fit_options if simulator == config.fit_simulator else {}
-        yield Candidate(name, partial(make_engine, simulator, **options))
+        yield Candidate(name, partial(make_simulator, simulator, **options))
 
 
 def file_name(name: str) -> str:

@@ -9,38 +9,7 @@ from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.parameters import DIMENSIONS
 from buggy_rl.engines.reference.state import CHARGE, DUTY, LEAN, SERVO, TYRE_SLIP, WHEEL_SLIP
 from buggy_rl.vehicle import GRAVITY, rotate, shift_velocity
-
-SYMMETRIC = {"lock_left": 0.36, "lock_right": 0.36, "steering_trim": 0.0}
-
-
-def start(velocity, pose=None):
-    velocity = torch.as_tensor(velocity, dtype=torch.float32)
-    pose = torch.zeros_like(velocity) if pose is None else torch.as_tensor(pose)
-    return TensorDict({keys.POSE: pose, keys.VELOCITY: velocity}, velocity.shape[:-1])
-
-
-def drive(engine, state, actions):
-    """States [T + 1, *] from a start under actions [T, *, 2] or [T, 2]."""
-    state = engine.reset(state) if WHEEL_SLIP not in state else state
-    states = [state.select(*engine.state_spec.keys())]
-    for action in torch.as_tensor(actions, dtype=torch.float32):
-        step = states[-1].clone().set(keys.ACTION, action.expand(*engine.batch_size, 2))
-        states.append(engine.step(step)["next"].select(*engine.state_spec.keys()))
-    return torch.stack(states)
-
-
-def held(throttle, steering, seconds):
-    return torch.tensor([throttle, steering]).expand(round(100 * seconds), 2)
-
-
-def varied(batch, seconds, seed=0):
-    """Starts up to 3.5 m/s and commands that change five times a second, all random."""
-    draw = torch.Generator().manual_seed(seed)
-    span = torch.tensor([3.5, 0.3, 2.0])
-    velocity = (torch.rand(batch, 3, generator=draw) - torch.tensor([0.0, 0.5, 0.5])) * span
-    velocity[: batch // 8] = 0
-    actions = 2 * torch.rand(round(5 * seconds), batch, 2, generator=draw) - 1
-    return start(velocity), actions.repeat_interleave(20, 0)
+from tests.engines.reference_drives import SYMMETRIC, drive, held, start, varied
 
 
 @pytest.fixture(scope="module")
@@ -96,9 +65,9 @@ def test_coasting_loses_energy_but_for_what_the_tyres_spring_back():
     energy = 0.5 * (body + engine.values["yaw_inertia"] * velocity[..., 2].square())
     # A carcass strained by s L under the force c F_z s holds at most c F_z L s^2 / 2.
     slip = states[TYRE_SLIP].movedim((-2, -1), (0, 1))  # (2, 4, T + 1, 64)
-    spring = (engine._tyres.stiffness.unsqueeze(-1) * slip.square()).sum(0)
+    spring = (engine.car.tyres.stiffness.unsqueeze(-1) * slip.square()).sum(0)
     spring = 0.5 * engine.values["relaxation_length"] * spring
-    stored = (spring * engine._chassis.static_load.unsqueeze(-1)).sum(0)
+    stored = (spring * engine.car.chassis.static_load.unsqueeze(-1)).sum(0)
     growth = energy.diff(dim=0)
     assert (growth < stored[:-1] + 1e-6).all()
     moving = torch.linalg.vector_norm(velocity[:-1, :, :2], dim=-1) > 0.5
@@ -222,23 +191,13 @@ def test_fast_turns_are_limited_by_grip_and_understeer():
     assert ((speed / yaw_rate).diff() > 0).all()  # the circle widens with speed
 
 
-def test_a_gentle_slope_holds_the_car_and_a_steep_one_takes_it_down_however_it_stands():
-    slope = torch.tensor([0.2, 0.2, 0.2, 1.5, 1.5, 1.5])
-    engine = ReferenceEngine().with_parameters(TensorDict({"floor_slope_x": slope}, [6]))
-    pose = torch.zeros(6, 3)
-    pose[:, 2] = torch.tensor([0.0, 1.0, -2.5]).repeat(2)
-    way = drive(engine, start(torch.zeros(6, 3), pose), held(-1, 0, 2))[keys.POSE][-1, :, :2]
-    assert torch.linalg.vector_norm(way[:3], dim=-1).max() < 2e-3
-    assert (way[3:, 0] > 0.1).all()
-
-
 def test_an_emptier_battery_is_slower_and_driving_empties_it():
     values = TensorDict({"initial_charge": torch.tensor([1.0, 0.5, 0.1])}, [3])
     engine = ReferenceEngine(parameters=SYMMETRIC).with_parameters(values)
     states = drive(engine, start(torch.zeros(3, 3)), held(0.5, 0, 3))
     assert (states[keys.VELOCITY][-1, :, 0].diff() < -0.05).all()
     assert (states[CHARGE].diff(dim=0) > 0).all()
-    voltage = engine._drivetrain.open_voltage(states[CHARGE][..., 0])
+    voltage = engine.car.drivetrain.open_voltage(states[CHARGE][..., 0])
     assert (voltage[-1] < voltage[0]).all()
 
 
@@ -262,13 +221,6 @@ def test_each_car_of_a_batch_has_its_own_parameters():
         own = {name: float(value[index]) for name, value in values.items()}
         alone = drive(ReferenceEngine(parameters=own), start(torch.zeros(3)), actions)
         torch.testing.assert_close(alone[keys.POSE], both[keys.POSE][:, index])
-
-
-def test_a_payload_makes_the_car_slower_off_the_line_without_spinning_it():
-    values = TensorDict({"payload_mass_ratio": torch.tensor([1.0, 1.4])}, [2])
-    engine = ReferenceEngine(parameters=SYMMETRIC).with_parameters(values)
-    vx = drive(engine, start(torch.zeros(2, 3)), held(-0.1, 0, 0.6))[keys.VELOCITY][-1, :, 0]
-    assert vx[1] < 0.85 * vx[0]
 
 
 def test_a_step_can_be_differentiated_from_rest_and_by_every_parameter():

@@ -52,6 +52,18 @@ def test_a_waypoint_closes_where_its_line_is_crossed_within_the_bound(x, y, clos
     assert after[task.WAYPOINTS].shape == (10, 2)
 
 
+def test_a_car_is_set_down_about_the_start_as_far_as_asked():
+    options = {"start_lateral": 0.2, "start_heading": 0.5}
+    torch.manual_seed(0)
+    _, state = standing(batch_size=(512,), **options)  # the path starts at 0, 0 along x
+    x, y, yaw = state[keys.POSE].unbind(-1)
+    torch.testing.assert_close(x, torch.zeros(512))
+    for value, limit in ((y, 0.2), (yaw, 0.5)):
+        assert 0.9 * limit < float(value.abs().max()) <= limit
+        assert abs(float(value.mean())) < 0.1 * limit
+    torch.testing.assert_close(state[task.LATERAL_ERROR][..., 0], y)
+
+
 @pytest.mark.parametrize("bound", [0.1, 2.0])
 def test_the_lateral_bound_can_be_chosen(bound):
     env, state = standing(lateral_bound=bound)

@@ -6,7 +6,6 @@ when it ends, and leaves both to turn away from the walls while its car can stil
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import torch
 from tensordict import TensorDictBase
@@ -14,8 +13,10 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.camera import CameraConfig
+from buggy_rl.drivers.recording import RecordConfig, RoomConfig
 from buggy_rl.vehicle import CONTROL_PERIOD, rotate
+
+__all__ = ["RecordConfig", "RoomConfig", "RoomDriver"]
 
 STEERING_KINDS = ("hold", "ramp", "sweep", "steps", "straight")
 STEERING_CHANCES = (0.2, 0.2, 0.25, 0.15, 0.2)
@@ -36,56 +37,6 @@ LARGEST_DRIFT = 0.35  # [rad] of the car against its course; beyond it a person 
 STEERED_DRIVE = 0.5  # drive in 0..1 a person dares at full lock
 STRAIGHT_AMPLITUDE = 0.1  # command of what a person would call going straight
 FULL_THROTTLE_GAIN = 1.0  # [m/s] what a car may still gain while the driver reacts
-
-
-@dataclass(frozen=True)
-class RoomConfig:
-    """The room and what the driver believes of the car; cautious, so that any engine stays in."""
-
-    size: float = 8.0
-    """Side of the square room, centred on the world's origin [m]."""
-    clearance: float = 0.3
-    """Kept between the tracking sensor and a wall [m]."""
-    turning_radius: float = 0.75
-    """Of a slow turn at 80 % of the lock [m]."""
-    lateral_acceleration: float = 5.5
-    """That a fast turn reaches [m/s^2]."""
-    reaction: float = 0.2
-    """From seeing to the car's answer [s]."""
-    drive_at_rest: float = 0.22
-    """Drive in 0..1 that just moves the car."""
-    drive_per_speed: float = 0.1
-    """Further drive for each m/s to be held [s/m]."""
-    thumb_rate: float = 25.0
-    """Fastest change of a command [1/s]."""
-
-
-@dataclass(frozen=True)
-class RecordConfig:
-    """Drives in the room, as recordings."""
-
-    output: str
-    """Folder for the recordings."""
-    simulator: str = "reference"
-    """What is driven: an engine's name, a .yaml, a .pt, or file.py:factory."""
-    drives: int = 6
-    """Number of recordings."""
-    seconds: float = 40.0
-    """Length of each [s]."""
-    seed: int = 0
-    """Of the starts, the driver and the camera's noise."""
-    format: str = "csv"
-    """csv or parquet."""
-    prefix: str = "drive"
-    """Files are named prefix_00, prefix_01, ..."""
-    camera: CameraConfig = field(default_factory=CameraConfig)
-    room: RoomConfig = field(default_factory=RoomConfig)
-
-    def __post_init__(self) -> None:
-        if self.format not in ("csv", "parquet"):
-            raise ValueError(f"format is {self.format!r}: must be csv or parquet")
-        if self.drives < 1 or self.seconds <= 0:
-            raise ValueError(f"{self.drives} drives of {self.seconds} s: both must be positive")
 
 
 class RoomDriver(TensorDictModuleBase):

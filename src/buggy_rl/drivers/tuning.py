@@ -6,7 +6,6 @@ from typing import Any, TypeVar
 
 import torch
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl.driving import drive
@@ -28,6 +27,8 @@ class Trial:
     values: dict[str, float]
     waypoints: float
     lateral_rms: float
+    out_of_range: float
+    """Share of steps; 0 over engines that know all there is to know of themselves."""
 
 
 def tune(
@@ -38,6 +39,7 @@ def tune(
     steps: int = 1000,
     rounds: int = 4,
     lateral_limit: float = 0.15,
+    range_limit: float = 1.0,
     seed: int = 0,
 ) -> tuple[Config, list[Trial]]:
     """Looks for the numbers that close most waypoints without straying.
@@ -54,6 +56,8 @@ def tune(
         rounds: Of the search.
         lateral_limit: RMS distance from the path [m] that the best may not exceed; when nothing
             keeps to it, the one that strays least is taken.
+        range_limit: Share of steps that the best may be out of a learned simulator's training
+            range: what such a simulator says of faster drivers is worth little.
         seed: Of the search.
 
     Returns:
@@ -78,21 +82,22 @@ def tune(
         values[0] = best
         of_cars = values.repeat_interleave(paths, 0).unbind(-1)
         scores = drive(env, driver(_with(config, dict(zip(ranges, of_cars, strict=True)))), steps)
-        means = [s.reshape(-1, paths).mean(1) for s in (scores.waypoints, scores.lateral_rms)]
+        judged = (scores.waypoints, scores.lateral_rms, scores.out_of_range.nan_to_num(0.0))
+        means = [s.reshape(-1, paths).mean(1).tolist() for s in judged]
         trials += [
-            Trial(dict(zip(ranges, row, strict=True)), waypoints, lateral_rms)
-            for row, waypoints, lateral_rms in zip(
-                values.tolist(), *map(Tensor.tolist, means), strict=True
-            )
+            Trial(dict(zip(ranges, row, strict=True)), *came)
+            for row, *came in zip(values.tolist(), *means, strict=True)
         ]
-        trials.sort(key=lambda t: _rank(t, lateral_limit), reverse=True)
+        trials.sort(key=lambda t: _rank(t, lateral_limit, range_limit), reverse=True)
         best = torch.tensor(list(trials[0].values.values()))
     return _with(config, trials[0].values), trials
 
 
-def _rank(trial: Trial, lateral_limit: float) -> tuple[bool, float]:
-    kept = trial.lateral_rms <= lateral_limit
-    return kept, trial.waypoints if kept else -trial.lateral_rms
+def _rank(trial: Trial, lateral_limit: float, range_limit: float) -> tuple[bool, bool, float]:
+    within, kept = trial.out_of_range <= range_limit, trial.lateral_rms <= lateral_limit
+    if not within:
+        return False, False, -trial.out_of_range
+    return True, kept, trial.waypoints if kept else -trial.lateral_rms
 
 
 def _ranges(config: Any, prefix: str = ""):

@@ -78,22 +78,39 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     return with_parameters(TensorDict(values, shape))
 
 
-def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase":
+def read_simulator(file: Path) -> dict[str, Any]:
+    """What a simulator file says: engine, parameters, options, effects; paths made absolute.
+
+    Raises:
+        ValueError: There is no such file, or it is none of a simulator.
+    """
     if not file.is_file():
         raise ValueError(f"there is no simulator file {file}")
     content = yaml.safe_load(file.read_text())
-    allowed = {"engine", "parameters", "options"}
+    allowed = {"engine", "parameters", "options", "effects"}
     if not isinstance(content, dict) or "engine" not in content:
         raise ValueError(f"{file}: a simulator file needs the key 'engine'")
     # Underscored keys hold what a fit reports about itself: intervals, warnings.
     unknown = {key for key in content if not key.startswith("_")} - allowed
     if unknown:
         raise ValueError(f"{file}: unknown keys {sorted(unknown)}; allowed: {sorted(allowed)}")
-    merged = {**(content.get("parameters") or {}), **(parameters or {})}
-    settings = {**(content.get("options") or {}), **options}
-    if "model" in settings:  # a path beside the YAML file itself
-        settings["model"] = str(file.parent / settings["model"])
-    engine = str(content["engine"])
-    if ".py:" in engine and not Path(engine).is_absolute():
-        engine = str(file.parent / engine)
-    return make_engine(engine, batch_size, device, merged or None, **settings)
+    result = {key: content.get(key) or {} for key in sorted(allowed)}
+    result["engine"] = engine = str(content["engine"])
+    beside = (".yaml", ".yml", ".pt")
+    if (engine.endswith(beside) or ".py:" in engine) and not Path(engine).is_absolute():
+        result["engine"] = str(file.parent / engine)
+    if "model" in result["options"]:  # a path beside the YAML file itself
+        model = str(file.parent / result["options"]["model"])
+        result["options"] = {**result["options"], "model": model}
+    return result
+
+
+def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase":
+    content = read_simulator(file)
+    if content["effects"]:
+        raise ValueError(
+            f"{file} is an engine with effects: build it with buggy_rl.env.make_simulator"
+        )
+    merged = {**content["parameters"], **(parameters or {})}
+    settings = {**content["options"], **options}
+    return make_engine(content["engine"], batch_size, device, merged or None, **settings)

@@ -9,10 +9,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import opensimplex
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from buggy_rl.paths.noise import simplex_noise
 from buggy_rl.paths.shapes import from_origin, resampled
 
 SAMPLES = 8  # of noise in a unit; a spline through them is within 0.2 % of the amplitude
@@ -44,7 +44,7 @@ def simplex_paths(
     amplitude, step, rows = room / 2, spacing / CHASE_STEPS, waypoints * CHASE_STEPS
     units = math.ceil(NOISE_RESERVE * waypoints * spacing / (METRES_A_UNIT * amplitude)) + 1
     place = np.arange(units * SAMPLES + 1) / SAMPLES
-    noise = np.stack([_noise(seed, place) for seed in seeds])  # (P, 2, units * SAMPLES + 1)
+    noise = _noise(seeds, place)  # (P, 2, units * SAMPLES + 1)
     fine = np.arange(0, units, step / (2 * METRES_A_UNIT * amplitude))
     curve = amplitude * CubicSpline(place, noise, axis=-1)(fine)  # (P, 2, M)
     evenly = [resampled(path.T, step) for path in curve]
@@ -56,12 +56,13 @@ def simplex_paths(
     return from_origin(track[:, :rows:CHASE_STEPS])
 
 
-def _noise(seed: int, place: NDArray) -> NDArray:
-    """Simplex noise [2, N] along two lines, for x and y."""
+def _noise(seeds: Sequence[int], place: NDArray) -> NDArray:
+    """Simplex noise [P, 2, N] along two lines, for x and y."""
     # Noise is zero in the corners of its lattice: begin anywhere, or all paths begin alike.
-    along, across = np.random.default_rng(seed).uniform(0.0, 1.0, 2)
-    lines = across + np.array([0.0, LINES_APART])
-    return opensimplex.OpenSimplex(seed).noise2array(along + place, lines)
+    begin = np.stack([np.random.default_rng(seed).uniform(0.0, 1.0, 2) for seed in seeds])
+    along = np.repeat(begin[:, :1, None] + place, 2, axis=1)  # (P, 2, N)
+    lines = begin[:, 1:] + np.array([0.0, LINES_APART])  # (P, 2)
+    return simplex_noise(seeds, along, np.broadcast_to(lines[..., None], along.shape))
 
 
 def chase(target: NDArray, step: float, radius: float, rows: int) -> NDArray:

@@ -49,6 +49,11 @@ class Waypoints(TaskTransform):
         visible: Waypoints shown.
         lateral_bound: [m] beside a waypoint that still counts.
         order: Which path at a reset: `random`, or `fixed`, the car's own index.
+        start_lateral: Farthest that a car is set down beside the path's start [m].
+        start_heading: Farthest that it is turned from the path's direction there [rad].
+
+    Raises:
+        ValueError: `order` is unknown.
     """
 
     before: tuple[str, ...] = (OBSERVATION,)
@@ -71,12 +76,15 @@ class Waypoints(TaskTransform):
         lateral_bound: float = 0.5,
         at_once: int = 3,
         order: Literal["random", "fixed"] = "random",
+        start_lateral: float = 0.0,
+        start_heading: float = 0.0,
     ) -> None:
         super().__init__()
         if order not in ("random", "fixed"):
             raise ValueError(f"waypoints: order is {order!r}: must be random or fixed")
         self.paths, self.visible, self.at_once = paths, visible, at_once
         self.lateral_bound, self.order = lateral_bound, order
+        self.start_lateral, self.start_heading = start_lateral, start_heading
         for name, table in _tables(paths, visible).items():
             self.register_buffer(name, table, persistent=False)
 
@@ -89,8 +97,19 @@ class Waypoints(TaskTransform):
         if tensordict.get(PATH, None) is None:
             tensordict.set(PATH, self._chosen(tensordict.batch_size))
         if tensordict.get(keys.POSE, None) is None:
-            tensordict.set(keys.POSE, self.start[tensordict.get(PATH).squeeze(-1)])
+            tensordict.set(keys.POSE, self._set_down(tensordict.get(PATH)))
         return tensordict
+
+    def _set_down(self, path: Tensor) -> Tensor:
+        """Pose [*, 3] about the start of `path` [*, 1]."""
+        start = self.start[path.squeeze(-1)]
+        if not (self.start_lateral or self.start_heading):
+            return start
+        beside, turn = (2 * torch.rand(2, *path.shape, device=start.device) - 1).unbind(0)
+        x, y, yaw = start.split(1, -1)
+        beside = self.start_lateral * beside
+        moved = [x - beside * torch.sin(yaw), y + beside * torch.cos(yaw)]
+        return torch.cat([*moved, yaw + self.start_heading * turn], -1)
 
     def _chosen(self, shape: torch.Size) -> Tensor:
         """Paths [*shape, 1] to begin with."""

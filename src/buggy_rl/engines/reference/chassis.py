@@ -6,9 +6,12 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.wheels import per_wheel, sides
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
+PAYLOAD_RADIUS = 0.04  # [m] of gyration of what is put on the car: a block of 0.1 m; chosen
+PAYLOAD_HEIGHT = 0.08  # [m] of its centre above the floor: on the roof plate; chosen
 TINY = 1e-12  # [m^2/s^2] under a root, so that a gradient exists at rest
 
 
@@ -18,11 +21,20 @@ class Chassis:
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         dimensions: Wheelbase, track width and wheel radius.
+        faults: What is put on the car, over its centre of gravity.
     """
 
-    def __init__(self, values: Mapping[str, Tensor], dimensions: VehicleDimensions) -> None:
-        self.mass = values["mass"] * values["payload_mass_ratio"]
-        self.yaw_inertia = values["yaw_inertia"] * values["payload_mass_ratio"]
+    def __init__(
+        self,
+        values: Mapping[str, Tensor],
+        dimensions: VehicleDimensions,
+        faults: Faults | None = None,
+    ) -> None:
+        faults = faults or Faults({}, values["mass"])
+        ratio = faults["payload.mass_ratio"]
+        payload = values["mass"] * (ratio - 1.0)
+        self.mass = values["mass"] * ratio
+        self.yaw_inertia = values["yaw_inertia"] + payload * PAYLOAD_RADIUS**2
         self.drag = values["aerodynamic_drag"]
         to_front = values["cg_to_front_axle"]
         to_rear = dimensions.wheelbase - to_front
@@ -35,7 +47,8 @@ class Chassis:
         self.static_load = per_wheel(
             weight * to_rear / dimensions.wheelbase, weight * to_front / dimensions.wheelbase
         )
-        moment = self.mass * values["cg_height"]  # [kg m] moment over acceleration
+        higher = (PAYLOAD_HEIGHT - values["cg_height"]) * ((ratio - 1.0) / ratio)
+        moment = self.mass * (values["cg_height"] + higher)  # [kg m] moment over acceleration
         pitch = 0.5 * moment / dimensions.wheelbase
         roll = moment / dimensions.track_width
         share = values["front_roll_share"]

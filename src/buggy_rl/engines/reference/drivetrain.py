@@ -8,7 +8,20 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.chassis import Chassis
+from buggy_rl.engines.reference.commands import SHORTEST, Follower
+from buggy_rl.engines.reference.faults import Faults
+from buggy_rl.engines.reference.state import HEAT, THUMB, WOUND
+from buggy_rl.vehicle import GRAVITY
+
 KNEE = 12  # steepness of the end of discharge: half of the knee is in the last 6 % of the charge
+DRIVEN_CURRENT = 2.15  # [A] mean of the battery in 64 drives of 20 s by the room driver
+COOLING = 30.0  # [s] in which a motor's winding gives its heat to the can; chosen
+THROTTLE_SHARE = 1.45  # share of the voltage that drives as a share of the throttle; see `faults`
+DRAGGED = 0.1  # share of a bent axle's moment that is a front wheel's dragging; chosen
+ROLLING_SPEED = 0.1  # [m/s] from which on a bent axle binds; chosen
+NO_LOAD = 1e-3  # [N] on an axle in the air, under a fraction
+CRAWL = 0.05  # [m/s] below it a limit of power limits no current; chosen
 
 
 class Drivetrain:
@@ -17,49 +30,122 @@ class Drivetrain:
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         wheel_radius: [m].
+        chassis: What the wheels carry.
+        faults: Of controller, battery, motor and wheels.
+        dt: Substep [s].
     """
 
-    def __init__(self, values: Mapping[str, Tensor], wheel_radius: float) -> None:
-        self.values = values
+    def __init__(
+        self,
+        values: Mapping[str, Tensor],
+        wheel_radius: float,
+        chassis: Chassis,
+        faults: Faults | None = None,
+        dt: float = 1e-3,
+    ) -> None:
+        faults = faults or Faults({}, values["mass"])
+        self.values, self.faults = values, faults
         gear = values["gear_ratio"] / wheel_radius  # [1/m] motor angle over way at the tread
-        self.motor_constant = values["motor_constant"] * gear  # [V s/m] = [N/A]
+        # Fewer turns of a thicker wire: less back-EMF, as much less torque and resistance, so that
+        # the force at a standstill stays.
+        winding = faults["top_speed.speed_ratio"]
+        self.motor_constant = values["motor_constant"] * gear / winding  # [V s/m] = [N/A]
+        self.motor_resistance = values["motor_resistance"] / winding
         self.wheel_mass = values["wheel_inertia"] / wheel_radius**2
         self.axle_mass = 2.0 * self.wheel_mass + values["rotor_inertia"] * gear.square()
+
+        spare = values["throttle_deadband"]
+        self.deadband = spare + (1.0 - spare) * faults["throttle_deadband.width"]
+        self.power = faults["motor_power_limit.power_per_mass"] * values["mass"]
+        self.filter = Follower(faults["throttle_lag.time_constant"], dt)
+        left = faults["loose_differential.time_constant"]
+        self.tight, self.winding_up = left <= 0, -torch.expm1(-dt / left.clamp_min(SHORTEST))
+
+        # What slows the wheels slows car and wheels together.
+        self.rolling_mass = chassis.mass + 2.0 * self.wheel_mass + self.axle_mass
+        share = self.rolling_mass / chassis.mass
+        slowing = faults["rolling_resistance.deceleration"] * share / GRAVITY
+        self.rolling = values["rolling_resistance"] + slowing
+        self.scrub = faults["cornering_drag.coefficient"]
+        self.bearing = 0.25 * faults["viscous_drag.rate"] * self.rolling_mass  # [N s/m] a wheel
+        self.axle_viscosity = values["gear_viscosity"] + 2.0 * self.bearing
+        self.half_viscosity = values["differential_viscosity"] + self.bearing
+        # Force at the half track on one side: the friction of a front wheel, and as much as is
+        # missing of force that the rear axle takes from the wheel of that side for the other.
+        moment = faults["one_sided_drag.yaw_acceleration"] * chassis.yaw_inertia
+        force = moment / chassis.wheel_y[0]  # [N]
+        dragging = DRAGGED * force
+        self.dragging = torch.stack([dragging.clamp_min(0.0), (-dragging).clamp_min(0.0)])  # (2, *)
+        self.binding = 0.5 * (1.0 - DRAGGED) * force
 
     def open_voltage(self, charge: Tensor) -> Tensor:
         """Open-circuit voltage [*] after `charge` [*] [A s] was taken out since full.
 
-        V = V_full - a q - b q^12,  q = charge / capacity.
+        V = V_full - a q - b q^12,  q = charge / capacity. A worn battery loses, on top of that,
+        in proportion to what was taken out since the start.
         """
         values = self.values
         used = (charge / values["capacity"]).clamp(0.0, 1.0)
-        return (
+        voltage = (
             values["full_voltage"]
             - values["voltage_drop"] * used
             - values["knee_drop"] * used**KNEE
         )
+        if "battery_sag" not in self.faults:
+            return voltage
+        taken = charge - (1.0 - values["initial_charge"]) * values["capacity"]
+        lost = self.faults["battery_sag.loss_per_minute"] * taken / (60.0 * DRIVEN_CURRENT)
+        lost = THROTTLE_SHARE * lost
+        return voltage * (1.0 - lost).clamp_min(0.0)
+
+    def filtered(self, hidden: dict[str, Tensor], throttle: Tensor) -> Tensor:
+        """Throttle [*] behind the speed controller's filter, a step on."""
+        hidden[THUMB] = self.filter.moved(hidden[THUMB], throttle)
+        return hidden[THUMB][1]
 
     def target_duty(self, throttle: Tensor) -> Tensor:
         """Duty cycle [*] asked for by `throttle` [*] in [-1, 1]: nothing inside the deadband."""
-        deadband = self.values["throttle_deadband"]
         drive = 0.5 * (throttle + 1.0)
-        return ((drive - deadband) / (1.0 - deadband)).clamp(0.0, 1.0)
+        duty = ((drive - self.deadband) / (1.0 - self.deadband)).clamp(0.0, 1.0)
+        if "throttle_gain" in self.faults:
+            duty = (duty * self.faults["throttle_gain.gain"]).clamp_max(1.0)
+        return duty
+
+    def throttle_at(self, duty: Tensor) -> Tensor:
+        """Throttle [*] that asks for a duty cycle [*]; none at all for none."""
+        drive = self.deadband + (1.0 - self.deadband) * duty / self.faults["throttle_gain.gain"]
+        return torch.where(duty > 0, 2.0 * drive.clamp_max(1.0) - 1.0, -1.0)
 
     def slewed(self, duty: Tensor, target: Tensor, dt: float) -> Tensor:
         """Duty cycle [*] after a step towards its target, no faster than the slew allows."""
         step = self.values["throttle_slew"] * dt
         return duty + torch.clamp(target - duty, -step, step)
 
-    def current(self, duty: Tensor, axle_speed: Tensor, voltage: Tensor) -> Tensor:
+    def current(
+        self, duty: Tensor, axle_speed: Tensor, voltage: Tensor, heat: Tensor | None = None
+    ) -> Tensor:
         """Motor current [*] [A] at a tread speed [*] [m/s] and an open-circuit voltage [*] [V].
 
         The controller is a transformer: V_motor = d (V - R_b d i), i_battery = d i, thus
-        i = (d V - k u) / (R_m + d^2 R_b). A negative current is let through by `drag_brake` only.
+        i = (d V - k u) / (R_m + d^2 R_b). It freewheels: a negative current does not flow. `heat`
+        [*] [J] in the winding raises R_m.
         """
-        values = self.values
-        resistance = values["motor_resistance"] + duty.square() * values["battery_resistance"]
+        winding = self.motor_resistance
+        if heat is not None:
+            winding = winding * (1.0 + self.faults["heating_motor.rise"] * heat)
+        resistance = winding + duty.square() * self.values["battery_resistance"]
         current = (duty * voltage - self.motor_constant * axle_speed) / resistance
-        return torch.maximum(current, values["drag_brake"] * current)
+        if "motor_power_limit" in self.faults:  # k i u is what arrives at the shaft
+            limit = self.power / (self.motor_constant * axle_speed.clamp_min(CRAWL))
+            current = torch.minimum(current, limit)
+        if "drag_brake" in self.faults:
+            return torch.maximum(current, self.faults["drag_brake.share"] * current)
+        return current.clamp_min(0.0)
+
+    def warmed(self, hidden: dict[str, Tensor], current: Tensor, dt: float) -> None:
+        """Heats the winding by its loss: dQ/dt = R_m i^2 - Q / tau."""
+        loss = self.motor_resistance * current.square() - hidden[HEAT] / COOLING
+        hidden[HEAT] = hidden[HEAT] + dt * loss
 
     def drained(self, charge: Tensor, duty: Tensor, current: Tensor, dt: float) -> Tensor:
         """Charge [*] [A s] taken out of the battery after a step."""
@@ -70,7 +156,14 @@ class Drivetrain:
         return (self.motor_constant * speed / voltage).clamp(0.0, 1.0)
 
     def spun(
-        self, tread: Tensor, ground_force: Tensor, load: Tensor, current: Tensor, dt: float
+        self,
+        tread: Tensor,
+        ground_force: Tensor,
+        load: Tensor,
+        current: Tensor,
+        dt: float,
+        side_force: Tensor | None = None,
+        twist: Tensor | None = None,
     ) -> Tensor:
         """Tread speeds [4, *] [m/s] after a step.
 
@@ -84,24 +177,48 @@ class Drivetrain:
             load: [4, *] normal load [N].
             current: [*] motor current [A].
             dt: Step [s].
+            side_force: [4, *] lateral force of the ground on each tyre [N], where it scrubs.
+            twist: [*] motor current that the left half of the axle gets in excess of its share.
         """
-        values = self.values
-        rolling = values["rolling_resistance"] * load * dt  # (4, *) momentum dry friction can take
+        rolling = self.rolling * load * dt  # (4, *) momentum dry friction can take
+        if side_force is not None:
+            rolling = rolling + self.scrub * dt * shared(side_force, load)
+        held = rolling[:2] + self.dragging * dt if "one_sided_drag" in self.faults else rolling[:2]
         front = tread[:2] - ground_force[:2] * (dt / self.wheel_mass)
-        front = stopped(front, rolling[:2] / self.wheel_mass)
+        if "viscous_drag" in self.faults:
+            front = front / (1.0 + self.bearing * dt / self.wheel_mass)
+        front = stopped(front, held / self.wheel_mass)
 
         left, right = tread[2:]
         force_left, force_right = ground_force[2:]
         motor = self.motor_constant * current
         mean = 0.5 * (left + right)
         mean = mean + (motor - force_left - force_right) * (dt / self.axle_mass)
-        mean = mean / (1.0 + values["gear_viscosity"] * dt / self.axle_mass)
-        dry = rolling[2] + rolling[3] + values["gear_friction"] * dt
+        mean = mean / (1.0 + self.axle_viscosity * dt / self.axle_mass)
+        dry = rolling[2] + rolling[3] + self.values["gear_friction"] * dt
         mean = stopped(mean, dry / self.axle_mass)
 
         half = 0.5 * (left - right) - 0.5 * (force_left - force_right) * (dt / self.wheel_mass)
-        half = half / (1.0 + values["differential_viscosity"] * dt / self.wheel_mass)
+        if "one_sided_drag" in self.faults:
+            half = half - self.binding * torch.tanh(mean / ROLLING_SPEED) * (dt / self.wheel_mass)
+        if twist is not None:
+            half = half + 0.5 * self.motor_constant * twist * (dt / self.wheel_mass)
+        half = half / (1.0 + self.half_viscosity * dt / self.wheel_mass)
         return torch.cat([front, torch.stack([mean + half, mean - half])])
+
+    def twisted(self, hidden: dict[str, Tensor], current: Tensor) -> Tensor:
+        """Current [*] that a loose differential gives its left half in excess: it comes late."""
+        late = hidden[WOUND].squeeze(0)
+        late = torch.where(self.tight, current, late + self.winding_up * (current - late))
+        hidden[WOUND] = late.unsqueeze(0)
+        return late - current
+
+
+def shared(force: Tensor, load: Tensor) -> Tensor:
+    """Size of each axle's whole force [4, *] shared among its two wheels by load [4, *]."""
+    sides = force.unflatten(0, (2, 2)).sum(1), load.unflatten(0, (2, 2)).sum(1)  # (2, *) an axle
+    friction = sides[0].abs() / sides[1].clamp_min(NO_LOAD)
+    return load * friction.repeat_interleave(2, 0)
 
 
 def stopped(speed: Tensor, reach: Tensor) -> Tensor:

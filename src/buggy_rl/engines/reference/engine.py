@@ -1,10 +1,10 @@
-"""The reference car as an engine: what its parts do in one substep, and its latent state.
+"""The reference car as an engine: its state in the TensorDict, its faults out of sight.
 
 Not modelled: roll-over, bumps, tyre temperature, the motor's inductance, reverse.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -13,26 +13,26 @@ from torchrl.data import TensorSpec, Unbounded
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
-from buggy_rl.engines.reference.chassis import Chassis
-from buggy_rl.engines.reference.drivetrain import Drivetrain
+from buggy_rl.engines.reference.car import Car
+from buggy_rl.engines.reference.faults import Faults, as_tensors
 from buggy_rl.engines.reference.parameters import DIMENSIONS, PARAMETERS
 from buggy_rl.engines.reference.state import (
     CHARGE,
     DUTY,
     LATENT_SHAPES,
     LEAN,
+    LINE,
+    RACK,
     SERVO,
+    SET_POINT,
+    THUMB,
     TYRE_SLIP,
     WHEEL_SLIP,
     CarState,
-    Setting,
 )
-from buggy_rl.engines.reference.steering import Steering
-from buggy_rl.engines.reference.tyres import Tyres
-from buggy_rl.vehicle import CONTROL_PERIOD, GRAVITY, rotate, shift_velocity, slip_angle
+from buggy_rl.vehicle import CONTROL_PERIOD, rotate, shift_velocity
 
 SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
-GUESS_SPEED = 0.3  # [m/s] below it a velocity says little about the steering; chosen
 
 
 class ReferenceEngine(Engine):
@@ -44,6 +44,13 @@ class ReferenceEngine(Engine):
         parameters: Values that differ from `PARAMETERS`, by name.
         dt: Control period [s].
         substep: Longest internal step [s].
+        faults: What is wrong with the car, as `{"effect.parameter": value}` or nested, as
+            `{"effect": {"parameter": value}}`, a number for all cars or a tensor of the batch's
+            shape; see `faults.FAULTS`.
+
+    Raises:
+        KeyError: A parameter or a fault has no such name.
+        ValueError: A fault is outside its range.
     """
 
     def __init__(
@@ -53,162 +60,134 @@ class ReferenceEngine(Engine):
         parameters: Mapping[str, float] | None = None,
         dt: float = CONTROL_PERIOD,
         substep: float = SUBSTEP,
+        faults: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(batch_size, device, parameters, dt, declared=PARAMETERS)
         self.substep = substep
+        self._fault_values = as_tensors(faults, self.device)
         self._substeps = max(1, round(dt / substep))
         self._parameters_changed()
         self._finish()
 
+    def with_faults(self, values: TensorDictBase | Mapping[str, Any]) -> Self:
+        """The same car with other faults, one set a car; faults that are not named stay.
+
+        Args:
+            values: As `faults` of the class, in tensors of the batch's shape. A TensorDict's batch
+                size becomes the engine's; of a mapping it is that of the longest tensor.
+
+        Raises:
+            KeyError: There is no such fault.
+            ValueError: A value is outside the range of its fault.
+        """
+        tensors = as_tensors(values, self.device)
+        if isinstance(values, TensorDictBase):
+            batch_size = values.batch_size
+        else:
+            shapes = [tensor.shape for tensor in tensors.values()]
+            batch_size = torch.broadcast_shapes(self.batch_size, *shapes)
+        engine = self._rebuilt(batch_size)
+        engine.values = dict(self.values)
+        engine._fault_values |= tensors
+        engine._parameters_changed()
+        engine._finish()
+        return engine
+
     def _parameters_changed(self) -> None:
+        values = self._spread_out(self.values)
+        faults = Faults(self._spread_out(self._fault_values), values["mass"])
+        self.car = Car(values, faults, self.dt, self._substeps)
+
+    def _spread_out(self, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
         ones = (1,) * len(self.batch_size)
-        values = {
-            name: value if value.dim() else value.reshape(ones)
-            for name, value in self.values.items()
-        }
-        self._spread = values
-        self._chassis = Chassis(values, DIMENSIONS)
-        self._tyres = Tyres(values, self._chassis.static_load)
-        self._drivetrain = Drivetrain(values, DIMENSIONS.wheel_radius)
-        self._steering = Steering(values, DIMENSIONS.track_width, DIMENSIONS.wheelbase)
+        return {n: v if v.dim() else v.reshape(ones) for n, v in values.items()}
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         return {
             name: Unbounded(torch.Size((*self.batch_size, *shape)), device=self.device)
-            for name, shape in LATENT_SHAPES.items()
+            for name, shape in (LATENT_SHAPES | self.car.hidden_shapes).items()
         }
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         # A car seen in motion: wheels roll, the motor neither drives nor brakes, and steering,
         # tyres and springs are what a steady turn with this yaw rate would need.
+        chassis, tyres = self.car.chassis, self.car.tyres
+        drivetrain, steering = self.car.drivetrain, self.car.steering
         at_cg = shift_velocity(velocity, -DIMENSIONS.sensor_to_cg)
         vx, vy, yaw_rate = at_cg.unbind(-1)
-        servo = self._guessed_servo(at_cg)
-        cos, sin = self._steering.directions(servo)
-        along, across = self._chassis.wheel_velocity(vx, vy, yaw_rate, cos, sin)
-        transport = self._tyres.transport_speed(along, across, along)
+        servo = self.car.guessed_servo(at_cg)
+        cos, sin = steering.directions(servo)
+        along, across = chassis.wheel_velocity(vx, vy, yaw_rate, cos, sin)
+        transport = tyres.transport_speed(along, across, along)
         slip_speed = torch.stack([torch.zeros_like(across), -across])  # (2, 4, *)
-        friction = self._tyres.friction(self._chassis.static_load, slip_speed)
+        friction = tyres.friction(chassis.static_load, slip_speed)
         slip = slip_speed / transport
-        slip = slip / self._tyres.strain(slip, friction).clamp_min(1.0)
-        charge = (1.0 - self._spread["initial_charge"]) * self._spread["capacity"]
+        slip = slip / tyres.strain(slip, friction).clamp_min(1.0)
+        charge = (1.0 - self.car.values["initial_charge"]) * self.car.values["capacity"]
         charge = charge.expand_as(vx)
-        voltage = self._drivetrain.open_voltage(charge)
+        voltage = drivetrain.open_voltage(charge)
         lean = torch.stack([torch.zeros_like(vx), vx * yaw_rate], -1)
+        duty = drivetrain.freewheeling_duty(vx, voltage)
         return {
             WHEEL_SLIP: torch.zeros_like(along).movedim(0, -1),
             TYRE_SLIP: slip.movedim((0, 1), (-2, -1)).contiguous(),
             LEAN: torch.stack([lean, torch.zeros_like(lean)], -2),
             SERVO: servo.unsqueeze(-1),
-            DUTY: self._drivetrain.freewheeling_duty(vx, voltage).unsqueeze(-1),
+            DUTY: duty.unsqueeze(-1),
             CHARGE: charge.unsqueeze(-1).clone(),
+            **self._rest_hidden(servo, drivetrain.throttle_at(duty)),
         }
 
-    def _guessed_servo(self, velocity: Tensor) -> Tensor:
-        # Front wheels point where their axle moves, plus the slip that carries their load.
-        vx, _, yaw_rate = velocity.unbind(-1)
-        needed = vx * yaw_rate / (GRAVITY * self._spread["front_cornering_stiffness"])
-        angle = slip_angle(velocity, 0.0, self._spread["cg_to_front_axle"]) + needed
-        weight = vx.square() / (vx.square() + GUESS_SPEED**2)
-        return weight * self._steering.servo_at(angle)
+    def _rest_hidden(self, servo: Tensor, throttle: Tensor) -> dict[str, Tensor]:
+        """What the faults carry in a car that was driven so for a while, cool and not turned."""
+        held = {
+            LINE: torch.stack([throttle, servo], -1).unsqueeze(-2),
+            THUMB: throttle.unsqueeze(-1),
+            RACK: servo.unsqueeze(-1),
+            SET_POINT: servo.unsqueeze(-1),
+        }
+        nothing = torch.zeros_like(servo).unsqueeze(-1)
+        return {
+            name: held.get(name, nothing).expand(*servo.shape, *shape).contiguous()
+            for name, shape in self.car.hidden_shapes.items()
+        }
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
-        pose = state[keys.POSE]
-        throttle, steering = action.unbind(-1)
-        car = self._unpacked(state)
-        down = torch.stack(
-            torch.broadcast_tensors(self._spread["floor_slope_x"], self._spread["floor_slope_y"]),
-            -1,
-        )
-        slope_x, slope_y = rotate(down, -pose[..., 2]).unbind(-1)
-        setting = Setting(
-            steering=steering,
-            duty=self._drivetrain.target_duty(throttle),
-            voltage=self._drivetrain.open_voltage(car.charge),
-            slope_x=slope_x,
-            slope_y=slope_y,
-        )
-        for _ in range(self._substeps):
-            self._substep(car, setting, self.dt / self._substeps)
-        return self._packed(car, pose)
-
-    def _substep(self, car: CarState, setting: Setting, dt: float) -> None:
-        chassis, tyres, drivetrain = self._chassis, self._tyres, self._drivetrain
-        servo = self._steering.moved(car.servo, setting.steering, dt)
-        duty = drivetrain.slewed(car.duty, setting.duty, dt)
-
-        cos, sin = self._steering.directions(0.5 * (car.servo + servo))
-        along, across = chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)
-        slip_speed = torch.stack([car.tread - along, -across])  # (2, 4, *)
-        transport = tyres.transport_speed(along, across, car.tread)
-        slip, felt = tyres.relaxed(car.slip, slip_speed, transport, dt)
-        load = chassis.loads(car.lean, car.lean_rate)
-        strain = tyres.strain(felt, tyres.friction(load, slip_speed))
-        force = tyres.force(felt, load, strain)
-        car.slip = slip / strain.clamp_min(1.0)  # a sliding contact strains its carcass no further
-
-        axle_speed = 0.5 * (car.tread[2] + car.tread[3])
-        mean_duty = 0.5 * (car.duty + duty)
-        current = drivetrain.current(mean_duty, axle_speed, setting.voltage)
-        car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
-        car.tread = drivetrain.spun(car.tread, force[0], load, current, dt)
-
-        ax, ay, yaw_acceleration = chassis.acceleration(force, cos, sin, car.vx, car.vy)
-        car.lean, car.lean_rate = chassis.leaned(car.lean, car.lean_rate, torch.stack([ax, ay]), dt)
-        car.servo, car.duty = servo, duty
-        self._moved(car, setting, ax, ay, yaw_acceleration, dt)
-
-    def _moved(
-        self,
-        car: CarState,
-        setting: Setting,
-        ax: Tensor,
-        ay: Tensor,
-        yaw_acceleration: Tensor,
-        dt: float,
-    ) -> None:
-        cos, sin = torch.cos(car.dyaw), torch.sin(car.dyaw)
-        ax = ax + cos * setting.slope_x + sin * setting.slope_y
-        ay = ay + cos * setting.slope_y - sin * setting.slope_x
-        yaw_rate = car.yaw_rate + dt * yaw_acceleration
-        turn = 0.5 * dt * (car.yaw_rate + yaw_rate)
-        # dvx/dt = ax + r vy, dvy/dt = ay - r vx; one after the other, which keeps the speed of
-        # a turning frame from growing.
-        vx = car.vx + dt * ax + turn * car.vy
-        vy = car.vy + dt * ay - turn * vx
-        mean_x, mean_y = 0.5 * dt * (car.vx + vx), 0.5 * dt * (car.vy + vy)
-        car.dx = car.dx + cos * mean_x - sin * mean_y
-        car.dy = car.dy + sin * mean_x + cos * mean_y
-        car.dyaw = car.dyaw + turn
-        car.vx, car.vy, car.yaw_rate = vx, vy, yaw_rate
+        car, pose = self._unpacked(state), state[keys.POSE]
+        line = state[LINE] if LINE in self.car.hidden_shapes else None
+        heard, line = self.car.radio.heard(line, action)
+        self.car.advance(car, heard, pose)
+        packed = self._packed(car, pose)
+        return packed if line is None else packed | {LINE: line}
 
     def _unpacked(self, state: TensorDictBase) -> CarState:
         at_cg = shift_velocity(state[keys.VELOCITY], -DIMENSIONS.sensor_to_cg)
         vx, vy, yaw_rate = (part.contiguous() for part in at_cg.unbind(-1))
         servo = state[SERVO].squeeze(-1)
-        cos, sin = self._steering.directions(servo)
-        along, _ = self._chassis.wheel_velocity(vx, vy, yaw_rate, cos, sin)
         lean = state[LEAN].movedim((-2, -1), (0, 1)).contiguous()  # (2, 2, *)
+        hidden = {n: state[n].movedim(-1, 0) for n in self.car.hidden_shapes if n != LINE}  # (n, *)
         zero = torch.zeros_like(vx)
-        return CarState(
+        car = CarState(
             vx=vx,
             vy=vy,
             yaw_rate=yaw_rate,
             dx=zero,
             dy=zero,
             dyaw=zero,
-            tread=along + state[WHEEL_SLIP].movedim(-1, 0),
+            tread=state[WHEEL_SLIP].movedim(-1, 0),
             slip=state[TYRE_SLIP].movedim((-2, -1), (0, 1)).contiguous(),
             lean=lean[0],
             lean_rate=lean[1],
             servo=servo,
             duty=state[DUTY].squeeze(-1),
             charge=state[CHARGE].squeeze(-1),
+            rack=hidden[RACK][0] if RACK in hidden else servo,
+            hidden=hidden,
         )
+        car.tread = self.car.rolling_speed(car) + car.tread
+        return car
 
     def _packed(self, car: CarState, pose: Tensor) -> dict[str, Tensor]:
-        cos, sin = self._steering.directions(car.servo)
-        along, _ = self._chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)
         at_cg = torch.stack([car.vx, car.vy, car.yaw_rate], -1)
         # The sensor rides ahead of the centre of gravity: it moves by the same way plus its turn.
         ahead = DIMENSIONS.sensor_to_cg
@@ -221,14 +200,16 @@ class ReferenceEngine(Engine):
         return {
             keys.POSE: torch.cat([position, (yaw + car.dyaw).unsqueeze(-1)], -1),
             keys.VELOCITY: shift_velocity(at_cg, ahead),
-            WHEEL_SLIP: (car.tread - along).movedim(0, -1).contiguous(),
+            WHEEL_SLIP: (car.tread - self.car.rolling_speed(car)).movedim(0, -1).contiguous(),
             TYRE_SLIP: car.slip.movedim((0, 1), (-2, -1)).contiguous(),
             LEAN: lean.movedim((0, 1), (-2, -1)).contiguous(),
             SERVO: car.servo.unsqueeze(-1),
             DUTY: car.duty.unsqueeze(-1),
             CHARGE: car.charge.unsqueeze(-1),
+            **{name: value.movedim(0, -1).contiguous() for name, value in car.hidden.items()},
         }
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         values = {name: parameter.value for name, parameter in self.parameters.items()}
-        return type(self)(batch_size, self.device, values, self.dt, self.substep)
+        faults = self._fault_values
+        return type(self)(batch_size, self.device, values, self.dt, self.substep, faults)

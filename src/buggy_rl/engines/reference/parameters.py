@@ -33,15 +33,6 @@ BODY = (
         "kg m^2",
         "Moment of inertia about the vertical axis through the centre of gravity.",
     ),
-    # Neutral: what is put on the car.
-    Parameter(
-        "payload_mass_ratio",
-        1.0,
-        0.7,
-        2.0,
-        "-",
-        "Mass and yaw inertia on the floor over those of the bare car; 1 is no payload.",
-    ),
     # Chosen: frontal area about 0.15 m x 0.14 m, drag coefficient 1, air 1.2 kg/m^3.
     Parameter(
         "aerodynamic_drag", 0.0126, 0.0, 0.1, "kg/m", "Drag force over the square of the speed."
@@ -57,17 +48,9 @@ BODY = (
     ),
 )
 
-FLOOR = (
-    # Neutral: a level floor.
-    Parameter("floor_slope_x", 0.0, -2.0, 2.0, "m/s^2", "Pull of a tilted floor along world x."),
-    Parameter("floor_slope_y", 0.0, -2.0, 2.0, "m/s^2", "Pull of a tilted floor along world y."),
-)
-
 TYRES = (
     # DART: peak axle friction 0.84 / 0.85.
     Parameter("grip", 0.86, 0.3, 1.3, "-", "Friction of a tyre at its static load, not sliding."),
-    # Neutral: both axles the same rubber.
-    Parameter("grip_balance", 1.0, 0.7, 1.4, "-", "Front grip over rear grip, their product kept."),
     # Chosen: rubber on a hard floor loses some friction with load and with sliding speed.
     Parameter(
         "grip_load_loss", 0.08, 0.0, 0.3, "-", "Relative loss of friction per doubling of the load."
@@ -176,11 +159,8 @@ DRIVE = (
     Parameter(
         "throttle_deadband", 0.16, 0.0, 0.4, "-", "Drive in 0..1 below which the motor is off."
     ),
-    # Chosen: a soft start of 0.12 s; a freewheeling speed controller.
+    # Chosen: a soft start of 0.12 s.
     Parameter("throttle_slew", 8.0, 1.0, 100.0, "1/s", "Fastest change of the motor's duty cycle."),
-    Parameter(
-        "drag_brake", 0.0, 0.0, 1.0, "-", "Share of the motor's braking current that may flow."
-    ),
 )
 
 BATTERY = (
@@ -208,4 +188,4 @@ STEERING = (
     Parameter("ackermann", 0.5, 0.0, 1.2, "-", "0 parallel front wheels, 1 no scrub in a turn."),
 )
 
-PARAMETERS = (*BODY, *FLOOR, *TYRES, *DRIVE, *BATTERY, *STEERING)
+PARAMETERS = (*BODY, *TYRES, *DRIVE, *BATTERY, *STEERING)

@@ -1,6 +1,6 @@
 """What the reference car carries from step to step, as TensorDict keys and as plain tensors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor
 
@@ -22,6 +22,35 @@ LATENT_SHAPES = {
     CHARGE: (1,),
 }
 
+# Of the faults; each is there only while a car of the batch has the fault.
+LINE = "radio_line"  # [K, 2] commands still on their way, newest first
+THUMB = "thumb"  # [2] throttle as the speed controller's filter has it, its first lag's first
+GOING = "going"  # [1] 1 while a sticky servo moves
+RACK = "rack"  # [1] linkage behind its play, in command units
+SET_POINT = "set_point"  # [2] steering command as a slow servo has it, likewise
+WHEEL_TURN = "wheel_turn"  # [1] of the front left wheel [rad]
+HEAT = "heat"  # [1] in the motor's winding [J]
+WOUND = "wound"  # [1] motor current as the left half of a loose differential has it [A]
+
+HIDDEN_SHAPES = {
+    THUMB: (2,),
+    GOING: (1,),
+    RACK: (1,),
+    SET_POINT: (2,),
+    WHEEL_TURN: (1,),
+    HEAT: (1,),
+    WOUND: (1,),
+}
+CAUSES = {  # the fault that brings each of them
+    THUMB: "throttle_lag",
+    GOING: "sticky_servo",
+    RACK: "steering_backlash",
+    SET_POINT: "steering_lag",
+    WHEEL_TURN: "wheel_wobble",
+    HEAT: "heating_motor",
+    WOUND: "loose_differential",
+}
+
 
 @dataclass(slots=True)
 class CarState:
@@ -40,14 +69,16 @@ class CarState:
     servo: Tensor  # [*]
     duty: Tensor
     charge: Tensor
+    rack: Tensor  # [*] position of the linkage, in command units
+    hidden: dict[str, Tensor] = field(default_factory=dict)  # of the faults, each [n, *]
 
 
 @dataclass(slots=True)
 class Setting:
-    """What stays the same during a control period, each [*]."""
+    """What acts on the car during a control period, each [*]."""
 
-    steering: Tensor  # command
+    throttle: Tensor  # command
+    steering: Tensor
     duty: Tensor  # asked for by the throttle
     voltage: Tensor  # open-circuit [V]
-    slope_x: Tensor  # pull of the floor in the body frame at the start [m/s^2]
-    slope_y: Tensor
+    pose: Tensor  # [*, 3] of the sensor at the start, world frame

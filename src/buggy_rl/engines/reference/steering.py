@@ -5,7 +5,12 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.commands import Follower
+from buggy_rl.engines.reference.faults import Faults
+from buggy_rl.engines.reference.state import GOING, RACK, SET_POINT
 from buggy_rl.engines.reference.wheels import sides
+
+REACHED = 0.1  # share of the breakaway at which a servo that sticks stops again; chosen
 
 
 class Steering:
@@ -15,15 +20,32 @@ class Steering:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         track_width: [m].
         wheelbase: [m].
+        faults: Of servo and linkage.
+        dt: Substep [s] of `smoothed`.
     """
 
-    def __init__(self, values: Mapping[str, Tensor], track_width: float, wheelbase: float) -> None:
+    def __init__(
+        self,
+        values: Mapping[str, Tensor],
+        track_width: float,
+        wheelbase: float,
+        faults: Faults | None = None,
+        dt: float = 1e-3,
+    ) -> None:
+        faults = faults or Faults({}, values["lock_left"])
         self.values = values
         left, right = values["lock_left"], values["lock_right"]
-        self.gain = 0.5 * (left + right)
-        self.asymmetry = 0.5 * (left - right)
+        self.gain = 0.5 * (left + right) * faults["steering_gain.gain"]
+        self.asymmetry = 0.5 * (left - right) * faults["steering_gain.gain"]
         self.trim = values["steering_trim"]
         self.splay = sides(self.trim) * values["ackermann"] * (0.5 * track_width / wheelbase)
+        self.rate = torch.minimum(values["steering_rate"], faults["steering_rate_limit.rate"])
+
+        self.breakaway = faults["sticky_servo.breakaway"]
+        self.half_play = 0.5 * faults["steering_backlash.width"]
+        self.more_left = faults["steering_asymmetry.left_to_right"].sqrt()
+        self.smoothing = Follower(faults["steering_lag.time_constant"], dt)
+        self.lopsided = "steering_asymmetry" in faults
 
     def moved(self, servo: Tensor, command: Tensor, dt: float) -> Tensor:
         """Servo position [*] after a step towards the command [*], both in [-1, 1].
@@ -31,29 +53,65 @@ class Steering:
         ds/dt = clip((c - s) / tau, -rate, rate), exact where the rate does not limit.
         """
         follow = -torch.expm1(-dt / self.values["steering_lag"])
-        step = self.values["steering_rate"] * dt
+        step = self.rate * dt
         return servo + torch.clamp((command - servo) * follow, -step, step)
 
-    def angle(self, servo: Tensor) -> Tensor:
+    def unstuck(self, hidden: dict[str, Tensor], servo: Tensor, command: Tensor) -> Tensor:
+        """What a servo [*] that sticks goes for: the command [*] once far enough off, or nothing.
+
+        Moves from |c - s| > b on, until |c - s| < 0.1 b.
+        """
+        error = (command - servo).abs()
+        going = hidden[GOING].squeeze(0) > 0.5
+        going = (error > self.breakaway) | (going & (error > REACHED * self.breakaway))
+        hidden[GOING] = going.to(servo).unsqueeze(0)
+        return torch.where(going | (self.breakaway <= 0), command, servo)
+
+    def smoothed(self, hidden: dict[str, Tensor], command: Tensor) -> Tensor:
+        """Set point [*] of a servo that smoothes its command [*], a step on."""
+        hidden[SET_POINT] = self.smoothing.moved(hidden[SET_POINT], command)
+        return hidden[SET_POINT][1]
+
+    def followed(self, hidden: dict[str, Tensor], servo: Tensor) -> Tensor:
+        """Where the servo [*] takes the rack [*] behind the play between the two.
+
+        x = clip(x, s - w / 2, s + w / 2): within it the rack stays where it is.
+        """
+        rack = hidden[RACK].squeeze(0)
+        rack = torch.clamp(rack, servo - self.half_play, servo + self.half_play)
+        hidden[RACK] = rack.unsqueeze(0)
+        return rack
+
+    def angle(self, rack: Tensor) -> Tensor:
         """Mean road-wheel angle [*] [rad]: a linkage with a longer way to one side.
 
         delta = a s + b s^2 + trim, with a + b the left lock and a - b the right one.
         """
-        return servo * (self.gain + self.asymmetry * servo) + self.trim
+        angle = rack * (self.gain + self.asymmetry * rack)
+        return (angle * self._side(rack) if self.lopsided else angle) + self.trim
 
     def servo_at(self, angle: Tensor) -> Tensor:
         """Servo position [*] that makes a road-wheel angle [*] [rad], within [-1, 1]."""
         x = angle - self.trim
+        x = x / self._side(x) if self.lopsided else x
         root = (self.gain.square() + 4.0 * self.asymmetry * x).clamp_min(0.0).sqrt()
         return (2.0 * x / (self.gain + root)).clamp(-1.0, 1.0)
 
-    def directions(self, servo: Tensor) -> tuple[Tensor, Tensor]:
+    def _side(self, left: Tensor) -> Tensor:
+        return torch.where(left > 0, self.more_left, 1.0 / self.more_left)
+
+    def directions(self, rack: Tensor, turned: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Cosine and sine [4, *] of the angle of each wheel.
 
         cot(delta_i) = cot(delta) -+ k t / (2 L): the inner wheel is turned more, with k = 1 so
         that all wheels roll about one point.
+
+        Args:
+            rack: [*] position of the linkage, in command units.
+            turned: [2, *] what turns each front wheel beside the linkage [rad].
         """
-        angle = self.angle(servo)
+        angle = self.angle(rack)
+        angle = angle if turned is None else angle + turned
         sin = torch.sin(angle)
         forward = torch.cos(angle) - self.splay * sin  # (2, *)
         scale = torch.rsqrt(forward.square() + sin.square())

@@ -5,10 +5,12 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.wheels import per_wheel
 
 STANDSTILL_SPEED = 0.05  # [m/s] keeps the slip of a standing tyre finite; chosen
 DAMPING_SPEED = 1.0  # [m/s] above it the rolling itself damps the carcass; chosen
+SLIPPERY = 0.15  # friction lost by sliding over friction lost by a worn or wet tyre; chosen
 TINY = 1e-12  # under the roots, so that a gradient exists at zero slip
 
 
@@ -18,14 +20,20 @@ class Tyres:
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         static_load: [4, *] load of each wheel at rest [N].
+        faults: Of the rubber.
     """
 
-    def __init__(self, values: Mapping[str, Tensor], static_load: Tensor) -> None:
-        balance = values["grip_balance"].sqrt()
-        self.grip = per_wheel(values["grip"] * balance, values["grip"] / balance)
+    def __init__(
+        self, values: Mapping[str, Tensor], static_load: Tensor, faults: Faults | None = None
+    ) -> None:
+        faults = faults or Faults({}, values["grip"])
+        balance = faults["grip_balance.front_to_rear"].sqrt()
+        grip = values["grip"] * faults["tire_grip.grip"]
+        self.grip = per_wheel(grip * balance, grip / balance)
         self.load_loss = values["grip_load_loss"] / static_load
         self.load_gain = 1.0 - values["grip_load_loss"]
-        self.sliding_loss = values["grip_sliding_loss"]
+        worn = SLIPPERY * (1.0 - faults["tire_grip.grip"])
+        self.sliding_loss = values["grip_sliding_loss"] + worn
         self.sliding_speed = values["sliding_speed"]
         along = per_wheel(values["longitudinal_stiffness"], values["longitudinal_stiffness"])
         across = per_wheel(values["front_cornering_stiffness"], values["rear_cornering_stiffness"])

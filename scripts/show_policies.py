@@ -1,0 +1,38 @@
+r"""Draws policies on lap, infinity and the tight random path, in their simulators and on the car.
+
+    python scripts/show_policies.py policies.learned=runs/policies/learned_0/best.pt \
+        policies.mujoco=runs/policies/mujoco_0/best.pt output=runs/policies.png
+
+The line each one drove is coloured by its speed; pure pursuit is the thin grey one. Prints the
+waypoints closed and the mean distance from the path of both.
+"""
+
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, run
+
+
+def main() -> None:
+    """Drives and draws."""
+    config = from_command_line(__doc__, "buggy_rl.policy_drives:ShowPoliciesConfig")
+
+    import torch
+    from tqdm import tqdm
+
+    from buggy_rl.policy_drives import panels
+    from buggy_rl.visual import policies_figure
+
+    torch.set_num_threads(config.threads)
+    found = list(panels(config, lambda todo: tqdm(todo, "driving", unit="place")))
+    print(f"{'policy':16} {'driven':22} {'path':9} {'waypoints':>9} {'off path':>9}  pure pursuit")
+    for p in found:
+        own, other = (f"{t.waypoints:9.0f} {t.lateral_mean:7.3f} m" for t in (p.track, p.compared))
+        print(f"{p.policy:16} {p.place:22} {p.course:9} {own}  {other.strip()}")
+    file = Path(config.output)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    policies_figure(found).savefig(file, dpi=120)
+    print(f"written: {file}")
+
+
+if __name__ == "__main__":
+    run(main)

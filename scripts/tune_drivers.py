@@ -1,0 +1,44 @@
+r"""Tunes pure pursuit and Stanley for a simulator, and says how well they drive in it.
+
+    python scripts/tune_drivers.py engine.simulator=runs/sample/mujoco_fitted.yaml \
+        output=runs/drivers/mujoco
+
+Writes OUTPUT/drivers.md, drivers.csv, and the numbers found as OUTPUT/pure_pursuit.yaml and
+stanley.yaml, which other scripts take.
+"""
+
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, plain, run, save_run
+
+
+def main() -> None:
+    """Tunes, drives, prints and saves."""
+    config = from_command_line(__doc__, "buggy_rl.driver_tables:DriverTablesConfig")
+
+    import pandas as pd
+    import torch
+    import yaml
+    from tqdm import tqdm
+
+    from buggy_rl.driver_tables import results, table, tuned
+
+    torch.set_num_threads(config.threads)
+    folder = Path(config.output)
+    save_run(config, folder)
+    found, best = {}, {}
+    for name in config.drivers:
+        with tqdm(total=config.rounds * config.steps, desc=f"tuning {name}", unit="step") as bar:
+            found[name], trials = tuned(config, name, bar.update)
+        best[name] = trials[0]
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(plain(found[name]), sort_keys=False))
+    rows = list(results(config, found, lambda todo: tqdm(todo, "driving", unit="course")))
+    text = table(rows, best, config)
+    print(f"\n{text}")
+    (folder / "drivers.md").write_text(text)
+    pd.DataFrame([row.row() for row in rows]).to_csv(folder / "drivers.csv", index=False)
+    print(f"written: {folder}/drivers.md, drivers.csv, " + ", ".join(f"{n}.yaml" for n in found))
+
+
+if __name__ == "__main__":
+    run(main)

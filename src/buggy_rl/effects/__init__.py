@@ -1,0 +1,104 @@
+"""Missing physics by name: each effect is a transform between engine and task."""
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from buggy_rl.config import load_named
+
+if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
+    from buggy_rl.effects.base import Effect
+
+# From the engine outwards, the order in which they stand in a stack. Commands pass it from the far
+# end: radio, then servo, then linkage; controller, then motor, then battery. What reads the
+# engine's own forces stands before what adds to them. A sensor's delays come before its mounting.
+EFFECTS = {
+    "battery_sag": "buggy_rl.effects.actuation.throttle:BatterySag",
+    "throttle_gain": "buggy_rl.effects.actuation.throttle:ThrottleGain",
+    "throttle_deadband": "buggy_rl.effects.actuation.throttle:ThrottleDeadband",
+    "throttle_lag": "buggy_rl.effects.actuation.timing:ThrottleLag",
+    "throttle_offset": "buggy_rl.effects.actuation.throttle:ThrottleOffset",
+    "throttle_dead_time": "buggy_rl.effects.actuation.timing:ThrottleDeadTime",
+    "steering_offset": "buggy_rl.effects.actuation.steering:SteeringOffset",
+    "steering_gain": "buggy_rl.effects.actuation.steering:SteeringGain",
+    "steering_asymmetry": "buggy_rl.effects.actuation.steering:SteeringAsymmetry",
+    "steering_backlash": "buggy_rl.effects.actuation.steering:SteeringBacklash",
+    "steering_lag": "buggy_rl.effects.actuation.timing:SteeringLag",
+    "steering_rate_limit": "buggy_rl.effects.actuation.timing:SteeringRateLimit",
+    "steering_dead_time": "buggy_rl.effects.actuation.timing:SteeringDeadTime",
+    "tire_grip": "buggy_rl.effects.tyre:TireGrip",
+    "grip_balance": "buggy_rl.effects.tyre:GripBalance",
+    "grip_patch": "buggy_rl.effects.tyre:GripPatch",
+    "payload": "buggy_rl.effects.motion.drive:Payload",
+    "top_speed": "buggy_rl.effects.motion.drive:TopSpeed",
+    "motor_power_limit": "buggy_rl.effects.motion.drive:MotorPowerLimit",
+    "aerodynamic_drag": "buggy_rl.effects.motion.resistance:AerodynamicDrag",
+    "rolling_resistance": "buggy_rl.effects.motion.resistance:RollingResistance",
+    "viscous_drag": "buggy_rl.effects.motion.resistance:ViscousDrag",
+    "cornering_drag": "buggy_rl.effects.motion.resistance:CorneringDrag",
+    "floor_slope": "buggy_rl.effects.motion.fields:FloorSlope",
+    "wind": "buggy_rl.effects.motion.fields:Wind",
+    "one_sided_drag": "buggy_rl.effects.motion.yaw:OneSidedDrag",
+    "yaw_damping": "buggy_rl.effects.motion.yaw:YawDamping",
+    "sensor_latency": "buggy_rl.effects.sensing.timing:SensorLatency",
+    "sensor_lag": "buggy_rl.effects.sensing.timing:SensorLag",
+    "sensor_lever_arm": "buggy_rl.effects.sensing.mounting:SensorLeverArm",
+    "sensor_yaw": "buggy_rl.effects.sensing.mounting:SensorYaw",
+    "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
+    "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
+}
+ORDER = tuple(EFFECTS)
+LAST_OF_KIND = {"actuation": "steering_dead_time", "motion": "yaw_damping", "sensing": "gyro_bias"}
+
+
+def effect_class(name: str) -> type["Effect"]:
+    """The class of a name in `EFFECTS`, or of one's own as `path/to/file.py:Class`.
+
+    Raises:
+        ValueError: There is none; the message lists the known ones.
+    """
+    if name not in EFFECTS and ":" not in name:
+        raise ValueError(
+            f"no effect {name!r}; available: {', '.join(sorted(EFFECTS))}, or your own as "
+            "file.py:Class"
+        )
+    return load_named(EFFECTS.get(name, name))
+
+
+def make_effect(name: str, values: Mapping[str, Any] | None = None, **options: Any) -> "Effect":
+    """Builds an effect from what a user can write in YAML.
+
+    Args:
+        name: In `EFFECTS`, or one's own as `path/to/file.py:Class`.
+        values: Parameters that are not neutral, and options of the class, by name.
+        options: Likewise.
+
+    Raises:
+        ValueError: The name, a parameter or a value does not make sense.
+    """
+    return effect_class(name)(**{**(values or {}), **options})
+
+
+def make_effects(effects: Mapping[str, Mapping[str, Any] | None]) -> list["Effect"]:
+    """Builds effects in their canonical order, whatever the order they are written in.
+
+    Args:
+        effects: Name -> parameters and options, as for `make_effect`. One's own stand behind those
+            of their kind.
+
+    Returns:
+        From the engine outwards, as `make_env` takes them.
+    """
+    made = {name: make_effect(name, values) for name, values in effects.items()}
+    return [made[name] for name in in_order(made)]
+
+
+def in_order(effects: Mapping[str, "Effect"] | Iterable[str]) -> list[str]:
+    """Names of effects from the engine outwards; one's own behind those of their kind."""
+    names = list(effects)
+
+    def place(name: str) -> tuple[int, int]:
+        if name in EFFECTS:
+            return ORDER.index(name), 0
+        return ORDER.index(LAST_OF_KIND[effect_class(name).kind]), 1 + names.index(name)
+
+    return sorted(names, key=place)

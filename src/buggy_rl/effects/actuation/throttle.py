@@ -1,0 +1,139 @@
+"""A drive that differs from the one asked for; drive = (throttle + 1) / 2 in 0..1."""
+
+from collections.abc import Mapping
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.effects.actuation.command import CommandEffect
+from buggy_rl.effects.base import EffectParameter, numbers_spec, one_in
+
+MINUTE = 60.0  # [s]
+
+
+class DriveEffect(CommandEffect):
+    """d' = f(d), kept within 0..1: no simulator is asked for more than full drive."""
+
+    channel = 0
+
+    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        """f, of drives [n]."""
+        raise NotImplementedError
+
+    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return 2 * self._driven(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
+
+
+class ThrottleGain(DriveEffect):
+    """More or less drive than asked for, up to full drive."""
+
+    name = "throttle_gain"
+    equation = "drive' = gain drive"
+    parameters = (
+        EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive asked.", 0.2, 0.02),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        return f"the motor is driven {one_in(values['gain'])} than the throttle says"
+
+    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return self._here("gain") * drive
+
+
+class ThrottleOffset(CommandEffect):
+    """A throttle channel whose zero has shifted."""
+
+    name = "throttle_offset"
+    channel = 0
+    equation = "throttle' = throttle + offset"
+    parameters = (
+        EffectParameter("offset", 0.0, -1.0, 1.0, "-", "Added to the throttle command.", 0.1, 0.01),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        more = "more" if values["offset"] >= 0 else "less"
+        return (
+            f"the throttle acts as if it were {50 * abs(values['offset']):.3g} % of its range "
+            f"{more} open"
+        )
+
+    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return command + self._here("offset")
+
+
+class ThrottleDeadband(DriveEffect):
+    """The first part of the drive does nothing, and is missing from the rest."""
+
+    name = "throttle_deadband"
+    equation = "drive' = max(0, drive - width)"
+    source = "DART, Lyons et al., whose motor acts on the drive less a deadband"
+    parameters = (
+        EffectParameter(
+            "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.08, 0.01
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        return f"the first {100 * values['width']:.3g} % of the throttle do nothing"
+
+    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return drive - self._here("width")
+
+
+class BatterySag(DriveEffect):
+    """The drive weakens as the battery empties, by a clock that rides in the TensorDict.
+
+    A reset or an edit may set `elapsed` [*, 1] s; it is 0 at a reset that does not.
+    """
+
+    name = "battery_sag"
+    equation = "drive' = (1 - loss_per_minute elapsed / 60 s) drive"
+    parameters = (
+        EffectParameter(
+            "loss_per_minute",
+            0.0,
+            -0.5,
+            1.0,
+            "1/min",
+            "Share of the drive that is lost each minute of driving.",
+            size=0.15,
+            probe=0.02,
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        loss = 100 * values["loss_per_minute"]
+        verb = "weakens" if loss >= 0 else "strengthens"
+        return f"the drive {verb} by {abs(loss):.3g} % a minute as the battery empties"
+
+    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        elapsed = self._take(tensordict.get(keys.ELAPSED)).squeeze(-1)
+        return drive * (1 - self._here("loss_per_minute") * elapsed / MINUTE)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        if not self.active:
+            return next_tensordict
+        return next_tensordict.set(keys.ELAPSED, tensordict.get(keys.ELAPSED) + self.dt)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        if not self.active:
+            return tensordict_reset
+        pose = tensordict_reset.get(keys.POSE)
+        given = tensordict.get(keys.ELAPSED, None)
+        elapsed = torch.zeros_like(pose[..., :1]) if given is None else given.to(pose)
+        return tensordict_reset.set(keys.ELAPSED, elapsed.clone())
+
+    def _state_specs(
+        self, shape: torch.Size, device: DEVICE_TYPING | None
+    ) -> dict[str, TensorSpec]:
+        return {keys.ELAPSED: numbers_spec(shape, 1, device=device)}

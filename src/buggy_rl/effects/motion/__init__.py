@@ -1,0 +1,1 @@
+"""Forces on the car that a simulator leaves out."""

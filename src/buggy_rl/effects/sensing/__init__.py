@@ -1,0 +1,1 @@
+"""A sensor that does not show the motion as it is."""

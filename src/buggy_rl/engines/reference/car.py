@@ -1,0 +1,182 @@
+"""The reference car as a whole: what its parts do to one another in one substep."""
+
+import math
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from buggy_rl.engines.reference.chassis import Chassis
+from buggy_rl.engines.reference.commands import Radio
+from buggy_rl.engines.reference.drivetrain import Drivetrain
+from buggy_rl.engines.reference.faults import Faults
+from buggy_rl.engines.reference.parameters import DIMENSIONS
+from buggy_rl.engines.reference.state import (
+    CAUSES,
+    HEAT,
+    HIDDEN_SHAPES,
+    LINE,
+    WHEEL_TURN,
+    CarState,
+    Setting,
+)
+from buggy_rl.engines.reference.steering import Steering
+from buggy_rl.engines.reference.surroundings import Surroundings
+from buggy_rl.engines.reference.tyres import Tyres
+from buggy_rl.vehicle import GRAVITY, slip_angle
+
+GUESS_SPEED = 0.3  # [m/s] below it a velocity says little about the steering; chosen
+
+
+class Car:
+    """The parts of a batch of cars.
+
+    Args:
+        values: Parameter name -> value, each [*] or ones in place of the batch.
+        faults: What is wrong with it.
+        dt: Control period [s].
+        substeps: In a control period.
+    """
+
+    def __init__(
+        self, values: Mapping[str, Tensor], faults: Faults, dt: float, substeps: int
+    ) -> None:
+        self.values, self.faults, self.substeps = values, faults, substeps
+        self.substep = dt / substeps
+        self.radio = Radio(faults, dt, substeps)
+        self.chassis = Chassis(values, DIMENSIONS, faults)
+        self.tyres = Tyres(values, self.chassis.static_load, faults)
+        self.drivetrain = Drivetrain(
+            values, DIMENSIONS.wheel_radius, self.chassis, faults, self.substep
+        )
+        self.steering = Steering(
+            values, DIMENSIONS.track_width, DIMENSIONS.wheelbase, faults, self.substep
+        )
+        self.surroundings = Surroundings(
+            values, self.chassis, self.drivetrain.rolling_mass, DIMENSIONS.sensor_to_cg, faults
+        )
+        self.hidden_shapes: dict[str, tuple[int, ...]] = {
+            name: HIDDEN_SHAPES[name] for name, cause in CAUSES.items() if cause in faults
+        }
+        if self.radio.late:
+            self.hidden_shapes[LINE] = (self.radio.kept, 2)
+
+    def advance(self, car: CarState, heard: Tensor, pose: Tensor) -> None:
+        """Lets a control period pass.
+
+        Args:
+            car: Its state, which is replaced.
+            heard: [S or 1, 2, *] throttle and steering as `Radio.heard` gives them.
+            pose: [*, 3] of the sensor at the start.
+        """
+        throttle, steering = heard[0]
+        setting = Setting(
+            throttle=throttle,
+            steering=steering,
+            duty=self.drivetrain.target_duty(throttle),
+            voltage=self.drivetrain.open_voltage(car.charge),
+            pose=pose,
+        )
+        for index in range(self.substeps):
+            if 0 < index < len(heard):
+                setting.throttle, setting.steering = heard[index]
+                setting.duty = self.drivetrain.target_duty(setting.throttle)
+            self.step(car, setting, self.substep)
+
+    def step(self, car: CarState, setting: Setting, dt: float) -> None:
+        """Moves `car` on by `dt` [s]."""
+        chassis, tyres, drivetrain = self.chassis, self.tyres, self.drivetrain
+        faults, hidden, surroundings = self.faults, car.hidden, self.surroundings
+        steering, target = setting.steering, setting.duty
+        if "steering_lag" in faults:
+            steering = self.steering.smoothed(hidden, steering)
+        if "sticky_servo" in faults:
+            steering = self.steering.unstuck(hidden, car.servo, steering)
+        if "throttle_lag" in faults:
+            target = drivetrain.target_duty(drivetrain.filtered(hidden, setting.throttle))
+        servo = self.steering.moved(car.servo, steering, dt)
+        rack = self.steering.followed(hidden, servo) if "steering_backlash" in faults else servo
+        duty = drivetrain.slewed(car.duty, target, dt)
+
+        cos, sin = self.steering.directions(0.5 * (car.rack + rack), self._turned(car))
+        along, across = chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)
+        slip_speed = torch.stack([car.tread - along, -across])  # (2, 4, *)
+        transport = tyres.transport_speed(along, across, car.tread)
+        slip, felt = tyres.relaxed(car.slip, slip_speed, transport, dt)
+        load = chassis.loads(car.lean, car.lean_rate)
+        friction = tyres.friction(load, slip_speed)
+        if surroundings.patchy:
+            friction = friction * surroundings.grip(car, setting.pose)
+        strain = tyres.strain(felt, friction)
+        force = tyres.force(felt, load, strain)
+        car.slip = slip / strain.clamp_min(1.0)  # a sliding contact strains its carcass no further
+
+        axle_speed = 0.5 * (car.tread[2] + car.tread[3])
+        mean_duty = 0.5 * (car.duty + duty)
+        heat = hidden[HEAT].squeeze(0) if "heating_motor" in faults else None
+        current = drivetrain.current(mean_duty, axle_speed, setting.voltage, heat)
+        car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
+        if heat is not None:
+            drivetrain.warmed(hidden, current, dt)
+        twist = drivetrain.twisted(hidden, current) if "loose_differential" in faults else None
+        scrubbing = force[1] if "cornering_drag" in faults else None
+        car.tread = drivetrain.spun(car.tread, force[0], load, current, dt, scrubbing, twist)
+        if "wheel_wobble" in faults:
+            turn = hidden[WHEEL_TURN] + car.tread[0] * (dt / DIMENSIONS.wheel_radius)
+            hidden[WHEEL_TURN] = torch.remainder(turn, 2.0 * math.pi)
+
+        ax, ay, yaw_acceleration = chassis.acceleration(force, cos, sin, car.vx, car.vy)
+        car.lean, car.lean_rate = chassis.leaned(car.lean, car.lean_rate, torch.stack([ax, ay]), dt)
+        car.servo, car.duty, car.rack = servo, duty, rack
+        if surroundings.pushes:
+            push_x, push_y, scrub = surroundings.push(car, setting.pose)
+            ax, ay, yaw_acceleration = ax + push_x, ay + push_y, yaw_acceleration + scrub
+        self._moved(car, ax, ay, yaw_acceleration, dt)
+
+    def _turned(self, car: CarState) -> Tensor | None:
+        """What turns each front wheel [2, *] [rad] beside the linkage: leaning, a bent rim."""
+        faults = self.faults
+        if "bump_steer" not in faults and "wheel_wobble" not in faults:
+            return None
+        right = faults["bump_steer.angle"] * car.lean[1]
+        if "wheel_wobble" not in faults:
+            return torch.stack([right, right])
+        wobble = faults["wheel_wobble.angle"] * torch.sin(car.hidden[WHEEL_TURN].squeeze(0))
+        return torch.stack([right + wobble, right])
+
+    def _moved(
+        self,
+        car: CarState,
+        ax: Tensor,
+        ay: Tensor,
+        yaw_acceleration: Tensor,
+        dt: float,
+    ) -> None:
+        cos, sin = torch.cos(car.dyaw), torch.sin(car.dyaw)
+        yaw_rate = car.yaw_rate + dt * yaw_acceleration
+        turn = 0.5 * dt * (car.yaw_rate + yaw_rate)
+        # dvx/dt = ax + r vy, dvy/dt = ay - r vx; one after the other, which keeps the speed of
+        # a turning frame from growing.
+        vx = car.vx + dt * ax + turn * car.vy
+        vy = car.vy + dt * ay - turn * vx
+        mean_x, mean_y = 0.5 * dt * (car.vx + vx), 0.5 * dt * (car.vy + vy)
+        car.dx = car.dx + cos * mean_x - sin * mean_y
+        car.dy = car.dy + sin * mean_x + cos * mean_y
+        car.dyaw = car.dyaw + turn
+        car.vx, car.vy, car.yaw_rate = vx, vy, yaw_rate
+
+    def rolling_speed(self, car: CarState) -> Tensor:
+        """Ground speed [4, *] [m/s] along each wheel."""
+        cos, sin = self.steering.directions(car.rack, self._turned(car))
+        return self.chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)[0]
+
+    def guessed_servo(self, velocity: Tensor) -> Tensor:
+        """Servo position [*] of a car seen to move with `velocity` [*, 3] at its centre of gravity.
+
+        Front wheels point where their axle moves, plus the slip that carries their load.
+        """
+        vx, _, yaw_rate = velocity.unbind(-1)
+        needed = vx * yaw_rate / (GRAVITY * self.values["front_cornering_stiffness"])
+        angle = slip_angle(velocity, 0.0, self.values["cg_to_front_axle"]) + needed
+        weight = vx.square() / (vx.square() + GUESS_SPEED**2)
+        return weight * self.steering.servo_at(angle)

@@ -1,0 +1,100 @@
+"""What floor and air do to the body, beside the car's own drag: slope, wind, patches, scrubbing."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from buggy_rl.engines.reference.chassis import Chassis
+from buggy_rl.engines.reference.faults import Faults
+from buggy_rl.engines.reference.state import CarState
+from buggy_rl.vehicle import rotate
+
+BODY_EFFECTS = ("floor_slope", "wind", "aerodynamic_drag", "yaw_damping")
+SIDE_AREA = 1.8  # over the frontal area: 0.273 m of length against 0.15 m of width
+CONTACT_LENGTH = 0.02  # [m] of a tyre, over which its friction changes at the edge of a patch
+TINY = 1e-12  # [m^2/s^2] under a root, so that a gradient exists at rest
+
+
+class Surroundings:
+    """Slope, air and floor of a car; neutral unless a fault says otherwise.
+
+    Args:
+        values: Parameter name -> value, each [*] or ones in place of the batch.
+        chassis: The car's body.
+        rolling_mass: Of car and turning wheels together [kg].
+        sensor_to_cg: [m] by which the pose's point is ahead of the centre of gravity.
+        faults: Of floor and air.
+    """
+
+    def __init__(
+        self,
+        values: Mapping[str, Tensor],
+        chassis: Chassis,
+        rolling_mass: Tensor,
+        sensor_to_cg: float,
+        faults: Faults,
+    ) -> None:
+        self.faults, self.chassis, self.sensor_to_cg = faults, chassis, sensor_to_cg
+        self.pushes = any(effect in faults for effect in BODY_EFFECTS)
+        self.patchy = "grip_patch" in faults
+        self.slope = _pair(faults, "floor_slope.along_x", "floor_slope.along_y")  # (*, 2)
+        self.middle = _pair(faults, "grip_patch.x", "grip_patch.y")
+        share = rolling_mass / chassis.mass
+        self.drag = faults["aerodynamic_drag.coefficient"] * share
+        self.front = values["aerodynamic_drag"] / chassis.mass  # [1/m]
+        self.wind = self._wind_speed(share)
+
+    def _wind_speed(self, share: Tensor) -> Tensor:
+        """World velocity [*, 2] of the wind that pushes a standing car as stated.
+
+        m f = c W^2, with the mean c of front and side, as a car that turns shows both.
+        """
+        force = _pair(self.faults, "wind.force_x", "wind.force_y") * share.unsqueeze(-1)
+        size = torch.linalg.vector_norm(force, dim=-1, keepdim=True)
+        drag = (0.5 * (1.0 + SIDE_AREA) * self.front).unsqueeze(-1)
+        return force / (size * drag + TINY).sqrt()
+
+    def push(self, car: CarState, pose: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Forward, leftward [m/s^2] and yaw acceleration [rad/s^2], each [*].
+
+        Args:
+            car: Its motion.
+            pose: [*, 3] at the start of the control period.
+        """
+        faults, vx, vy = self.faults, car.vx, car.vy
+        yaw = pose[..., 2] + car.dyaw
+        ax, ay = rotate(self.slope.expand(*yaw.shape, 2), -yaw).unbind(-1)
+        if "aerodynamic_drag" in faults:
+            drag = self.drag * (vx.square() + vy.square() + TINY).sqrt()
+            ax, ay = ax - drag * vx, ay - drag * vy
+        if "wind" in faults:
+            wind_x, wind_y = rotate(self.wind.expand(*yaw.shape, 2), -yaw).unbind(-1)
+            blown, still = self._air(wind_x - vx, wind_y - vy), self._air(-vx, -vy)
+            ax, ay = ax + (blown[0] - still[0]), ay + (blown[1] - still[1])
+        return ax, ay, -faults["yaw_damping.rate"] * car.yaw_rate
+
+    def _air(self, along: Tensor, across: Tensor) -> tuple[Tensor, Tensor]:
+        """Acceleration by an air stream over the body: a long side takes more than a short front.
+
+        F = c |w| (w_x, k w_y).
+        """
+        stream = self.front * (along.square() + across.square() + TINY).sqrt()
+        return stream * along, SIDE_AREA * stream * across
+
+    def grip(self, car: CarState, pose: Tensor) -> Tensor:
+        """Friction [4, *] where each wheel stands, over that of the floor."""
+        cos, sin = torch.cos(car.dyaw), torch.sin(car.dyaw)
+        x, y = self.chassis.wheel_x, self.chassis.wheel_y
+        # From the sensor at the start of the period, in the body frame of that moment.
+        wheel = torch.stack(
+            [car.dx - self.sensor_to_cg + cos * x - sin * y, car.dy + sin * x + cos * y], -1
+        )  # (4, *, 2)
+        place = pose[..., :2] + rotate(wheel, pose[..., 2].expand(wheel.shape[:-1]))
+        distance = torch.linalg.vector_norm(place - self.middle, dim=-1)
+        inside = (self.faults["grip_patch.radius"] - distance) / CONTACT_LENGTH + 0.5
+        return 1.0 - (1.0 - self.faults["grip_patch.grip"]) * inside.clamp(0.0, 1.0)
+
+
+def _pair(faults: Faults, x: str, y: str) -> Tensor:
+    return torch.stack(torch.broadcast_tensors(faults[x], faults[y]), -1)

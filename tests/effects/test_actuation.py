@@ -1,0 +1,167 @@
+import math
+
+import pytest
+import torch
+
+from buggy_rl import keys
+from buggy_rl.effects import make_effect, make_effects
+from tests.effects.faults import commanded, follow, over, start
+
+THROTTLE, STEERING = 0, 1
+
+
+def reached(name, values, asked, velocity=(0.0, 0.0, 0.0), channel=STEERING, **state):
+    """Commands that reach the engine when others [T] are given on one channel."""
+    env = over([make_effect(name, values)])
+    rest = torch.full_like(asked, -1.0 if channel == STEERING else 0.0)
+    pair = (rest, asked) if channel == STEERING else (asked, rest)
+    given = commanded(env, start(env, velocity, **state), torch.stack(pair, -1))
+    assert torch.equal(given[:, 1 - channel], rest)  # the other channel is left alone
+    return given[:, channel]
+
+
+RAMP = torch.linspace(0.0, 0.5, 51)  # 0.01 more each period of 10 ms
+
+
+@pytest.mark.parametrize("channel", ["throttle", "steering"])
+def test_a_dead_time_of_25_ms_shifts_a_ramp_by_two_and_a_half_samples(channel):
+    index = ("throttle", "steering").index(channel)
+    got = reached(f"{channel}_dead_time", {"dead_time": 0.025}, RAMP, (1.0, 0, 0), index)
+    torch.testing.assert_close(got[3:], RAMP[3:] - 0.025)
+
+
+def test_a_dead_time_of_whole_periods_gives_the_very_commands_of_before():
+    asked = torch.rand(40, generator=torch.Generator().manual_seed(0))
+    got = reached("steering_dead_time", {"dead_time": 0.3}, asked)
+    torch.testing.assert_close(got[30:], asked[:10], atol=1e-6, rtol=0)
+    assert (got[:30].abs() < 1e-6).all()  # a standing car had straight wheels
+
+
+def test_a_car_set_down_in_motion_was_told_before_what_it_is_told_first():
+    asked = torch.full((5,), 0.4)
+    for name, values in (
+        ("steering_dead_time", {"dead_time": 0.05}),
+        ("steering_lag", {"time_constant": 0.1}),
+        ("steering_rate_limit", {"rate": 3.0}),
+        ("steering_backlash", {"width": 0.2}),
+    ):
+        torch.testing.assert_close(reached(name, values, asked, (1.0, 0.0, 0.0)), asked)
+        assert reached(name, values, asked)[0] < 0.35  # from a standstill it is late
+
+
+@pytest.mark.parametrize("channel", ["throttle", "steering"])
+def test_a_lag_has_gone_63_percent_of_the_way_after_its_time_constant(channel):
+    # Means over periods of a step from rest: u (1 - exp(-t / T)) over 10 ms about its middle, so
+    # the periods before and after t = T = 0.1 s average to 1 - 1/e up to second order.
+    index = ("throttle", "steering").index(channel)
+    rest = (-1.0, 0.0)[index]
+    got = reached(f"{channel}_lag", {"time_constant": 0.1}, torch.full((20,), 0.6), channel=index)
+    share = (got - rest) / (0.6 - rest)
+    assert math.isclose(float(0.5 * (share[9] + share[10])), 1 - math.exp(-1), abs_tol=2e-3)
+    # Exactly: the mean of the first period is 1 - (1 - e^-0.1) / 0.1.
+    assert math.isclose(float(share[0]), 1 - (1 - math.exp(-0.1)) / 0.1, rel_tol=1e-5)
+
+
+def test_a_ramp_through_a_lag_ends_up_its_time_constant_behind():
+    # A staircase that rises by 0.01 each 10 ms is a ramp half a period ahead of its mean; behind
+    # a lag of 50 ms it is five steps lower: 0.05.
+    got = reached("steering_lag", {"time_constant": 0.05}, RAMP)
+    torch.testing.assert_close(got[-1], RAMP[-1] - 0.05, atol=2e-5, rtol=0)
+
+
+def test_a_rate_limit_goes_to_the_command_at_its_rate():
+    # 5 a second is 0.05 a period: the mean of the first is 0.025, then 0.075, 0.125, ...; the
+    # command of 0.12 is reached 4 ms into the third: 0.12 - 0.02 * 0.4 / 2 = 0.116.
+    got = reached("steering_rate_limit", {"rate": 5.0}, torch.full((5,), 0.12))
+    expected = torch.tensor([0.025, 0.075, 0.116, 0.12, 0.12])
+    torch.testing.assert_close(got, expected, atol=1e-6, rtol=1e-5)
+
+
+def test_a_slow_command_passes_a_rate_limit():
+    got = reached("steering_rate_limit", {"rate": 20.0}, RAMP)
+    # 0.01 a period at 20 a second takes 0.5 ms of 10 ms: its mean lags by 0.01 * 0.05 / 2.
+    torch.testing.assert_close(got[1:], RAMP[1:] - 0.00025, atol=1e-6, rtol=0)
+
+
+def test_backlash_follows_half_its_width_behind_on_either_side():
+    time = torch.arange(200) * 0.01
+    asked = 0.5 * torch.sin(2 * math.pi * time)
+    got = reached("steering_backlash", {"width": 0.2}, asked)
+    last = slice(100, None)  # the second turn of the loop
+    up, down = asked[last].diff() > 0, asked[last].diff() < 0
+    behind = (asked - got)[last]
+    # Amplitude is less by half the width; on the loop's sides the linkage lags by that half.
+    assert math.isclose(float(got[last].max()), 0.4, abs_tol=1e-3)
+    middle = asked[last].abs() < 0.2
+    torch.testing.assert_close(
+        behind[1:][up & middle[1:]], torch.tensor(0.1).expand(int((up & middle[1:]).sum()))
+    )
+    torch.testing.assert_close(
+        behind[1:][down & middle[1:]], torch.tensor(-0.1).expand(int((down & middle[1:]).sum()))
+    )
+    # Within the play the linkage rests: just after the turning point.
+    turning = int(asked[last].argmax())
+    assert torch.equal(got[last][turning], got[last][turning + 3])
+
+
+def test_gains_and_offsets_stop_at_full_lock_and_full_drive():
+    asked = torch.tensor([-1.0, -0.5, 0.0, 0.5, 1.0])
+    gain = reached("steering_gain", {"gain": 1.5}, asked)
+    torch.testing.assert_close(gain, torch.tensor([-1.0, -0.75, 0.0, 0.75, 1.0]))
+    offset = reached("steering_offset", {"offset": 0.2}, asked)
+    torch.testing.assert_close(offset, torch.tensor([-0.8, -0.3, 0.2, 0.7, 1.0]))
+    # Drives 0, 0.25, 0.5, 0.75, 1 times 1.2, as throttle: 2 * 1.2 d - 1.
+    drive = reached("throttle_gain", {"gain": 1.2}, asked, channel=THROTTLE)
+    torch.testing.assert_close(drive, torch.tensor([-1.0, -0.4, 0.2, 0.8, 1.0]))
+    trim = reached("throttle_offset", {"offset": -0.2}, asked, channel=THROTTLE)
+    torch.testing.assert_close(trim, torch.tensor([-1.0, -0.7, -0.2, 0.3, 0.8]))
+
+
+def test_a_deadband_takes_the_first_of_the_drive_and_the_same_from_the_rest():
+    # Drives 0, 0.1, 0.5, 1 less 0.16: 0, 0, 0.34, 0.84.
+    asked = torch.tensor([-1.0, -0.8, 0.0, 1.0])
+    got = reached("throttle_deadband", {"width": 0.16}, asked, channel=THROTTLE)
+    torch.testing.assert_close(got, torch.tensor([-1.0, -1.0, -0.32, 0.68]))
+
+
+def test_asymmetry_is_a_ratio_whose_product_is_one():
+    asked = torch.tensor([0.4, -0.4])
+    left, right = reached("steering_asymmetry", {"left_to_right": 1.44}, asked)
+    assert math.isclose(float(left / -right), 1.44, rel_tol=1e-5)
+    assert math.isclose(float(left * -right), 0.16, rel_tol=1e-5)
+    assert left > 0.4
+
+
+def test_a_battery_loses_its_share_by_its_own_clock():
+    # After two minutes at 15 % a minute 70 % of the drive of 0.8 are left: throttle 2 * 0.56 - 1.
+    asked = torch.full((1,), 0.6)
+    loss = {"loss_per_minute": 0.15}
+    got = reached("battery_sag", loss, asked, channel=THROTTLE, elapsed=(120.0,))
+    torch.testing.assert_close(got, torch.tensor([0.12]))
+    fresh = reached("battery_sag", loss, asked, channel=THROTTLE)
+    torch.testing.assert_close(fresh, asked)
+
+
+def test_the_clock_counts_on_is_edited_and_begins_anew():
+    env = over([make_effect("battery_sag", {"loss_per_minute": 0.1})], batch_size=(2,))
+    states = follow(env, start(env, elapsed=(5.0,)), torch.zeros(3, 2))
+    torch.testing.assert_close(states[keys.ELAPSED][-1], torch.full((2, 1), 5.03))
+    edited = states[-1].clone().set(keys.ELAPSED, torch.full((2, 1), 60.0))
+    after = env.step(edited.set(keys.ACTION, torch.zeros(2, 2)))["next"]
+    torch.testing.assert_close(after[keys.ELAPSED], torch.full((2, 1), 60.01))
+    assert torch.equal(env.reset()[keys.ELAPSED], torch.zeros(2, 1))
+
+
+def test_the_command_that_was_given_is_what_the_data_keep():
+    env = over(make_effects({"steering_gain": {"gain": 0.5}, "throttle_offset": {"offset": 0.3}}))
+    state = start(env).set(keys.ACTION, torch.tensor([0.1, 0.8]))
+    assert torch.equal(env.step(state)[keys.ACTION], torch.tensor([0.1, 0.8]))
+
+
+def test_radio_servo_and_linkage_act_in_that_order():
+    # Late by two periods, then offset: an offset is not late.
+    effects = {"steering_offset": {"offset": 0.1}, "steering_dead_time": {"dead_time": 0.02}}
+    env = over(make_effects(effects))
+    asked = torch.tensor([[0.0, 0.5]]).expand(4, 2)
+    got = commanded(env, start(env), asked)[:, STEERING]
+    torch.testing.assert_close(got, torch.tensor([0.1, 0.1, 0.6, 0.6]))

@@ -1,0 +1,167 @@
+import math
+from functools import cache
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from buggy_rl import keys
+from buggy_rl.effects import make_effect
+from buggy_rl.effects.measuring import measured_options, measured_tyres
+from buggy_rl.effects.tyre import law, slip_of, slope
+from buggy_rl.engines import make_engine
+from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+from tests.effects.faults import follow, over, start
+
+DRIVES, STEPS = 16, 100
+GRIP = 0.7
+LESS = {  # parameters of an engine whose own friction is less, at the same stiffness
+    "single_track": {
+        "front_grip": GRIP,
+        "rear_grip": GRIP,
+        "front_stiffness": 1 / GRIP,
+        "rear_stiffness": 1 / GRIP,
+    },
+    "mujoco": {"grip_front": GRIP, "grip_rear": GRIP},
+    "reference": {"grip": GRIP},
+}
+
+
+def changed(engine, factors, count=DRIVES):
+    lone = make_engine(engine, (count,))
+    values = {name: (lone.values[name] * factor).expand(count) for name, factor in factors.items()}
+    return lone.with_parameters(TensorDict(values, [count]))
+
+
+def rollout(env):
+    """Positions [T, N, 2] of cars that set off at 1 to 3 m/s and are steered up to full lock."""
+    generator = torch.Generator().manual_seed(0)
+    knots = torch.rand(DRIVES, 2, 6, generator=generator) * 2 - 1
+    actions = torch.nn.functional.interpolate(knots, STEPS, mode="linear", align_corners=True)
+    throttle, steering = actions.permute(2, 0, 1).unbind(-1)
+    actions = torch.stack([0.25 * throttle - 0.65, (1.3 * steering).clamp(-1, 1)], -1)
+    velocity = torch.zeros(DRIVES, 3)
+    velocity[:, 0] = 1.0 + 2.0 * torch.rand(DRIVES, generator=generator)
+    given = TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(DRIVES, 3)}, [DRIVES])
+    return follow(env, env.reset(given), actions)[keys.POSE][..., :2]
+
+
+def rms(a, b):
+    return float((a - b).square().sum(-1).mean().sqrt())
+
+
+@cache
+def bare_rollout(engine):
+    return rollout(make_engine(engine, (DRIVES,)))
+
+
+@cache
+def less_rollout(engine):
+    return rollout(changed(engine, LESS[engine]))
+
+
+def closed(engine, name, values, truth):
+    """Share of the gap in position over 1 s rollouts that the effect closes."""
+    bare = bare_rollout(engine)
+    repaired = rollout(over([make_effect(name, values)], engine, (DRIVES,)))
+    assert rms(bare, truth) > 0.01
+    return 1 - rms(repaired, truth) / rms(bare, truth)
+
+
+@pytest.mark.parametrize(
+    ("engine", "least"), [("single_track", 0.85), ("mujoco", 0.85), ("reference", 0.4)]
+)
+def test_less_grip_outside_the_engine_does_what_less_grip_inside_it_does(engine, least):
+    assert closed(engine, "tire_grip", {"grip": GRIP}, less_rollout(engine)) > least
+
+
+def test_the_wrong_amount_of_grip_does_worse():
+    right, wrong = (
+        closed("single_track", "tire_grip", {"grip": grip}, less_rollout("single_track"))
+        for grip in (GRIP, 0.9)
+    )
+    assert wrong < right - 0.2
+
+
+def test_a_shifted_balance_outside_does_what_one_inside_does():
+    factors = {"grip_front": math.sqrt(0.8), "grip_rear": 1 / math.sqrt(0.8)}
+    truth = rollout(changed("mujoco", factors))
+    assert closed("mujoco", "grip_balance", {"front_to_rear": 0.8}, truth) > 0.6
+
+
+def test_the_tyres_of_a_simulator_are_found():
+    # The single track's D; C = B C D; and its shape factor, from presets/buggy.yaml.
+    found = measured_tyres(lambda n: make_engine("single_track", (n,)), VehicleDimensions())
+    assert found["friction"] == pytest.approx([0.85, 0.9], rel=0.01)
+    assert found["stiffness"] == pytest.approx([7 * 1.2 * 0.85, 8.5 * 1.2 * 0.9], rel=0.03)
+    assert found["shape"] == pytest.approx([1.2, 1.2], rel=0.02)
+
+
+def test_measured_options_are_what_the_effects_take():
+    options = measured_options(lambda n: make_engine("single_track", (n,)))
+    for name, values in options.items():
+        effect = make_effect(name, values)
+        assert set(effect.options) <= set(values)
+
+
+def test_a_simulator_that_is_not_finite_is_refused():
+    broken = {"mass": 1e30, "drive_force": float("nan")}
+    with pytest.raises(ValueError, match="not finite"):
+        measured_options(lambda n: changed("single_track", broken, n))
+
+
+def test_a_bound_on_the_lateral_acceleration_is_kept():
+    env = over([make_effect("tire_grip", {"max_acceleration": 3.0})], "single_track")
+    states = follow(env, start(env, (2.5, 0.0, 0.0)), torch.tensor([[-0.4, 0.8]]).expand(80, 2))
+    vx, _, yaw_rate = states[keys.VELOCITY][40:].unbind(-1)
+    held = vx * yaw_rate  # of a turn that has become steady
+    assert float(held.max()) < 3.3
+    assert float(held.min()) > 2.0
+
+
+def test_a_car_on_a_slippery_floor_turns_no_faster_than_friction_allows():
+    env = over([make_effect("tire_grip", {"grip": 0.4})], "mujoco", (1,))
+    states = follow(env, start(env, (2.5, 0.0, 0.0)), torch.tensor([[-0.7, 1.0]]).expand(60, 2))
+    vx, _, yaw_rate = states[keys.VELOCITY][30:, 0].unbind(-1)
+    assert float((vx * yaw_rate).mean()) < 1.15 * 0.4 * 0.9 * GRAVITY
+
+
+@pytest.mark.parametrize("name", ["tire_grip", "grip_balance", "grip_patch"])
+def test_a_car_that_rolls_straight_ahead_does_not_feel_its_tyres(name):
+    values = {
+        "tire_grip": {"grip": 0.6},
+        "grip_balance": {"front_to_rear": 0.7},
+        "grip_patch": {"x": 1.0, "y": 0.0, "radius": 5.0, "grip": 0.6},
+    }
+    env, bare = over([make_effect(name, values[name])], "single_track"), make_engine("single_track")
+    actions = torch.tensor([[-0.8, 0.0]]).expand(20, 2)
+    ends = [follow(e, start(e, (2.0, 0.0, 0.0)), actions)[-1] for e in (env, bare)]
+    torch.testing.assert_close(ends[0][keys.POSE], ends[1][keys.POSE], atol=1e-4, rtol=0)
+
+
+def test_a_patch_is_slippery_inside_only():
+    def turned(x):
+        patch = {"x": x, "y": 0.0, "radius": 0.5, "grip": 0.4}
+        env = over([make_effect("grip_patch", patch)], "single_track")
+        states = follow(env, start(env, (2.0, 0.0, 0.0)), torch.tensor([[-0.5, 1.0]]).expand(20, 2))
+        return states[-1][keys.VELOCITY]
+
+    bare = make_engine("single_track")
+    there = follow(bare, start(bare, (2.0, 0.0, 0.0)), torch.tensor([[-0.5, 1.0]]).expand(20, 2))
+    far, near = turned(10.0), turned(0.2)
+    torch.testing.assert_close(far, there[-1][keys.VELOCITY], atol=1e-5, rtol=0)
+    assert float(near[2]) < 0.8 * float(far[2])
+
+
+def test_the_tyre_law_its_inverse_and_its_slope_belong_together():
+    shape, slip = torch.tensor(1.2), torch.linspace(0.05, 2.0, 20, dtype=torch.float64)
+    use = law(slip, shape)
+    torch.testing.assert_close(slip_of(use, shape), slip, atol=1e-6, rtol=1e-6)
+    h = 1e-4
+    numeric = (law(slip + h, shape) - law(slip - h, shape)) / (2 * h * shape)
+    torch.testing.assert_close(slope(slip, shape), numeric, atol=1e-6, rtol=1e-5)
+
+
+def test_tyres_that_cannot_be_are_refused():
+    with pytest.raises(ValueError, match="friction is 0"):
+        make_effect("tire_grip", {"grip": 0.7}, friction=0)
