@@ -1,4 +1,4 @@
-# make demo    from recordings to two simulators and the table that compares them
+# make demo    from recordings to two simulators, the table that compares them, a policy from each
 # make test    lint, types and tests, under 8 minutes on 2 cores
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it first.
 

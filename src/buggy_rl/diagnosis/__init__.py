@@ -1,0 +1,1 @@
+"""Where a simulator and drives differ: located, named, modelled, proven."""

@@ -1,0 +1,77 @@
+"""Is what remains noise? And if not: how much, in which channel, growing with what?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+
+from buggy_rl.diagnosis.locate import features
+from buggy_rl.diagnosis.stretches import Stretches
+
+BINS = 5
+TELLING = 0.05  # share of the remaining variance that a feature must explain to be named
+CAP = 25.0  # times the noise, as which a stretch counts at most
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What an explanation leaves over."""
+
+    excess: float
+    """Mean square of whitened gaps over that of noise, less one (see `misfit`)."""
+    share: float
+    """Of the excess that there was at first."""
+    channel: dict[str, float]
+    """Share of each channel in what remains."""
+    depends_on: list[str]
+    """What it grows with, most telling first."""
+    memory: bool
+    """Whether gaps go on from instant to instant as a hidden state's would."""
+
+
+def misfit(square: Tensor) -> float:
+    """Mean of |W e|^2 / D of stretches [N], each counted as `CAP` at most: 1 is noise alone.
+
+    Where a car spins, no two rollouts agree, and how far apart they end says nothing.
+    """
+    return float(square.clamp_max(CAP).mean())
+
+
+def typical(square: Tensor) -> float:
+    """Median of |W e|^2 / D of stretches [N]."""
+    return float(square.median())
+
+
+def remaining(cut: Stretches, instants: Tensor, before: Tensor, after: Tensor) -> Remaining:
+    """Looks at whitened gaps [N, D] before and after an explanation.
+
+    Whitened gaps are compared row by row with what was driven: the share of their square that
+    bins of a feature explain, over what as many random bins would.
+    """
+    first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
+    count = len(after)
+    readings = after.view(count, -1, 6)  # (N, K, 6)
+    square = readings.square().clamp_max(25.0)
+    over = (square.mean((0, 1)) - 1).clamp_min(0.0)
+    names = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
+    total = float(over.sum()) or 1.0
+    told = {}
+    target = square.sum(-1).flatten().numpy()
+    spread = target.var() or 1.0
+    for name, value in features(cut, instants).items():
+        x = value.flatten().numpy()
+        edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1]))
+        bin_ = np.digitize(x, edges)
+        means = np.array([target[bin_ == b].mean() for b in np.unique(bin_)])
+        share = np.array([(bin_ == b).mean() for b in np.unique(bin_)])
+        told[name] = float((share * (means - target.mean()) ** 2).sum() / spread)
+    depends = [n for n, v in sorted(told.items(), key=lambda i: -i[1]) if v > TELLING][:3]
+    now, then = readings[:, 1:, 3:].flatten(), readings[:, :-1, 3:].flatten()
+    along = float((now * then).mean() / (now.square().mean() + 1e-12))
+    return Remaining(
+        excess=last,
+        share=max(0.0, last) / max(first, 1e-9) if first > 0 else 0.0,
+        channel={n: float(v) / total for n, v in zip(names, over.tolist(), strict=True)},
+        depends_on=depends,
+        memory=along > 0.3,
+    )

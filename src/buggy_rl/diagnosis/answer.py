@@ -1,0 +1,199 @@
+"""What the diagnosis says: the file that programs read, and five lines for a person."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from buggy_rl.diagnosis.adequacy import Remaining
+from buggy_rl.diagnosis.locate import Located
+from buggy_rl.effects import effect_class
+
+Verdict = Literal[
+    "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
+]
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with the bounds of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """One cause that the drives speak for."""
+
+    name: str
+    kind: Literal["actuation", "motion", "sensing", "parameter"]
+    equation: str
+    sentence: str
+    parameters: dict[str, Value]
+    confidence: float
+    held_out_gain: float
+    """Share of the gap that is lost again without it, on what was held out."""
+    confused_with: dict[str, float] = field(default_factory=dict)
+    """Rivals and how probable they are instead."""
+    at_bound: tuple[str, ...] = ()
+    """Parameters that lie at the end of their range."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Rollouts on what was held out, by horizon in seconds; position errors as mean squares."""
+
+    before: dict[float, float]
+    after: dict[float, float]
+    retuned: dict[float, float]
+    noise_floor: dict[float, float]
+    black_box: dict[float, float]
+    misfit_before: float
+    """Root mean square of the 1 s gaps, in units of the noise."""
+    misfit_after: float
+    held_out: bool
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Everything that is said."""
+
+    verdict: Verdict
+    located: Located
+    effects: list[Named]
+    remaining: Remaining
+    proof: Proof
+    weak: list[str]
+    suggest: list[str]
+    notes: list[str] = field(default_factory=list)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it (contract 3), and what was added since."""
+        p = self.proof
+        return _finite(
+            {
+                "schema": SCHEMA,
+                "verdict": self.verdict,
+                "located": {
+                    "channel_share": self.located.channel_share,
+                    "regions": [
+                        {
+                            "where": {k: list(v) for k, v in r.where.items()},
+                            "error_share": r.error_share,
+                            "data_share": r.data_share,
+                        }
+                        for r in self.located.regions
+                    ],
+                    "intervals": [
+                        {
+                            "recording": i.recording,
+                            "from": i.begin,
+                            "to": i.end,
+                            "error_share": i.error_share,
+                        }
+                        for i in self.located.intervals
+                    ],
+                    "lags": self.located.lags,
+                },
+                "effects": [_named(e) for e in self.effects],
+                "unexplained": {
+                    "share": self.remaining.share,
+                    "depends_on": self.remaining.depends_on,
+                    "description": described(self.remaining),
+                    "channel_share": self.remaining.channel,
+                },
+                "fit": {
+                    "metric": "1 s open-loop",
+                    "before": p.misfit_before,
+                    "after": p.misfit_after,
+                    "noise_floor": 1.0,
+                    "held_out": p.held_out,
+                    "position_mse_before": p.before.get(1.0),
+                    "position_mse_after": p.after.get(1.0),
+                    "position_mse": {
+                        name: {f"{h:g} s": v for h, v in getattr(p, name).items()}
+                        for name in ("before", "after", "retuned", "noise_floor", "black_box")
+                    },
+                },
+                "excitation": {"weak": self.weak, "suggest": self.suggest},
+                "notes": self.notes,
+            }
+        )
+
+    def lines(self) -> list[str]:
+        """The answer in a few lines of plain words."""
+        share = max(self.located.channel_share.items(), key=lambda i: i[1])
+        words = {"vx": "speed", "vy": "sideways speed", "yaw_rate": "turning"}
+        first = {
+            "missing_physics": "Physics is missing from the simulator.",
+            "wrong_parameters": "The simulator's parameters are off; no physics is missing.",
+            "unknown_physics": "Something is missing that is not in the library.",
+            "no_mismatch": "Simulator and drives agree as well as the sensor can tell.",
+            "cannot_tell": "These drives cannot tell what is missing.",
+        }[self.verdict]
+        result = [first]
+        if self.verdict != "no_mismatch":
+            result.append(f"It shows most in {words[share[0]]} ({share[1]:.0%} of the error).")
+        for e in self.effects:
+            rivals = [f"{n} ({p:.0%})" for n, p in e.confused_with.items()]
+            other = f"; could also be {', '.join(rivals)}" if rivals else ""
+            sentence = e.sentence[:1].upper() + e.sentence[1:]
+            result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
+        p = self.proof
+        if 1.0 in p.before and 1.0 in p.after:
+            result.append(
+                f"1 s rollouts that were held out: {1000 * math.sqrt(p.before[1.0]):.0f} mm off "
+                f"before, {1000 * math.sqrt(p.after[1.0]):.0f} mm after."
+            )
+        if self.suggest:
+            result.append(f"Drive next: {self.suggest[0]}.")
+        return result
+
+
+def described(remaining: Remaining) -> str:
+    """What remains, in words; never a name."""
+    if remaining.excess < 0.1:
+        return "What remains is noise."
+    channel = max(remaining.channel.items(), key=lambda i: i[1])[0]
+    grows = f", growing with {' and '.join(remaining.depends_on)}" if remaining.depends_on else ""
+    memory = "; it goes on over time, as a hidden state would" if remaining.memory else ""
+    return f"What remains lies mostly in {channel}{grows}{memory}."
+
+
+def _named(e: Named) -> dict[str, Any]:
+    return {
+        "name": e.name,
+        "kind": e.kind,
+        "equation": e.equation,
+        "sentence": e.sentence,
+        "parameters": {k: vars(v) for k, v in e.parameters.items()},
+        "confidence": e.confidence,
+        "held_out_gain": e.held_out_gain,
+        "confused_with": [{"name": n, "confidence": c} for n, c in e.confused_with.items()],
+        "at_bound": list(e.at_bound),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Without what JSON has no word for: numbers that are none become null."""
+    if isinstance(value, Mapping):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def sentence(cause: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
+    """A cause in plain words."""
+    if ":" in cause and cause.startswith("parameter:"):
+        name = cause.partition(":")[2]
+        return (
+            f"the simulator's {name.replace('_', ' ')} is {values[name]:.3g} {unit}, not {was:.3g}"
+        )
+    return effect_class(cause).sentence(values)

@@ -1,0 +1,246 @@
+"""From drives and a simulator to the answer, stage by stage."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import MISSING
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
+from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
+from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.excitation import suggestions, weak
+from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.library import OWN, Library
+from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
+from buggy_rl.diagnosis.locate import locate
+from buggy_rl.diagnosis.proof import held_out_fits, held_out_mse
+from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.diagnosis.stretches import Stretches, stretches
+from buggy_rl.effects import effect_class
+from buggy_rl.env import make_simulator
+from buggy_rl.evaluation import HORIZONS
+from buggy_rl.recordings import Recording
+
+NOTHING = 0.1  # excess over the sensor's noise below which simulator and drives agree
+UNEXPLAINED = 0.5  # share of the excess under which a name is a description, not an answer
+UNDECIDED = 0.5  # confidence below which an answer is no answer
+NORMAL = 1.96  # standard deviations of a 95 % interval
+
+
+@dataclass(frozen=True)
+class DiagnosisConfig:
+    """What is compared with what."""
+
+    simulator: str = MISSING
+    """Any engine, .yaml, .pt or file.py:factory."""
+    recordings: list[str] = MISSING
+    """Drives that it should have foretold."""
+    baseline: list[str] = field(default_factory=list)
+    """Drives on which it was right; then what is reported is what changed."""
+    output: str = MISSING
+    """Folder for diagnosis.json, repaired.yaml and report.html."""
+    columns: str = ""
+    """YAML column map, for tables that do not have the standard columns."""
+    effects: list[str] = field(default_factory=list)
+    """Effects to choose from; empty for the whole library. One's own as file.py:Class."""
+    parameters: bool = True
+    """Whether the simulator's own parameters may be what is wrong."""
+    seconds: float = 1.0
+    """Length of a rollout that is fitted."""
+    stretches: int = 150
+    """Most of them, spread evenly over the drives."""
+    threads: int = 1
+    """Threads of PyTorch."""
+    resume: bool = True
+    """Takes over the stages that OUTPUT already holds of the same question."""
+
+
+@dataclass
+class Case:
+    """A question, cut into what is computed with."""
+
+    player: Player
+    cut: Stretches
+    likelihood: Likelihood
+    library: Library
+    names: list[str]
+    recordings: Sequence[Recording]
+
+
+def identify(case: Case, progress: Callable[[str], None] = lambda _: None) -> tuple[Search, Found]:
+    """Names what is missing."""
+    fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
+    search = Search(fitter, progress)
+    return search, search.run()
+
+
+def answer(case: Case, search: Search, found: Found, progress=lambda _: None) -> Answer:
+    """Says it, with what speaks for it."""
+    progress("locating the error")
+    located = locate(case.player, case.cut, case.likelihood.noise, case.names)
+    instants = case.player.instants(case.cut)
+    rest = remaining(case.cut, instants, found.null.fitted.white, found.best.fitted.white)
+    sure = confidences(search, found, rest.share)
+    progress("proving it on what was held out")
+    fits = held_out_fits(case.player, case.cut, case.likelihood, case.library, found.best.fitted)
+    proof = _proof(case, found, fits)
+    named = [_named(case, found, c, sure[c]) for c in found.best.causes]
+    named.sort(key=lambda n: -n.held_out_gain)
+    verdict = _verdict(found, rest, named)
+    undecided = []
+    for item in named:
+        for rival in item.confused_with:
+            others = tuple(sorted({*found.best.causes} - {item.name} | {rival}))
+            if others in found.tried:
+                undecided.append((found.best.fitted, found.tried[others].fitted))
+    progress("looking for what to drive next")
+    suggest = suggestions(
+        case.player, case.library, undecided[:3], case.likelihood.noise, case.cut.dt
+    )
+    return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
+
+
+def _verdict(found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
+    if misfit(found.null.held_out) - 1 < NOTHING and not named:
+        return "no_mismatch"
+    if not named or rest.share > UNEXPLAINED:
+        return "unknown_physics" if rest.excess > NOTHING else "no_mismatch"
+    if max(n.confidence for n in named) < UNDECIDED:
+        return "cannot_tell"
+    if all(n.kind == "parameter" for n in named):
+        return "wrong_parameters"
+    return "missing_physics"
+
+
+def _named(case: Case, found: Found, cause: str, sure) -> Named:
+    fitted = found.best.fitted
+    spread = found.best.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
+    values: dict[str, Value] = {}
+    bound = []
+    for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
+        if unknown.cause != cause:
+            continue
+        p = unknown.parameter
+        ends = sorted(p.value_at(z + k * NORMAL * sd) for k in (-1, 0, 1))
+        values[p.name] = Value(float(p.value_at(z)), float(ends[0]), float(ends[-1]), p.unit)
+        if min(abs(p.value_at(z) - p.lower), abs(p.value_at(z) - p.upper)) < 1e-6 * p.size:
+            bound.append(p.name)
+    numbers = {name: v.value for name, v in values.items()}
+    own = cause.startswith(OWN)
+    kind = "parameter" if own else effect_class(cause).kind
+    p = case.library.numbers(cause)[0]
+    return Named(
+        name=cause,
+        kind=kind,
+        equation="" if own else effect_class(cause).equation,
+        sentence=sentence(cause, numbers, p.unit, p.value),
+        parameters=values,
+        confidence=sure.sure,
+        held_out_gain=_gain(found, cause),
+        confused_with=sure.rivals,
+        at_bound=tuple(bound),
+    )
+
+
+def _gain(found: Found, cause: str) -> float:
+    """Share of the gap that comes back without a cause, on what was held out."""
+    key = tuple(sorted(set(found.best.causes) - {cause}))
+    without = found.tried.get(key, found.null)
+
+    before, after = misfit(without.held_out) - 1, misfit(found.best.held_out) - 1
+    return max(0.0, before - after) / max(before, 1e-9)
+
+
+def _proof(case: Case, found: Found, fits: Sequence[tuple[Tensor, Fitted]]) -> Proof:
+    cuts = [case.cut]
+    for seconds in HORIZONS:
+        if seconds > case.cut.horizon * case.cut.dt:
+            try:
+                cuts.append(stretches(case.recordings, seconds, seconds))
+            except ValueError:
+                continue  # no stretch is that long
+    null = [(rows, _neutral(case)) for rows, _ in fits]
+    before = held_out_mse(case.player, case.library, cuts, null, case.cut)
+    after = held_out_mse(case.player, case.library, cuts, fits, case.cut)
+    floor = 2 * float(case.likelihood.noise[:2].square().sum())
+    return Proof(
+        before=before,
+        after=after,
+        retuned={},
+        noise_floor={h: floor for h in before},
+        black_box={},
+        misfit_before=misfit(found.null.held_out) ** 0.5,
+        misfit_after=misfit(found.best.held_out) ** 0.5,
+        held_out=True,
+    )
+
+
+def _neutral(case: Case) -> Fitted:
+    own = case.library.unknowns(())
+    return Fitted((), own, torch.zeros(len(own), dtype=torch.float64), torch.empty(0))
+
+
+def prepared(
+    player: Player,
+    recordings: Sequence[Recording],
+    library: Library,
+    config: DiagnosisConfig,
+    extra: Tensor | None = None,
+) -> Case:
+    """Cuts drives and weighs their noise."""
+    cut = stretches(recordings, config.seconds, config.seconds)
+    if len(cut) > config.stretches:
+        rows = torch.linspace(0, len(cut) - 1, config.stretches).round().long()
+        cut = cut[rows]
+    weighed = likelihood(player, cut, extra=extra)
+    return Case(player, cut, weighed, library, [r.name for r in recordings], recordings)
+
+
+def diagnose(
+    config: DiagnosisConfig,
+    recordings: Sequence[Recording],
+    progress: Callable[[str], None] = lambda _: None,
+) -> Answer:
+    """Compares a simulator with drives.
+
+    Raises:
+        ValueError: No drive has a stretch of the length asked for.
+    """
+    engines: dict[int, EnvBase] = {}
+
+    def make(cars: int) -> EnvBase:
+        if cars not in engines:
+            engines[cars] = make_simulator(config.simulator, cars)
+        return engines[cars]
+
+    progress("cutting drives into stretches")
+    declared = getattr(make(1), "parameters", {}) if config.parameters else {}
+    library = Library(config.effects or None, declared)
+    case = prepared(Player(make), recordings, library, config)
+    search, found = identify(case, progress)
+    return answer(case, search, found, progress)
+
+
+def repaired(simulator: str, answer: Answer, folder: Path) -> dict[str, Any]:
+    """The simulator with what was found in it, as a simulator file has it."""
+    content: dict[str, Any] = {"engine": simulator}
+    if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
+        content["engine"] = os.path.relpath(simulator, folder)
+    effects, parameters = {}, {}
+    for named in answer.effects:
+        values = {name: value.value for name, value in named.parameters.items()}
+        (parameters if named.kind == "parameter" else effects).update(
+            values if named.kind == "parameter" else {named.name: values}
+        )
+    if parameters:
+        content["parameters"] = parameters
+    if effects:
+        content["effects"] = effects
+    return content

@@ -1,0 +1,172 @@
+"""What a simulator with effects says the sensor would have shown: many parameter sets at once."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.envs import Compose, EnvBase, TransformedEnv
+
+from buggy_rl import keys
+from buggy_rl.diagnosis.stretches import AHEAD, Stretches
+from buggy_rl.effects import in_order, make_effect
+from buggy_rl.evaluation import WARM_UP
+from buggy_rl.vehicle import rotate
+
+MOST_CARS = 12_000  # rolled out at once, to bound memory
+
+Values = Mapping[str, Mapping[str, Tensor]]
+"""Effect -> parameter -> values [C], one a parameter set."""
+
+
+@dataclass(frozen=True)
+class Player:
+    """Plays the commands of stretches into a simulator and reads its sensor.
+
+    Args:
+        make: Builds the simulator for a number of cars.
+        every: Rows between two readings.
+    """
+
+    make: Callable[[int], EnvBase]
+    every: int = 10
+
+    def instants(self, cut: Stretches) -> Tensor:
+        """Rows [K] after the start that are read."""
+        return torch.arange(self.every, cut.horizon + 1, self.every)
+
+    @torch.no_grad()
+    def play(
+        self,
+        cut: Stretches,
+        effects: Values,
+        parameters: Mapping[str, Tensor] | None = None,
+        offset: Tensor | None = None,
+        shift: Tensor | None = None,
+    ) -> Tensor:
+        """Readings minus measurements.
+
+        Args:
+            cut: N stretches.
+            effects: Values of C parameter sets.
+            parameters: The simulator's own, name -> [C].
+            offset: [C] commands took effect this much later than they are stamped [s].
+            shift: [C, 6] error of the start's pose (in the body frame) and velocity.
+
+        Returns:
+            [C, N, K, 6]: x, y [m] along and across the heading at the start, yaw [rad],
+            vx, vy [m/s], yaw_rate [rad/s].
+        """
+        sets = _count(effects, parameters, offset, shift)
+        per = max(1, MOST_CARS // len(cut))
+        parts = []
+        for first in range(0, sets, per):
+            rows = slice(first, min(first + per, sets))
+            parts.append(
+                self._play(
+                    cut,
+                    {e: {p: v[rows] for p, v in ps.items()} for e, ps in effects.items()},
+                    {p: v[rows] for p, v in (parameters or {}).items()},
+                    None if offset is None else offset[rows],
+                    None if shift is None else shift[rows],
+                    rows.stop - rows.start,
+                )
+            )
+        return torch.cat(parts)
+
+    def _play(self, cut, effects, parameters, offset, shift, sets) -> Tensor:
+        count = len(cut)
+        cars = sets * count
+        env, stack = self._environment(effects, parameters, cars, count)
+        pose, velocity = _started(cut, stack, sets, shift)
+        action = _commanded(cut, offset, sets)
+        start = TensorDict({keys.POSE: pose[:, 0], keys.VELOCITY: velocity[:, 0]}, [cars])
+        state = env.reset(start)
+        if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
+            state[keys.ELAPSED] = cut.elapsed.repeat(sets).unsqueeze(-1)
+        wanted = set((self.instants(cut) + WARM_UP).tolist())
+        seen = []
+        for row in range(cut.pose.shape[1]):
+            if row <= WARM_UP:
+                state[keys.POSE], state[keys.VELOCITY] = pose[:, row], velocity[:, row]
+            if row in wanted:
+                seen.append(_reading(state))
+            if row < cut.pose.shape[1] - 1:
+                state[keys.ACTION] = action[:, row]
+                state = env.step(state)["next"]
+        read = torch.stack(seen, 1).view(sets, count, len(seen), 6)
+        return _compared(read, cut, self.instants(cut))
+
+    def _environment(self, effects, parameters, cars, count):
+        engine = self.make(cars)
+        if parameters:
+            batch = {name: v.repeat_interleave(count) for name, v in parameters.items()}
+            engine = engine.with_parameters(TensorDict(batch, [cars]))  # type: ignore[operator]
+        stack = []
+        for name in in_order(effects):
+            batch = {p: v.repeat_interleave(count) for p, v in effects[name].items()}
+            stack.append(make_effect(name).with_parameters(TensorDict(batch, [cars])))
+        env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
+        for effect in stack:
+            env.append_transform(effect)
+        return env, stack
+
+
+def _count(effects, parameters, offset, shift) -> int:
+    for values in effects.values():
+        for value in values.values():
+            return len(value)
+    for value in (parameters or {}).values():
+        return len(value)
+    for value in (offset, shift):
+        if value is not None:
+            return len(value)
+    return 1
+
+
+def _started(cut: Stretches, stack: Sequence, sets: int, shift: Tensor | None):
+    """True motion [C * N, WARM_UP + 1, 3] that the records show, as each set's sensor has it."""
+    rows = slice(0, WARM_UP + 1 + AHEAD)
+    pose = cut.smooth_pose[:, rows].repeat(sets, 1, 1)
+    velocity = cut.smooth_velocity[:, rows].repeat(sets, 1, 1)
+    for effect in reversed(stack):
+        pose, velocity = effect.unsensed(pose, velocity, cut.dt)
+    pose, velocity = pose[:, : WARM_UP + 1].clone(), velocity[:, : WARM_UP + 1].clone()
+    if shift is not None:
+        off = shift.repeat_interleave(len(cut), 0)  # (C * N, 6)
+        pose[:, -1, :2] += rotate(off[:, :2], pose[:, -1, 2])
+        pose[:, -1, 2] += off[:, 2]
+        velocity[:, -1] += off[:, 3:]
+    return pose, velocity
+
+
+def _commanded(cut: Stretches, offset: Tensor | None, sets: int) -> Tensor:
+    """Commands [C * N, L, 2] as they took effect, `offset` [C] s later than stamped."""
+    action = cut.action
+    if offset is None or not bool(offset.any()):
+        return action.repeat(sets, 1, 1)
+    length = action.shape[1]
+    place = torch.arange(length) - (offset / cut.dt).unsqueeze(-1)  # (C, L)
+    place = place.clamp(0, length - 1)
+    before = place.floor().long().clamp_max(length - 2)
+    share = (place - before)[:, None, :, None]
+    older, newer = action[:, before], action[:, before + 1]  # (N, C, L, 2)
+    mixed = torch.lerp(older.movedim(1, 0), newer.movedim(1, 0), share)
+    return mixed.flatten(0, 1)
+
+
+def _reading(state: TensorDict) -> Tensor:
+    pose = state.get(keys.MEASURED_POSE, None)
+    velocity = state.get(keys.MEASURED_VELOCITY, None)
+    pose = state[keys.POSE] if pose is None else pose
+    velocity = state[keys.VELOCITY] if velocity is None else velocity
+    return torch.cat([pose, velocity], -1)
+
+
+def _compared(read: Tensor, cut: Stretches, instants: Tensor) -> Tensor:
+    measured = torch.cat([cut.pose, cut.velocity], -1)[:, WARM_UP + instants]  # (N, K, 6)
+    gap = read - measured
+    heading = cut.smooth_pose[:, WARM_UP, 2].view(1, -1, 1)
+    place = rotate(gap[..., :2], -heading.expand(gap.shape[:-1]))
+    return torch.cat([place, gap[..., 2:]], -1)

@@ -1,0 +1,201 @@
+"""Which effects explain the drives: rivals screened, fitted, compared, combined, eliminated."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from buggy_rl.diagnosis.adequacy import misfit, typical
+from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
+from buggy_rl.diagnosis.fit import Fitted, Fitter
+
+KEPT = 14  # effects that are fitted after the screening
+EXTENDED = 6  # effects that are fitted beside those already found
+MOST = 4  # effects of one explanation
+LOST = 0.3  # of the nats won in some blocks that may be lost in others
+NATS = 6.0  # by which it must help at least, for each of its parameters
+EAGER = 0.25  # share of what is left over that the next effect is not expected to explain
+MATTERS = 0.02  # of the noise's variance: what closes less of the gap does not matter,
+SHARE = 0.04  # nor what closes less of the gap that there was at first
+
+
+@dataclass
+class Candidate:
+    """An explanation, fitted, with what speaks for it."""
+
+    fitted: Fitted
+    evidence: Evidence
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """What it explains the drives by."""
+        return self.fitted.causes
+
+    @property
+    def held_out(self) -> Tensor:
+        """[N] mean square of each stretch when its block was held out, over noise."""
+        return self.evidence.square / self.fitted.white.shape[-1]
+
+    @property
+    def typical(self) -> float:
+        """What is usual among them."""
+        return typical(self.held_out)
+
+
+@dataclass
+class Found:
+    """What the search came to."""
+
+    null: Candidate
+    best: Candidate
+    tried: dict[tuple[str, ...], Candidate] = field(default_factory=dict)
+    """All explanations by their causes, sorted."""
+    temper: float = 1.0
+    """How much worse than noise the best is."""
+
+
+class Search:
+    """Forward selection with backward elimination and swaps.
+
+    Args:
+        fitter: Fits to all stretches.
+        progress: Told in plain words what is being done.
+    """
+
+    def __init__(self, fitter: Fitter, progress: Callable[[str], None] = lambda _: None) -> None:
+        self.fitter, self.progress = fitter, progress
+        self.group = blocks(fitter.cut)
+        self.tried: dict[tuple[str, ...], Candidate] = {}
+
+    def run(self) -> Found:
+        """Finds the best explanation and all rivals that came close."""
+        self.null = best = self.fit([self.fitter.start(())])[0]
+        while len(best.causes) < MOST:
+            # What the best so far leaves is no noise: so much less does a nat count.
+            self.fitter.temper = max(1.0, EAGER * best.typical)
+            step = self.extended(best)
+            if step is None:
+                break
+            best = self.eliminated(step)
+        self.fitter.temper = max(1.0, best.typical)
+        return Found(self.null, best, self.tried, self.fitter.temper)
+
+    def loss(self, candidate: Candidate) -> float:
+        """On what was held out, with its priors [nats]."""
+        losses = self.fitter.likelihood.loss(candidate.evidence.square, self.fitter.temper)
+        return float(losses.sum() + candidate.fitted.penalty())
+
+    def fit(self, starts: Sequence[Fitted]) -> list[Candidate]:
+        """Fits and weighs explanations; the better one of two with the same effects is kept."""
+        if not starts:
+            return []
+        results = []
+        for fitted in self.fitter.fit(starts, 6):
+            candidate = Candidate(fitted, evidence(self.fitter, fitted, self.group))
+            key = tuple(sorted(fitted.causes))
+            before = self.tried.get(key)
+            if before is None or self.loss(candidate) < self.loss(before):
+                self.tried[key] = candidate
+            results.append(self.tried[key])
+        return results
+
+    def extended(self, base: Candidate) -> Candidate | None:
+        """The base with the effect that helps most; None when none helps enough."""
+        self.progress(f"screening {len(self.fitter.library.causes)} effects")
+        starts = self.screened(base, KEPT if not base.causes else EXTENDED)
+        self.progress(f"fitting {len(starts)} explanations")
+        fitted = self.fit(starts)
+        helping = [c for c in fitted if self.helps(c, base)]
+        return min(helping, key=self.loss, default=None)
+
+    def helps(self, more: Candidate, less: Candidate) -> bool:
+        """Whether causes earn their place on what they were not fitted to.
+
+        They must help by enough nats, whichever block of the drives is left out; lose little where
+        they do not help; and close a part of the gap that was there at first that matters.
+        """
+        gain = advantage(
+            self.fitter.likelihood,
+            max(1.0, more.typical),
+            more.evidence,
+            less.evidence,
+            self.group,
+        )
+        added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
+        first = misfit(self.null.held_out) - 1
+        closed = misfit(less.held_out) - misfit(more.held_out)
+        return (
+            gain.without_best > NATS * added
+            and gain.lost < LOST * gain.won
+            and closed > max(MATTERS, SHARE * first)
+        )
+
+    def screened(self, base: Candidate, keep: int) -> list[Fitted]:
+        """The most promising starts: the base and one more effect each, at its best trial size."""
+        rows: list[tuple[Fitted, Tensor]] = []
+        for name in self.fitter.library.causes:
+            if name in base.causes:
+                continue
+            begin = self.fitter.start((*base.causes, name))
+            own = len(self.fitter.library.numbers(name))
+            kept = base.fitted.place[: len(base.fitted.place) - 1]
+            for trial in self.fitter.library.trials(name, self.fitter.cut):
+                place = torch.cat(
+                    [kept, torch.tensor(trial, dtype=torch.float64), base.fitted.place[-1:]]
+                )
+                assert len(place) == len(kept) + own + 1
+                rows.append((begin, place))
+        whites = self.fitter.evaluate(rows)
+        best: dict[str, tuple[float, Fitted]] = {}
+        for (fitted, place), white in zip(rows, whites, strict=True):
+            trial = Fitted(fitted.causes, fitted.unknowns, place, white)
+            promise = self._promise(base.fitted, trial)
+            name = fitted.causes[-1]
+            if name not in best or promise < best[name][0]:
+                best[name] = promise, trial
+        ranked = sorted(best.values(), key=lambda item: item[0])
+        return [trial for _, trial in ranked[:keep]]
+
+    def _promise(self, base: Fitted, trial: Fitted) -> float:
+        """Loss [nats] at the best point between the base and a trial, along a straight line.
+
+        Gaps move by t (w_trial - w_base) with t in 0..1.5, projected off what the base's own
+        parameters could have absorbed.
+        """
+        move = trial.white - base.white  # (N, D)
+        weight = self.fitter.likelihood.weight(base.square, self.fitter.temper).unsqueeze(-1)
+        if base.slopes is not None:
+            slopes = base.slopes  # (N, D, P)
+            normal = torch.einsum("ndp,ndq,ne->pq", slopes, slopes, weight)
+            normal = normal + 1e-9 * torch.eye(len(normal), dtype=normal.dtype)
+            along = torch.einsum("ndp,nd,ne->p", slopes, move, weight)
+            move = move - slopes @ torch.linalg.solve(normal, along)
+        curve = float((weight * move.square()).sum())
+        share = -float((weight * move * base.white).sum()) / max(curve, 1e-12)
+        share = min(max(share, 0.0), 1.5)
+        square = (base.white + share * move).square().sum(-1)
+        direct = self.fitter.likelihood.loss(trial.square, self.fitter.temper).sum()
+        line = self.fitter.likelihood.loss(square, self.fitter.temper).sum()
+        return float(torch.minimum(direct, line))
+
+    def eliminated(self, candidate: Candidate) -> Candidate:
+        """Leaves out effects that are not needed any more."""
+        while len(candidate.causes) > 1:
+            starts = []
+            for left_out in candidate.causes:
+                keep = tuple(e for e in candidate.causes if e != left_out)
+                places = [
+                    z
+                    for u, z in zip(
+                        candidate.fitted.unknowns, candidate.fitted.place.tolist(), strict=True
+                    )
+                    if u.cause != left_out
+                ]
+                starts.append(self.fitter.start(keep, places))
+            fitted = self.fit(starts)
+            needless = [c for c in fitted if not self.helps(candidate, c)]
+            if not needless:
+                return candidate
+            candidate = min(needless, key=self.loss)
+        return candidate

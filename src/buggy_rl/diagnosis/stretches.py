@@ -1,0 +1,112 @@
+"""What drives are compared by: stretches of about a second, and how noisily they were measured."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from buggy_rl import keys
+from buggy_rl.dataset import filtered, local_parabola, windows
+from buggy_rl.evaluation import WARM_UP
+from buggy_rl.recordings import Recording
+
+AHEAD = 30  # rows known beyond a stretch's start, for sensors that report late
+SMOOTHING = 15  # rows of the parabola through what was measured: keeps what a car can do
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """N stretches of drives, L = WARM_UP + H + 1 rows each; row WARM_UP is where rollouts start."""
+
+    pose: Tensor
+    """[N, L, 3] as measured; x, y [m], yaw [rad], not wrapped."""
+    velocity: Tensor
+    """[N, L, 3] as measured [m/s, rad/s]."""
+    smooth_pose: Tensor
+    """[N, L, 3] with most of the noise taken off."""
+    smooth_velocity: Tensor
+    """[N, L, 3] likewise."""
+    action: Tensor
+    """[N, L, 2]"""
+    elapsed: Tensor
+    """[N] time since the drive began, at row 0 [s]."""
+    drive: Tensor
+    """[N] int, which drive."""
+    row: Tensor
+    """[N] int, row 0's place in its drive."""
+    dt: float
+    """[s]"""
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    @property
+    def horizon(self) -> int:
+        """Rows that a rollout covers."""
+        return self.pose.shape[1] - WARM_UP - 1
+
+    def __getitem__(self, index: Tensor) -> "Stretches":
+        parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}
+        return replace(self, **parts)
+
+
+def stretches(recordings: Sequence[Recording], seconds: float, stride: float) -> Stretches:
+    """Cuts drives into stretches.
+
+    Args:
+        recordings: Drives, all with the same control period.
+        seconds: Length of a rollout.
+        stride: From the start of one to the start of the next [s].
+
+    Raises:
+        ValueError: No drive has a stretch of that length without a gap.
+    """
+    dt = recordings[0].dt
+    length = WARM_UP + round(seconds / dt) + 1
+    smooth = [_smoothed(recording) for recording in recordings]
+    cut = windows(recordings, length, max(1, round(stride / dt)))
+    soft = windows(smooth, length, max(1, round(stride / dt)))
+    row, drive = cut[keys.ROW][:, 0], cut[keys.RECORDING][:, 0]
+    begun = torch.stack([recording.data[keys.TIME][0, 0] for recording in recordings])
+    times = [
+        recordings[d].data[keys.TIME][r, 0]
+        for d, r in zip(drive.tolist(), row.tolist(), strict=True)
+    ]
+    return Stretches(
+        pose=cut[keys.POSE],
+        velocity=cut[keys.VELOCITY],
+        smooth_pose=soft[keys.POSE],
+        smooth_velocity=soft[keys.VELOCITY],
+        action=cut[keys.ACTION],
+        elapsed=(torch.stack(times) - begun[drive]).float(),
+        drive=drive,
+        row=row,
+        dt=dt,
+    )
+
+
+def _smoothed(recording: Recording) -> Recording:
+    soft = filtered(recording, SMOOTHING, local_parabola)
+    data = soft.data
+    for segment in data[keys.SEGMENT].unique():
+        rows = data[keys.SEGMENT] == segment
+        data[keys.POSE][rows] = local_parabola(data[keys.POSE][rows], SMOOTHING)
+    return Recording(soft.name, TensorDict(data.to_dict(), data.batch_size), soft.dt)
+
+
+def sensor_noise(cut: Stretches) -> Tensor:
+    """Standard deviation [6] of x, y, yaw, vx, vy, yaw_rate from row to row.
+
+    What a parabola over `SMOOTHING` rows leaves, in the median over the rows, and made up for the
+    share of white noise that such a parabola follows.
+    """
+    rest = torch.cat([cut.pose - cut.smooth_pose, cut.velocity - cut.smooth_velocity], -1)
+    spread = 1.4826 * rest.flatten(0, 1).abs().median(0).values
+    followed = 9 / (4 * SMOOTHING)  # variance of the parabola's middle over that of a row
+    floor = torch.tensor([1e-4, 1e-4, 3e-4, 1e-3, 1e-3, 1e-3])  # [m, rad, m/s, rad/s] rounding
+    return torch.maximum(spread / (1 - followed) ** 0.5, floor)
+
+
+START_SHARE = (9 / (4 * SMOOTHING)) ** 0.5  # sd of a smoothed row over that of a measured one
