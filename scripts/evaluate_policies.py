@@ -17,17 +17,23 @@ def main() -> None:
     import pandas as pd
     from tqdm import tqdm
 
+    from buggy_rl.policy_drives import car_name
     from buggy_rl.policy_tables import results, tables
 
     found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
-    car = "reference car" if config.car == "reference" else config.car
-    text = tables(found, car)
+    text = tables(found, car_name(config.car))
     print(text)
     folder = Path(config.output)
     save_run(config, folder)
     (folder / "policies.md").write_text(text)
     rows = [
-        {"policy": r.policy, "place": r.place, "course": r.course, **r.scores.means()}
+        {
+            "policy": r.policy,
+            "place": r.place,
+            "course": r.course,
+            **r.scores.means(),
+            **dict(zip(("waypoints_low", "waypoints_high"), r.interval(), strict=True)),
+        }
         for r in found
     ]
     pd.DataFrame(rows).to_csv(folder / "policies.csv", index=False)

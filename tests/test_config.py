@@ -47,9 +47,17 @@ def test_help_shows_key_default_and_meaning_of_every_option():
     assert all("\n      " in line for line in lines), "an option without a line that explains it"
 
 
-def test_help_follows_a_class_that_a_package_hands_on():
-    # policy_tables takes PathConfig from buggy_rl.paths, which is where no class is defined
-    lines = list(describe("buggy_rl.policy_tables:Course"))
+def test_help_follows_a_class_that_a_package_hands_on(tmp_path, monkeypatch):
+    # buggy_rl.paths hands PathConfig on: no class is defined there
+    (tmp_path / "travels.py").write_text(
+        "from dataclasses import dataclass, field\n"
+        "from buggy_rl.paths import PathConfig\n"
+        "@dataclass\n"
+        "class Trip:\n"
+        "    paths: PathConfig = field(default_factory=PathConfig)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    lines = list(describe("travels:Trip"))
     assert "  paths.kind='simplex'" in lines[0]
     assert not any("PathConfig" in line for line in lines)
 

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from statistics import mean, stdev
 
 import torch
 from omegaconf import MISSING
+from scipy.stats import t as student_t
 from torch import Tensor
 
+from buggy_rl.courses import courses, judging
 from buggy_rl.driving import Driver, Scores, drive
-from buggy_rl.env import TaskConfig, TransformConfig, judged, make_env, make_simulator
-from buggy_rl.paths import PathConfig
+from buggy_rl.env import TaskConfig, make_env, make_simulator
 from buggy_rl.policy import load_policy
 
 ORIGINAL: dict[str, dict[str, dict[str, str]]] = {  # printed; place -> path set -> policy
@@ -56,26 +58,6 @@ class PolicyTablesConfig:
 
 
 @dataclass(frozen=True)
-class Course:
-    """A set of paths and how long it is driven."""
-
-    paths: PathConfig
-    steps: int
-
-
-def courses(config: PolicyTablesConfig) -> dict[str, Course]:
-    """The tables' path sets: random ones, lap, infinity and the tight random path."""
-    paths = replace(config.task.paths, placed=False, mirrored=False)
-    return {
-        "training": Course(replace(paths, kind="simplex", part="training"), 1000),
-        "validation": Course(replace(paths, kind="simplex", part="validation"), 1000),
-        "lap": Course(replace(paths, kind="lap"), 1000),
-        "infinity": Course(replace(paths, kind="infinity"), 1000),
-        "random": Course(replace(paths, kind="tight"), 500),
-    }
-
-
-@dataclass(frozen=True)
 class Result:
     """One kind of policy in one place on one set of paths."""
 
@@ -84,6 +66,21 @@ class Result:
     course: str
     scores: Scores
     """Of all its drives; [seeds * drives]."""
+    seeds: tuple[float, ...]
+    """Mean waypoints of each seed."""
+
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the mean over seeds, by Student's t; nan for a single one."""
+        return mean_interval(self.seeds)
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of the mean of independent values, by Student's t; nan for a single one."""
+    count = len(values)
+    if count < 2:
+        return float("nan"), float("nan")
+    half = float(student_t.ppf(0.975, count - 1)) * stdev(values) / count**0.5
+    return mean(values) - half, mean(values) + half
 
 
 def results(
@@ -95,7 +92,7 @@ def results(
         (kind, place, course)
         for kind in config.policies
         for place in places
-        for course in courses(config)
+        for course in courses(config.task.paths, config.random_paths)
         # The original drove random paths in simulators only: they do not fit in a room.
         if place != "car" or course not in ("training", "validation")
     ]
@@ -104,20 +101,17 @@ def results(
             _drives(config, places[place], place == "car", course, load_policy(file)[0].driver())
             for file in config.policies[kind]
         ]
-        yield Result(kind, place, course, _joined(parts))
+        seeds = tuple(part.waypoints.mean().item() for part in parts)
+        yield Result(kind, place, course, _joined(parts), seeds)
 
 
 def _drives(
     config: PolicyTablesConfig, simulator: str, on_the_car: bool, name: str, driver: Driver
 ) -> Scores:
-    course = courses(config)[name]
+    course = courses(config.task.paths, config.random_paths)[name]
     many = {"training": config.random_paths, "validation": course.paths.validation_count}
     cars = many.get(name, config.car_drives if on_the_car else 1)
-    stack = judged(config.task.transforms)
-    stack["step_limit"] = TransformConfig("step_limit", {"max_steps": course.steps})
-    if on_the_car:  # a simulator is judged as it is; the car is seen through its camera
-        stack["noise"] = TransformConfig("observation_noise")
-    task = replace(config.task, paths=course.paths, transforms=stack)
+    task = replace(judging(config.task, course.steps, on_the_car), paths=course.paths)
     with torch.random.fork_rng():
         torch.manual_seed(0)
         return drive(make_env(make_simulator(simulator, cars), task=task), driver, course.steps)
@@ -136,7 +130,10 @@ def tables(found: Sequence[Result], car: str) -> str:
     """
     closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
     kinds = list(dict.fromkeys(r.policy for r in found))
-    lines = ["Waypoints closed, mean ± sd; in brackets the original study's printed figures."]
+    lines = [
+        "Waypoints closed, mean ± sd over drives and seeds; in brackets the original study's "
+        "printed figures. The last table has the 95 % interval of the mean over seeds."
+    ]
     for number, course in (("7.2", "training"), ("7.3", "validation")):
         lines += _heading(f"Table {number}: ten {course} paths, 1000 steps", "driven in", kinds)
         lines += [
@@ -187,17 +184,22 @@ def _details(found: Sequence[Result]) -> list[str]:
     lines = [
         "How they drove:",
         "",
-        "| policy from | in | path | waypoints | kept on | lateral mean / RMS / max [m]"
+        "| policy from | in | path | waypoints | interval | kept on | lateral mean / RMS / max [m]"
         " | heading [rad] | speed [m/s] | steering effort | out of range |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in found:
         m = r.scores.means()
         lateral = f"{m['lateral_mean']:.3f} / {m['lateral_rms']:.3f} / {m['lateral_max']:.3f}"
         outside = "-" if m["out_of_range"] != m["out_of_range"] else f"{m['out_of_range']:.1%}"
         lines.append(
-            f"| {r.policy} | {r.place} | {r.course} | {m['waypoints']:.1f} | {m['kept_on']:.0%}"
+            f"| {r.policy} | {r.place} | {r.course} | {m['waypoints']:.1f}"
+            f" | {_range(r.interval())} | {m['kept_on']:.0%}"
             f" | {lateral} | {m['heading_mean']:.3f} | {m['speed']:.2f}"
             f" | {m['steering_effort']:.3f} | {outside} |"
         )
     return lines
+
+
+def _range(interval: tuple[float, float]) -> str:
+    return "-" if interval[0] != interval[0] else f"{interval[0]:.1f} .. {interval[1]:.1f}"
