@@ -21,7 +21,9 @@ def main() -> None:
     import yaml
     from tqdm import tqdm
 
+    from buggy_rl.diagnosis.correction import FILE
     from buggy_rl.diagnosis.pipeline import diagnose, repaired
+    from buggy_rl.diagnosis.report import report
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(config.threads)
@@ -30,15 +32,29 @@ def main() -> None:
         tqdm.write(f"refused: {refusal}")
     if not recordings:
         raise ValueError("no drive is left to look at: the lines above say why")
+    baseline = []
+    if config.baseline:
+        baseline, refusals = load_recordings(config.baseline, config.columns or None)
+        for refusal in refusals:
+            tqdm.write(f"refused: {refusal}")
+        if not baseline:
+            raise ValueError("no baseline drive is left: the lines above say why")
     folder = Path(config.output)
     save_run(config, folder)
     with tqdm(bar_format="{elapsed} {desc}") as bar:
-        answer = diagnose(config, recordings, bar.set_description_str)
+        done = diagnose(config, recordings, bar.set_description_str, baseline)
+        answer = done.answer
+        bar.set_description_str("drawing the report")
+        page = report(done.case, done.search, done.found, answer)
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
-    content = repaired(config.simulator, answer, folder)
+    content = repaired(config.simulator, answer, folder, done.correction)
+    if done.correction is not None and done.correction.effect is not None:
+        done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    (folder / "report.html").write_text(page, encoding="utf-8")
     print("\n".join(answer.lines()))
-    print(f"written: {folder / 'diagnosis.json'}, {folder / 'repaired.yaml'}")
+    names = ("report.html", "diagnosis.json", "repaired.yaml")
+    print(f"written: {', '.join(str(folder / name) for name in names)}")
 
 
 if __name__ == "__main__":

@@ -15,11 +15,13 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policy_tables:PolicyTablesConfig")
 
     import pandas as pd
+    import torch
     from tqdm import tqdm
 
     from buggy_rl.policy_drives import car_name
     from buggy_rl.policy_tables import results, tables
 
+    torch.set_num_threads(config.threads)
     found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
     text = tables(found, car_name(config.car))
     print(text)

@@ -55,6 +55,8 @@ class PolicyTablesConfig:
     """The task, as in training; its paths are replaced by those of the tables."""
     random_paths: int = 10
     """Training paths that policies are judged on; the validation paths are all driven."""
+    threads: int = 1
+    """Threads of PyTorch."""
 
 
 @dataclass(frozen=True)
