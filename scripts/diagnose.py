@@ -46,6 +46,8 @@ def main() -> None:
         answer = done.answer
         bar.set_description_str("drawing the report")
         page = report(done.case, done.search, done.found, answer)
+    for note in answer.notes:
+        tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
     content = repaired(config.simulator, answer, folder, done.correction)
     if done.correction is not None and done.correction.effect is not None:

@@ -28,7 +28,7 @@ def main() -> None:
     from buggy_rl.camera import Camera
     from buggy_rl.drivers.recording import driven
     from buggy_rl.drivers.room import RoomDriver
-    from buggy_rl.engines import make_engine
+    from buggy_rl.env import make_simulator
     from buggy_rl.recordings import Recording, save_recording
     from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -38,7 +38,7 @@ def main() -> None:
     if config.sealed and about.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"sealed={about} lies in output={folder}: name a folder elsewhere")
     options = {"faults": config.faults} if config.faults else {}
-    engine = make_engine(config.simulator, config.drives, **options)
+    engine = make_simulator(config.simulator, config.drives, **options)
     camera = Camera(config.camera, config.seed)
     steps = round(config.seconds / CONTROL_PERIOD)
     rows = driven(engine, RoomDriver(config.room, config.seed), steps)

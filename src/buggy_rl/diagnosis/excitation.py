@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
-from torchrl.envs import Compose, TransformedEnv
 
 from buggy_rl import keys
 from buggy_rl.diagnosis.fit import Fitted
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
-from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.rollouts import Player, explained
 from buggy_rl.diagnosis.stretches import Stretches
-from buggy_rl.effects import in_order, make_effect
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.vehicle import wrap_angle
 
@@ -89,12 +86,7 @@ def _shown(
 ) -> Tensor:
     """Measured pose and velocity [T, 6] of a car at rest that drives a manoeuvre."""
     effects, parameters, _ = library.settings([(fitted.unknowns, fitted.place)])
-    engine = player.make(1)
-    if parameters:
-        engine = engine.with_parameters(TensorDict(parameters, [1]))  # type: ignore[attr-defined]
-    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-    for name in in_order(effects):
-        env.append_transform(make_effect(name).with_parameters(TensorDict(effects[name], [1])))
+    env, _ = explained(player.make(1), effects, parameters, player.standing)
     state, rows = env.reset(), []
     for action in manoeuvre.actions(dt):
         state[keys.ACTION] = action.unsqueeze(0)

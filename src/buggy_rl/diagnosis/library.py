@@ -16,7 +16,6 @@ CLOCK = EffectParameter(
     "clock_offset", 0.0, -0.1, 0.1, "s", "Commands act later than stamped.", 0.01, 0.002
 )
 CLOCK_PRIOR = 0.5  # in units of its size: a stamp is off by a sample at most
-ALTERNATIVES = ("max_acceleration",)
 OWN = "parameter:"  # begins the name of a parameter of the simulator's own
 SIZES = (0.4, 1.5)  # typical sizes at which an effect is tried before it is fitted
 PATCHES = (0.1, 0.37, 0.63, 0.9)  # of the range driven, along x and y: where a patch is tried
@@ -59,9 +58,7 @@ class Library:
         if cause.startswith(OWN):
             return (self.parameters[cause.removeprefix(OWN)],)
         kind = effect_class(cause)
-        return tuple(
-            p for p in kind.parameters if p.name not in getattr(kind, "alternatives", ALTERNATIVES)
-        )
+        return tuple(p for p in kind.parameters if p.name not in kind.alternatives)
 
     def unknowns(self, causes: Sequence[str]) -> tuple[Unknown, ...]:
         """Numbers of an explanation; the commands' clock is always one of them, the last."""

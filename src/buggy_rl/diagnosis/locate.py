@@ -18,6 +18,7 @@ ENOUGH = 0.04  # share of the data that a region must hold
 MOST_REGIONS = 4
 MOST_LAG = 0.4  # [s] after a command in which its effect is looked for
 RIDGE = 1e-3
+LEFT_BY_NOISE = 0.968  # mean of max(2 z^2 - 2, 0) of a standard normal z: 4 phi(1)
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,9 @@ def locate(
     change = torch.cat([first, gap], 1).diff(dim=1)[..., 3:] / noise[3:]  # (N, K, 3)
     change = change.nan_to_num(1e3).clamp(-1e3, 1e3)
     excess = (change.square() - 2.0).clamp_min(0.0)  # two readings' noise
-    total = float(excess.sum()) or 1.0
-    share = {c: float(excess[..., i].sum()) / total for i, c in enumerate(CHANNELS)}
+    of_channel = (excess.mean((0, 1)) - LEFT_BY_NOISE).clamp_min(0.0)  # (3,)
+    total = float(of_channel.sum()) or 1.0
+    share = {c: float(of_channel[i]) / total for i, c in enumerate(CHANNELS)}
     of_row = excess.sum(-1)  # (N, K)
     seen = features(cut, instants)
     return Located(
@@ -158,7 +160,8 @@ def _region(where, inside, weight, total) -> Region:
 
 def _intervals(cut, instants, error, names) -> list[Interval]:
     """Runs of stretches whose error stands out of their drive's, by time."""
-    per = error.sum(1)
+    left = LEFT_BY_NOISE * len(CHANNELS) * error.shape[1]
+    per = (error.sum(1) - left).clamp_min(0.0)  # (N,)
     total = float(per.sum()) or 1.0
     limit = float(per.mean() + per.std())
     found = []

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +14,25 @@ from torchrl.envs import EnvBase
 from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
 from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.correction import FILE, Correction, correct
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.guard import (
+    blaming,
+    check_blocks,
+    check_clock,
+    check_drives,
+    check_gaps,
+    check_simulator,
+)
 from buggy_rl.diagnosis.library import OWN, Library
 from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.proof import held_out_fits, held_out_mse
-from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.rollouts import Player, effects_of
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.stretches import Stretches, stretches
-from buggy_rl.effects import effect_class
+from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.env import make_simulator
 from buggy_rl.evaluation import HORIZONS
 from buggy_rl.recordings import Recording
@@ -72,6 +81,18 @@ class Case:
     library: Library
     names: list[str]
     recordings: Sequence[Recording]
+
+
+@dataclass
+class Diagnosis:
+    """The answer, and what it was come by."""
+
+    case: Case
+    search: Search
+    found: Found
+    answer: Answer
+    correction: Correction | None = None
+    """Of what the simulator got wrong before anything changed, where baseline drives were given."""
 
 
 def identify(case: Case, progress: Callable[[str], None] = lambda _: None) -> tuple[Search, Found]:
@@ -195,23 +216,33 @@ def prepared(
     extra: Tensor | None = None,
 ) -> Case:
     """Cuts drives and weighs their noise."""
+    cut = _cut(recordings, config)
+    weighed = likelihood(player, cut, extra=extra)
+    return Case(player, cut, weighed, library, [r.name for r in recordings], recordings)
+
+
+def _cut(recordings: Sequence[Recording], config: DiagnosisConfig) -> Stretches:
     cut = stretches(recordings, config.seconds, config.seconds)
     if len(cut) > config.stretches:
         rows = torch.linspace(0, len(cut) - 1, config.stretches).round().long()
         cut = cut[rows]
-    weighed = likelihood(player, cut, extra=extra)
-    return Case(player, cut, weighed, library, [r.name for r in recordings], recordings)
+    return cut
 
 
 def diagnose(
     config: DiagnosisConfig,
     recordings: Sequence[Recording],
     progress: Callable[[str], None] = lambda _: None,
-) -> Answer:
+    baseline: Sequence[Recording] = (),
+) -> Diagnosis:
     """Compares a simulator with drives.
 
+    With baseline drives, on which it counts as right, its standing faults are closed on them
+    first, and what is found is what has changed since.
+
     Raises:
-        ValueError: No drive has a stretch of the length asked for.
+        ValueError: The drives cannot be used, or the simulator does not do what one must; the
+            message says which and what to do.
     """
     engines: dict[int, EnvBase] = {}
 
@@ -220,20 +251,49 @@ def diagnose(
             engines[cars] = make_simulator(config.simulator, cars)
         return engines[cars]
 
-    progress("cutting drives into stretches")
+    progress("looking at drives and simulator")
+    notes = check_drives(recordings, config.seconds)
+    if baseline:
+        notes += check_drives(baseline, config.seconds)
+    notes += check_simulator(make, config.simulator)
     declared = getattr(make(1), "parameters", {}) if config.parameters else {}
-    library = Library(config.effects or None, declared)
-    case = prepared(Player(make), recordings, library, config)
-    search, found = identify(case, progress)
-    return answer(case, search, found, progress)
+    inside = [effect.name for effect in effects_of(make(1))]
+    if inside:
+        notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
+    library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
+    with blaming(config.simulator):
+        player, correction = Player(make), None
+        if baseline:
+            correction = correct(player, _cut(baseline, config), progress=progress)
+            player = correction.player(player)
+        cut = _cut(recordings, config)
+        short = check_blocks(cut)
+        names = [recording.name for recording in recordings]
+        gap = player.play(cut, {})[0]
+        notes += check_gaps(gap, cut, player.instants(cut), names, config.simulator)
+        extra = None if correction is None else correction.covariance
+        case = prepared(player, recordings, library, config, extra)
+        search, found = identify(case, progress)
+        said = answer(case, search, found, progress)
+    notes += short + check_clock(found.best.fitted.values()[""]["clock_offset"])
+    said = replace(said, notes=notes, verdict="cannot_tell" if short else said.verdict)
+    return Diagnosis(case, search, found, said, correction)
 
 
-def repaired(simulator: str, answer: Answer, folder: Path) -> dict[str, Any]:
-    """The simulator with what was found in it, as a simulator file has it."""
+def repaired(
+    simulator: str, answer: Answer, folder: Path, correction: Correction | None = None
+) -> dict[str, Any]:
+    """The simulator with what was found in it, as a simulator file has it.
+
+    A correction stays in it as what it is; its network lies beside the file, as `FILE`.
+    """
     content: dict[str, Any] = {"engine": simulator}
     if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
         content["engine"] = os.path.relpath(simulator, folder)
     effects, parameters = {}, {}
+    if correction is not None and correction.effect is not None:
+        strength = float(correction.effect.values["strength"])
+        effects[correction.effect.name] = {"strength": strength, "model": FILE}
     for named in answer.effects:
         values = {name: value.value for name, value in named.parameters.items()}
         (parameters if named.kind == "parameter" else effects).update(

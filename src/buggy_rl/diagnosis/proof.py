@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.evidence import blocks
+from buggy_rl.diagnosis.evidence import BLOCK, blocks
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import Likelihood
@@ -95,4 +95,4 @@ def held_out_mse(
 
 
 def _keys(cut: Stretches) -> Tensor:
-    return cut.drive * 100_000 + (cut.row.double() * cut.dt / 8.0).long()
+    return cut.drive * 100_000 + (cut.row.double() * cut.dt / BLOCK).long()

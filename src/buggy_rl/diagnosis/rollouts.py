@@ -10,7 +10,8 @@ from torchrl.envs import Compose, EnvBase, TransformedEnv
 
 from buggy_rl import keys
 from buggy_rl.diagnosis.stretches import AHEAD, Stretches
-from buggy_rl.effects import in_order, make_effect
+from buggy_rl.effects import CORRECTIONS, LAST_OF_KIND, ORDER, make_effect
+from buggy_rl.effects.base import Effect
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.vehicle import rotate
 
@@ -27,10 +28,13 @@ class Player:
     Args:
         make: Builds the simulator for a number of cars.
         every: Rows between two readings.
+        standing: Effects that are in every rollout, nearer to the engine than those on trial,
+            with one value for all cars.
     """
 
     make: Callable[[int], EnvBase]
     every: int = 10
+    standing: Sequence[Effect] = ()
 
     def instants(self, cut: Stretches) -> Tensor:
         """Rows [K] after the start that are read."""
@@ -99,18 +103,78 @@ class Player:
         return _compared(read, cut, self.instants(cut))
 
     def _environment(self, effects, parameters, cars, count):
-        engine = self.make(cars)
-        if parameters:
-            batch = {name: v.repeat_interleave(count) for name, v in parameters.items()}
-            engine = engine.with_parameters(TensorDict(batch, [cars]))  # type: ignore[operator]
-        stack = []
-        for name in in_order(effects):
-            batch = {p: v.repeat_interleave(count) for p, v in effects[name].items()}
-            stack.append(make_effect(name).with_parameters(TensorDict(batch, [cars])))
-        env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-        for effect in stack:
-            env.append_transform(effect)
-        return env, stack
+        each = {
+            e: {p: v.repeat_interleave(count) for p, v in ps.items()} for e, ps in effects.items()
+        }
+        own = {name: v.repeat_interleave(count) for name, v in parameters.items()}
+        return explained(self.make(cars), each, own, self.standing)
+
+
+def explained(
+    simulator: EnvBase,
+    effects: Values,
+    parameters: Mapping[str, Tensor],
+    standing: Sequence[Effect] = (),
+) -> tuple[TransformedEnv, list[Effect]]:
+    """A simulator with other parameters and more effects, and all effects that it then has.
+
+    Effects that the simulator has already stay, and all stand in the one order that is right:
+    what acts on the motion before what senses it.
+
+    Args:
+        simulator: Of any number of cars; not changed.
+        effects: Effect -> parameter -> value of each car.
+        parameters: The simulator's own -> value of each car.
+        standing: Further effects that are in it, with one value for all cars.
+
+    Raises:
+        ValueError: The simulator has one of the effects already, or transforms that are none.
+    """
+    # `with_parameters` of the whole would be the engine's: its effects would be gone.
+    engine = simulator.base_env if isinstance(simulator, TransformedEnv) else simulator
+    given = [effect.clone() for effect in (*effects_of(simulator), *standing)]
+    if parameters:
+        values = TensorDict(dict(parameters), engine.batch_size)
+        engine = engine.with_parameters(values)  # type: ignore[operator]
+    stack = [
+        make_effect(name).with_parameters(TensorDict(dict(values), engine.batch_size))
+        for name, values in effects.items()
+    ]
+    twice = sorted({e.name for e in given} & {e.name for e in stack})
+    if twice:
+        raise ValueError(f"the simulator has {', '.join(twice)} already: look for other effects")
+    stack = sorted([*given, *stack], key=_place)
+    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
+    for effect in stack:
+        env.append_transform(effect)
+    return env, stack
+
+
+def effects_of(simulator: EnvBase) -> list[Effect]:
+    """Effects that a simulator has from the start, from its engine outwards.
+
+    Raises:
+        ValueError: It has transforms that are no effects.
+    """
+    if not isinstance(simulator, TransformedEnv):
+        return []
+    outer = simulator.transform
+    found = list(outer) if isinstance(outer, Compose) else [outer]
+    others = [type(t).__name__ for t in found if not isinstance(t, Effect)]
+    if others:
+        raise ValueError(
+            f"a simulator may have effects over its engine, not {', '.join(others)}: those are a "
+            "task's"
+        )
+    return found  # type: ignore[return-value]
+
+
+def _place(effect: Effect) -> int:
+    """From the engine outwards; corrections next to it, one's own with the last of their kind."""
+    if effect.name in CORRECTIONS:
+        return -1
+    name = effect.name if effect.name in ORDER else LAST_OF_KIND[effect.kind]
+    return ORDER.index(name)
 
 
 def _count(effects, parameters, offset, shift) -> int:

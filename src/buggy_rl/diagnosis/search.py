@@ -128,7 +128,8 @@ class Search:
         return (
             gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
-            and closed > max(MATTERS, SHARE * first)
+            # Where all is far beyond the cap of `misfit`, what is usual tells more.
+            and (closed > max(MATTERS, SHARE * first) or more.typical < (1 - SHARE) * less.typical)
         )
 
     def screened(self, base: Candidate, keep: int) -> list[Fitted]:
@@ -138,14 +139,13 @@ class Search:
             if name in base.causes:
                 continue
             begin = self.fitter.start((*base.causes, name))
-            own = len(self.fitter.library.numbers(name))
-            kept = base.fitted.place[: len(base.fitted.place) - 1]
+            kept, clock = base.fitted.place[:-1], base.fitted.place[-1:]
             for trial in self.fitter.library.trials(name, self.fitter.cut):
-                place = torch.cat(
-                    [kept, torch.tensor(trial, dtype=torch.float64), base.fitted.place[-1:]]
-                )
-                assert len(place) == len(kept) + own + 1
-                rows.append((begin, place))
+                # With the base's clock, and with a right one: without the cause, the clock may
+                # have taken over a delay that is the cause's.
+                for stamp in (clock, torch.zeros_like(clock)):
+                    place = [kept, torch.tensor(trial, dtype=torch.float64), stamp]
+                    rows.append((begin, torch.cat(place)))
         whites = self.fitter.evaluate(rows)
         best: dict[str, tuple[float, Fitted]] = {}
         for (fitted, place), white in zip(rows, whites, strict=True):

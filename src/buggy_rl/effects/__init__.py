@@ -46,22 +46,26 @@ EFFECTS = {
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
 }
+CORRECTIONS = {  # part of a simulator, not of what it may lack: no diagnosis chooses from them
+    "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
+}
 ORDER = tuple(EFFECTS)
 LAST_OF_KIND = {"actuation": "steering_dead_time", "motion": "yaw_damping", "sensing": "gyro_bias"}
 
 
 def effect_class(name: str) -> type["Effect"]:
-    """The class of a name in `EFFECTS`, or of one's own as `path/to/file.py:Class`.
+    """The class of a name in `EFFECTS` or `CORRECTIONS`, or of one's own as `path/file.py:Class`.
 
     Raises:
         ValueError: There is none; the message lists the known ones.
     """
-    if name not in EFFECTS and ":" not in name:
+    named = {**EFFECTS, **CORRECTIONS}
+    if name not in named and ":" not in name:
         raise ValueError(
             f"no effect {name!r}; available: {', '.join(sorted(EFFECTS))}, or your own as "
             "file.py:Class"
         )
-    return load_named(EFFECTS.get(name, name))
+    return load_named(named.get(name, name))
 
 
 def make_effect(name: str, values: Mapping[str, Any] | None = None, **options: Any) -> "Effect":
@@ -97,6 +101,8 @@ def in_order(effects: Mapping[str, "Effect"] | Iterable[str]) -> list[str]:
     names = list(effects)
 
     def place(name: str) -> tuple[int, int]:
+        if name in CORRECTIONS:  # next to the engine that it corrects
+            return -1, names.index(name)
         if name in EFFECTS:
             return ORDER.index(name), 0
         return ORDER.index(LAST_OF_KIND[effect_class(name).kind]), 1 + names.index(name)

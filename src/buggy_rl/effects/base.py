@@ -80,6 +80,9 @@ class Effect(Transform):
     deciding: ClassVar[tuple[str, ...]] = ()
     """Parameters that make it neutral whatever the others are; none where all have to agree."""
 
+    alternatives: ClassVar[tuple[str, ...]] = ()
+    """Parameters that are another reading of the same physics: a fit leaves them neutral."""
+
     active: bool
     """Whether any car feels it."""
 

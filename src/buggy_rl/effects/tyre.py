@@ -201,6 +201,7 @@ class TireGrip(TyreEffect):
 
     name = "tire_grip"
     equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
+    alternatives = ("max_acceleration",)
     parameters = (
         EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
         EffectParameter(

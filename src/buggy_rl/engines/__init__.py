@@ -102,6 +102,12 @@ def read_simulator(file: Path) -> dict[str, Any]:
     if "model" in result["options"]:  # a path beside the YAML file itself
         model = str(file.parent / result["options"]["model"])
         result["options"] = {**result["options"], "model": model}
+    result["effects"] = {
+        name: {**values, "model": str(file.parent / values["model"])}
+        if values and "model" in values
+        else values
+        for name, values in result["effects"].items()
+    }
     return result
 
 

@@ -1,0 +1,108 @@
+"""Drives of single-track cars in which effects or parameters are planted by their own code."""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import torch
+from tensordict import TensorDict
+
+from buggy_rl import keys
+from buggy_rl.camera import Camera, CameraConfig
+from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.library import Library
+from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.rollouts import Player, explained
+from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.effects import effect_class
+from buggy_rl.engines import make_engine
+from buggy_rl.recordings import Recording
+
+QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)
+PLANTED = {
+    "nothing": {},
+    "late": {"steering_dead_time": {"dead_time": 0.06}},
+    "draggy": {"viscous_drag": {"rate": 0.5}},
+    "two": {"steering_gain": {"gain": 0.8}, "viscous_drag": {"rate": 0.5}},
+    "heavy": {"parameter": {"drive_force": 4.0}},
+}
+FEW = ["steering_dead_time", "steering_gain", "steering_offset", "viscous_drag", "gyro_bias"]
+
+
+@cache
+def single_track(cars):
+    return make_engine("single_track", cars)
+
+
+def commands(cars: int, rows: int, seed: int = 0, drive: tuple[float, float] = (0.25, 0.55)):
+    """Actions [cars, rows, 2]: throttle and steering held for a while each, then another."""
+    generator = torch.Generator().manual_seed(seed)
+    hold = 45  # rows
+    knots = torch.rand(cars, rows // hold + 1, 2, generator=generator)
+    low, high = drive
+    throttle = 2 * (low + (high - low) * knots[..., 0]) - 1
+    steering = 1.6 * knots[..., 1] - 0.8
+    return torch.stack([throttle, steering], -1).repeat_interleave(hold, 1)[:, :rows]
+
+
+@torch.no_grad()
+def driven(engine, effects, parameters, action):
+    """True motion [cars, rows] under actions [cars, rows, 2]; values are of each car."""
+    env, _ = explained(engine, effects, parameters)
+    state, rows = env.reset(), []
+    for row in range(action.shape[1]):
+        state[keys.ACTION] = action[:, row]
+        rows.append(
+            TensorDict(
+                {
+                    keys.POSE: state.get(keys.MEASURED_POSE, state[keys.POSE]),
+                    keys.VELOCITY: state.get(keys.MEASURED_VELOCITY, state[keys.VELOCITY]),
+                    keys.ACTION: action[:, row],
+                },
+                [len(action)],
+            )
+        )
+        state = env.step(state)["next"]
+    return TensorDict.stack(rows, 1)
+
+
+def planted_drives(
+    cases: Sequence[Mapping],
+    cars: int = 3,
+    seconds: float = 10.0,
+    seed: int = 0,
+    quality: CameraConfig | None = None,
+    make=single_track,
+) -> list[list[Recording]]:
+    """Drives `cars` cars of each case, all in one batch; effect -> parameter -> value."""
+    count = len(cases) * cars
+    effects: dict[str, dict[str, torch.Tensor]] = {}
+    parameters: dict[str, torch.Tensor] = {}
+    engine = make(count)
+    for index, case in enumerate(cases):
+        rows = slice(index * cars, (index + 1) * cars)
+        for name, values in case.items():
+            for parameter, value in values.items():
+                if name == "parameter":
+                    neutral = torch.full((count,), engine.parameters[parameter].value)
+                    parameters.setdefault(parameter, neutral)[rows] = value
+                    continue
+                own = {p.name: torch.full((count,), p.value) for p in effect_class(name).parameters}
+                effects.setdefault(name, own)[parameter][rows] = value
+    action = commands(cars, round(100 * seconds), seed).repeat(len(cases), 1, 1)
+    true = driven(engine, effects, parameters, action)
+    result = []
+    for index in range(len(cases)):
+        recordings = []
+        for car in range(cars):
+            place = index * cars + car
+            data = Camera(quality, 1000 * seed + place).recorded(true[place])
+            recordings.append(Recording(f"drive_{car}", data, 0.01))
+        result.append(recordings)
+    return result
+
+
+def fitter(recordings, effects=FEW, parameters=(), make=single_track, stride=1.0):
+    """Fits stretches of drives by the simulator that they are of."""
+    cut, player = stretches(recordings, 1.0, stride), Player(make)
+    declared = {name: make(1).parameters[name] for name in parameters}
+    return Fitter(player, cut, likelihood(player, cut), Library(effects, declared))

@@ -1,0 +1,162 @@
+import json
+import math
+
+import pytest
+
+from buggy_rl.diagnosis.adequacy import Remaining
+from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, described, sentence
+from buggy_rl.diagnosis.locate import Interval, Located, Region
+
+# Contract 3: what must be there, and of which type; a list holds any number of its one element.
+SCHEMA = {
+    "schema": int,
+    "verdict": str,
+    "located": {
+        "channel_share": {"vx": float, "vy": float, "yaw_rate": float},
+        "regions": [{"where": dict, "error_share": float, "data_share": float}],
+        "intervals": [{"recording": str, "from": float, "to": float, "error_share": float}],
+    },
+    "effects": [
+        {
+            "name": str,
+            "kind": str,
+            "equation": str,
+            "parameters": dict,
+            "confidence": float,
+            "held_out_gain": float,
+            "confused_with": [{"name": str, "confidence": float}],
+        }
+    ],
+    "unexplained": {"share": float, "depends_on": list, "description": str},
+    "fit": {
+        "metric": str,
+        "before": float,
+        "after": float,
+        "noise_floor": float,
+        "held_out": bool,
+        "position_mse_before": float,
+        "position_mse_after": float,
+    },
+    "excitation": {"weak": [str], "suggest": [str]},
+}
+
+
+def broken(value, schema, place="answer"):
+    """Places where a value is not of a schema."""
+    if isinstance(schema, dict):
+        missing = [f"{place}.{key} is missing" for key in schema if key not in value]
+        return missing + [
+            fault
+            for key, inner in schema.items()
+            if key in value
+            for fault in broken(value[key], inner, f"{place}.{key}")
+        ]
+    if isinstance(schema, list):
+        if not isinstance(value, list):
+            return [f"{place} is no list"]
+        return [
+            fault
+            for index, item in enumerate(value)
+            for fault in broken(item, schema[0], f"{place}[{index}]")
+        ]
+    return [] if isinstance(value, schema) else [f"{place} is {value!r}, no {schema.__name__}"]
+
+
+def an_answer(**changes):
+    named = Named(
+        "steering_dead_time",
+        "actuation",
+        "u'(t) = u(t - dead_time)",
+        "the steering takes effect 61 ms late",
+        {"dead_time": Value(0.061, 0.055, 0.067, "s")},
+        0.98,
+        0.83,
+        {"steering_lag": 0.02},
+    )
+    located = Located(
+        {"vx": 0.1, "vy": 0.2, "yaw_rate": 0.7},
+        [Region({"vx": (2.0, 3.4)}, 0.81, 0.22)],
+        [Interval("drive_0", 12.3, 14.0, 0.3)],
+        {"throttle": {"vx": float("nan")}, "steering": {"yaw_rate": 0.06}},
+    )
+    proof = Proof(
+        before={0.3: 0.001, 1.0: 0.04},
+        after={0.3: 0.0001, 1.0: 0.0009},
+        retuned={},
+        noise_floor={1.0: 1e-6},
+        black_box={1.0: math.inf},
+        misfit_before=5.0,
+        misfit_after=1.1,
+        held_out=True,
+    )
+    rest = Remaining(0.3, 0.06, {"vx": 0.9, "yaw_rate": 0.1}, ["vx", "steering"], True)
+    parts = {"verdict": "missing_physics", "located": located, "effects": [named]}
+    parts |= {"remaining": rest, "proof": proof, "weak": ["x hardly driven"], "suggest": ["y"]}
+    return Answer(**(parts | changes))
+
+
+def test_the_answer_is_as_the_contract_has_it():
+    content = an_answer().to_dict()
+    assert broken(content, SCHEMA) == []
+    assert content["schema"] == 1
+    assert content["located"]["regions"][0]["where"] == {"vx": [2.0, 3.4]}
+    interval = {"recording": "drive_0", "from": 12.3, "to": 14.0, "error_share": 0.3}
+    assert content["located"]["intervals"] == [interval]
+    [effect] = content["effects"]
+    value = {"value": 0.061, "low": 0.055, "high": 0.067, "unit": "s"}
+    assert effect["parameters"] == {"dead_time": value}
+    assert effect["confused_with"] == [{"name": "steering_lag", "confidence": 0.02}]
+
+
+def test_a_planted_fault_of_the_answer_is_caught():
+    content = an_answer().to_dict()
+    del content["fit"]["before"]
+    content["effects"][0]["confidence"] = "high"
+    assert broken(content, SCHEMA) == [
+        "answer.effects[0].confidence is 'high', no float",
+        "answer.fit.before is missing",
+    ]
+
+
+def test_it_is_strict_json_and_what_is_no_number_is_null():
+    content = an_answer().to_dict()
+    text = json.dumps(content, allow_nan=False)
+    assert json.loads(text) == content
+    assert content["located"]["lags"]["throttle"]["vx"] is None
+    assert content["fit"]["position_mse"]["black_box"] == {"1 s": None}
+
+
+@pytest.mark.parametrize(
+    "verdict",
+    ["missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"],
+)
+def test_every_verdict_has_words_of_its_own(verdict):
+    lines = an_answer(verdict=verdict).lines()
+    others = {an_answer(verdict=v).lines()[0] for v in ("no_mismatch", "cannot_tell")}
+    assert lines[0].endswith(".")
+    assert verdict in ("no_mismatch", "cannot_tell") or lines[0] not in others
+
+
+def test_the_lines_say_where_what_how_sure_and_how_much_better():
+    # Roots of the mean squares: sqrt(0.04) = 200 mm, sqrt(0.0009) = 30 mm.
+    assert an_answer().lines() == [
+        "Physics is missing from the simulator.",
+        "It shows most in turning (70% of the error).",
+        "The steering takes effect 61 ms late "
+        "[steering_dead_time, 98% sure; could also be steering_lag (2%)].",
+        "1 s rollouts that were held out: 200 mm off before, 30 mm after.",
+        "Drive next: y.",
+    ]
+
+
+def test_what_remains_is_described_and_never_named():
+    assert described(Remaining(0.05, 0.0, {"vx": 1.0}, ["vx"], True)) == "What remains is noise."
+    assert an_answer().to_dict()["unexplained"]["description"] == (
+        "What remains lies mostly in vx, growing with vx and steering; it goes on over time, as a "
+        "hidden state would."
+    )
+
+
+def test_a_parameter_of_the_simulators_own_is_said_in_words():
+    words = sentence("parameter:drive_force", {"drive_force": 4.0}, "N", 6.5)
+    assert words == "the simulator's drive force is 4 N, not 6.5"

@@ -1,0 +1,220 @@
+"""Simulators and drives that are not fit to be compared, each refused or noted in one line."""
+
+import pytest
+import torch
+from torchrl.envs import ExcludeTransform, TransformedEnv
+
+from buggy_rl import keys
+from buggy_rl.diagnosis import guard
+from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.engines import make_engine
+from buggy_rl.engines.kinematic import KinematicEngine
+from tests.drives import counting_drive, toy_drive
+
+
+class Frozen(KinematicEngine):
+    """Sets every car down at rest at the origin."""
+
+    def _start(self, key, given):
+        return super()._start(key, None)
+
+
+class Stubborn(KinematicEngine):
+    """Goes on from where it was, whatever velocity it is given."""
+
+    def _advance(self, state, action):
+        state = state.clone().set(keys.VELOCITY, torch.tensor([1.5, 0.0, 0.0]).expand(5, 3))
+        return super()._advance(state, action)
+
+
+class Random(KinematicEngine):
+    """Draws noise that is not in the TensorDict."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        result[keys.VELOCITY] = result[keys.VELOCITY] + 0.01 * torch.randn(5, 3)
+        return result
+
+
+class Half(KinematicEngine):
+    """Hears one command."""
+
+    def _advance(self, state, action):
+        return super()._advance(state, action * torch.tensor([1.0, 0.0]))
+
+
+class Undefined(KinematicEngine):
+    """Fails at full lock once it is fast."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        fast = (result[keys.VELOCITY][..., :1] > 2.0).expand(*action.shape[:-1], 3)
+        nothing = torch.full_like(result[keys.VELOCITY], float("nan"))
+        result[keys.VELOCITY] = torch.where(fast, nothing, result[keys.VELOCITY])
+        return result
+
+
+class Exploding(KinematicEngine):
+    """Gains a tenth of its speed every step."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        return {**result, keys.VELOCITY: 1.1 * result[keys.VELOCITY]}
+
+
+class Crashing(KinematicEngine):
+    """Fails under full throttle."""
+
+    def _advance(self, state, action):
+        if bool((action[..., 0] > 0.9).any()):
+            raise ZeroDivisionError("no current left\nand a second line")
+        return super()._advance(state, action)
+
+
+class Slow(KinematicEngine):
+    """Steps twice as far as it says."""
+
+    def _advance(self, state, action):
+        halfway = super()._advance(state, action)
+        return super()._advance(state.clone().update(halfway), action)
+
+
+FAULTS = {
+    Frozen: "ignores the pose that reset was given",
+    Stubborn: "does not honour an edited velocity: 1 more was",
+    Random: "two steps from one TensorDict differ in 'velocity'",
+    Undefined: r"returns NaN 0\.\d\d s after 1.5 m/s under throttle 1, steering 0",
+    Exploding: "runs away|control period|honour",
+    Crashing: "a step raised ZeroDivisionError: no current left$",
+    Slow: r"seems to have a control period of 0\.02\d* s",
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.__name__)
+def test_a_faulty_simulator_is_refused_by_name_in_one_line(kind):
+    with pytest.raises(ValueError, match=FAULTS[kind]) as told:
+        guard.check_simulator(kind, "my.py:make")
+    assert "simulator my.py:make" in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["single_track", "kinematic"])
+def test_a_sound_simulator_passes_without_a_note(name):
+    assert guard.check_simulator(lambda cars: make_engine(name, cars), name) == []
+
+
+def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
+    with pytest.raises(ValueError, match="moves alike whatever the commands"):
+        guard.check_simulator(lambda cars: make_engine("hold", cars), "hold")
+    notes = guard.check_simulator(Half, "half")
+    assert notes == [
+        "simulator half moves alike whatever the steering: effects on it cannot be told"
+    ]
+
+
+def test_what_is_no_simulator_or_of_another_size_is_refused():
+    with pytest.raises(ValueError, match=r"simulator x is a dict: .* EnvBase"):
+        guard.check_simulator(lambda cars: {}, "x")  # type: ignore[arg-type, return-value]
+    with pytest.raises(ValueError, match=r"batch size \[1\] where \[5\] was asked"):
+        guard.check_simulator(lambda cars: make_engine("hold", 1), "x")
+    with pytest.raises(ValueError, match=r"control period 0.02 s: must be 0.01 s"):
+        guard.check_simulator(lambda cars: make_engine("hold", cars, dt=0.02), "x")
+    with pytest.raises(ValueError, match="cannot be built for 5 cars: ValueError: no engine"):
+        guard.check_simulator(lambda cars: make_engine("teleport", cars), "x")
+
+    def blind(cars):
+        return TransformedEnv(make_engine("kinematic", cars), ExcludeTransform(keys.POSE))
+
+    with pytest.raises(ValueError, match=r"simulator x: .* gives no 'pose'; it must give"):
+        guard.check_simulator(blind, "x")
+
+
+def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
+    drive = toy_drive("lap", 400, 0)
+    drive.data[keys.ACTION][200:, 0] = 1.0
+    cut = stretches([drive], 1.0, 1.0)
+    words = "simulator mine: step raised ZeroDivisionError"
+    with pytest.raises(ValueError, match=words) as told, guard.blaming("mine"):
+        Player(Crashing).play(cut, {})
+    assert isinstance(told.value.__cause__, ZeroDivisionError)
+    with pytest.raises(KeyError, match="ours"), guard.blaming("mine"):
+        raise KeyError("ours")
+
+
+def test_no_number_in_the_middle_is_told_with_its_drive_and_time():
+    drives = [toy_drive(name, 500, seed) for seed, name in enumerate("ab")]
+    cut = stretches(drives, 1.0, 1.0)  # starts at 0, 1, 2, 3 s of each
+    gap = torch.zeros(8, 10, 6)
+    instants = Player(Crashing).instants(cut)
+    assert guard.check_gaps(gap, cut, instants, ["a", "b"], "x") == []
+    gap[6, 4:, 2] = float("nan")  # drive b from 2 s, the reading 0.5 s after the start at 0.3 s
+    notes = guard.check_gaps(gap, cut, instants, ["a", "b"], "x")
+    assert notes == [
+        "simulator x returns NaN in 1 of 8 stretches, first in drive b at 2.80 s; those count as "
+        "very wrong"
+    ]
+    gap[:5, 9, 3] = 60.0
+    with pytest.raises(ValueError, match=r"x runs away in 6 of 8 .* drive a at 1\.30 s; play"):
+        guard.check_gaps(gap, cut, instants, ["a", "b"], "x")
+
+
+def test_good_drives_pass_without_a_note():
+    drives = [toy_drive(name, 500, seed) for seed, name in enumerate("ab")]
+    assert guard.check_drives(drives, 1.0) == []
+    assert guard.check_blocks(stretches([toy_drive("a", 1400, 0)], 1.0, 1.0)) == []
+
+
+def test_drives_that_show_nothing_are_refused():
+    still = toy_drive("still", 300, 0)
+    still.data[keys.POSE][:] = 0.001 * torch.rand(300, 3)
+    broken = toy_drive("broken", 300, 0)
+    broken.data[keys.VELOCITY][77, 1] = float("nan")
+    fast = toy_drive("fast", 300, 0)
+    fast.dt = 0.02
+    for recordings, words in (
+        ([], "no drive to compare with"),
+        ([toy_drive("stub", 130, 0)], r"no drive covers 1.31 s without a gap \(stub has 1.30 s\)"),
+        ([still], "the car does not move in still"),
+        ([broken], "drive broken, row 77: velocity is no number"),
+        ([fast], "drive fast has control period 0.02 s"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            guard.check_drives(recordings, 1.0)
+
+
+def test_what_drives_cannot_show_is_noted():
+    lap, other = toy_drive("lap", 500, 0), toy_drive("other", 500, 1)
+    [note] = guard.check_drives([lap], 1.0)
+    assert note.startswith("one drive only: blocks of 8 s of it are held out")
+    [note] = guard.check_drives([lap, other, toy_drive("stub", 100, 2)], 1.0)
+    assert note == "drive stub is left out: it covers 1.00 s at a stretch, not 1.31 s without a gap"
+    for drive in (lap, other):
+        drive.data[keys.ACTION][:, 1] = 0.25
+    [note] = guard.check_drives([lap, other], 1.0)
+    assert note.startswith("steering is 0.25 all the time: nothing that depends on it")
+    [note] = guard.check_blocks(stretches([lap], 1.0, 1.0))
+    assert "nothing can be held out" in note
+
+
+def test_dropped_frames_are_counted_with_what_is_left():
+    # 500 rows less 100 to 119 and 300 to 379: a fifth is missing; of the runs of 100, 180 and 120
+    # rows only the middle one is as long as a stretch.
+    drive = toy_drive("torn", 500, 0)
+    kept = [*range(100), *range(120, 300), *range(380, 500)]
+    drive.data = drive.data[torch.tensor(kept)]
+    drive.data[keys.SEGMENT] = torch.tensor([0] * 100 + [1] * 180 + [2] * 120)
+    [note] = guard.check_drives([drive, toy_drive("whole", 500, 1)], 1.0)
+    assert note == (
+        "drive torn: 20% of the frames are missing, in 2 gaps; 1.8 of 5.0 s can be compared"
+    )
+
+
+def test_clocks_that_differ_by_more_than_a_sample_are_noted():
+    assert guard.check_clock(0.014) == guard.check_clock(-0.014) == []
+    assert guard.check_clock(0.03)[0].startswith("commands act 30 ms later than they are stamped")
+    assert guard.check_clock(-0.02)[0].startswith("commands act 20 ms earlier")
+
+
+def test_a_counting_drive_is_no_motion_of_a_car_but_moves():
+    assert len(guard.check_drives([counting_drive("a", 300)], 1.0)) == 1  # one drive only

@@ -1,0 +1,130 @@
+import torch
+
+from buggy_rl import keys
+from buggy_rl.diagnosis.adequacy import CAP, misfit, remaining, typical
+from buggy_rl.diagnosis.answer import described
+from buggy_rl.diagnosis.locate import locate
+from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.engines import make_engine
+from tests.drives import toy_drive
+
+NOISE = torch.tensor([0.001, 0.001, 0.002, 0.01, 0.01, 0.01])
+
+
+class Held(Player):
+    """A simulator that is right but for a planted gap [N, K, 6]."""
+
+    planted = torch.empty(0)
+
+    def play(self, cut, effects, parameters=None, offset=None, shift=None):
+        return self.planted.unsqueeze(0)
+
+
+def planted_where(cut, channel, inside):
+    """Jumps of a channel by ten sd wherever a mask [N, K] of the readings of `locate` says so."""
+    generator = torch.Generator().manual_seed(0)
+    gap = torch.randn(*inside.shape, 6, generator=generator) * NOISE
+    gap[..., channel] += (10 * float(NOISE[channel]) * inside).cumsum(1)
+    player = Held(lambda cars: make_engine("hold", cars))
+    object.__setattr__(player, "planted", gap)
+    return player
+
+
+def drives():
+    return [toy_drive(name, 1500, seed) for seed, name in enumerate(("first", "second"))]
+
+
+def located(channel, inside, cut, monkeypatch):
+    player = planted_where(cut, channel, inside(cut))
+    monkeypatch.setattr("buggy_rl.diagnosis.locate.Player", lambda make, every: Fine(player))
+    return locate(player, cut, NOISE, ["first", "second"])
+
+
+class Fine:
+    """What `locate` plays: every tenth row, whatever it asked for."""
+
+    def __init__(self, player):
+        self.play, self.instants = player.play, player.instants
+
+
+def rows_of(cut):
+    return 30 + torch.arange(10, cut.horizon + 1, 10)
+
+
+def test_an_error_is_found_in_its_channel_and_region(monkeypatch):
+    cut = stretches(drives(), 1.0, 1.0)
+
+    def hard_left(cut):
+        return cut.action[:, rows_of(cut), 1] > 0.4
+
+    found = located(5, hard_left, cut, monkeypatch)
+    assert found.channel_share["yaw_rate"] > 0.9
+    worst = found.regions[0]
+    assert "steering" in worst.where
+    assert worst.where["steering"][0] > 0.2
+    assert worst.error_share > 2 * worst.data_share
+
+
+def test_an_error_is_found_in_its_time(monkeypatch):
+    cut = stretches(drives(), 1.0, 1.0)
+
+    def one_moment(cut):
+        inside = torch.zeros(len(cut), 10)
+        inside[(cut.drive == 1) & (cut.row == 500)] = 1.0
+        return inside
+
+    found = located(3, one_moment, cut, monkeypatch)
+    assert found.channel_share["vx"] > 0.9
+    first = found.intervals[0]
+    assert first.recording == "second"
+    assert first.begin <= 5.4
+    assert first.end >= 6.2
+    assert first.error_share > 0.8  # the rest is noise that stands out
+
+
+def white(cut, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randn(len(cut), 60, generator=generator, dtype=torch.float64)
+
+
+def test_noise_is_told_to_be_noise():
+    cut = stretches(drives(), 1.0, 0.5)
+    rest = remaining(cut, torch.arange(10, 101, 10), 3 * white(cut), white(cut, 1))
+    assert abs(rest.excess) < 0.1
+    assert rest.share < 0.05
+    assert rest.depends_on == []
+    assert not rest.memory
+    assert described(rest) == "What remains is noise."
+
+
+def test_planted_structure_is_described_by_channel_and_what_it_grows_with():
+    cut = stretches(drives(), 1.0, 0.5)
+    after = white(cut, 1).view(len(cut), 10, 6)
+    steering = cut.action[:, rows_of(cut), 1]
+    after[..., 5] += 4 * (steering > 0.3)
+    rest = remaining(cut, torch.arange(10, 101, 10), 5 * white(cut), after.flatten(1))
+    assert rest.channel["yaw_rate"] > 0.8
+    assert rest.depends_on[0] == "steering"
+    assert "yaw_rate, growing with steering" in described(rest)
+
+
+def test_what_goes_on_from_instant_to_instant_is_memory():
+    cut = stretches(drives(), 1.0, 0.5)
+    after = white(cut, 1).view(len(cut), 10, 6)
+    after[..., 3] += 3 * torch.sign(white(cut, 2)[:, :1])
+    assert remaining(cut, torch.arange(10, 101, 10), after.flatten(1), after.flatten(1)).memory
+
+
+def test_a_spin_counts_as_no_more_than_the_cap():
+    # (1 + 1 + 25) / 3 = 9, where the spin's own 1e6 would be all that is seen.
+    square = torch.tensor([1.0, 1.0, 1e6])
+    assert CAP == 25
+    assert misfit(square) == 9.0
+    assert typical(square) == 1.0
+
+
+def test_features_do_not_depend_on_the_drives_clock():
+    late = toy_drive("late", 400, 0)
+    late.data[keys.TIME] += 1000.0
+    assert stretches([late], 1.0, 1.0).elapsed.tolist() == [0.0, 1.0, 2.0]

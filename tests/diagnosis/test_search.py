@@ -1,0 +1,37 @@
+import pytest
+import torch
+
+from buggy_rl.diagnosis.search import Search
+from tests.diagnosis.planted import fitter
+
+FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
+
+
+def searched(recordings, effects):
+    return Search(fitter(recordings, effects)).run()
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("nothing", ()),
+        ("late", ("steering_dead_time",)),
+        ("two", ("steering_gain", "viscous_drag")),
+    ],
+)
+def test_it_finds_what_was_planted_and_nothing_else(drives, name, expected):
+    assert tuple(sorted(searched(drives[name], FEW).best.causes)) == expected
+
+
+def test_an_effect_that_is_not_in_the_library_is_not_mended_by_one_that_is(drives):
+    found = searched(drives["draggy"], ["steering_dead_time", "gyro_bias"])
+    assert found.best.causes == ()
+    assert found.temper > 1.5  # and it knows that what it has is no good explanation
+
+
+def test_the_same_drives_give_the_same_fit(late):
+    fit, (right, wrong) = late
+    again = fit.fit([fit.start(["steering_dead_time"]), fit.start(["steering_gain"])])
+    for first, second in zip((right, wrong), again, strict=True):
+        assert torch.equal(first.place, second.place)
+        assert torch.equal(first.white, second.white)

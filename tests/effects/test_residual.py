@@ -1,0 +1,117 @@
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs.utils import check_env_specs
+
+from buggy_rl import keys
+from buggy_rl.effects import EFFECTS, make_effect, make_effects
+from buggy_rl.effects.motion.base import Motion
+from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
+from buggy_rl.vehicle import VehicleDimensions
+from tests.effects.faults import over, start, step
+
+ARM = VehicleDimensions().sensor_to_cg
+ACCELERATION = (1.0, 0.5, 1.5)
+
+
+def constant():
+    """A network that answers (1, 0.5, 1.5) whatever it sees: half of its bound (2, 1, 3)."""
+    network = ResidualNetwork()
+    for parameter in network.parameters():
+        torch.nn.init.zeros_(parameter)
+    torch.nn.init.constant_(network.layers[-1].bias, math.atanh(0.5))
+    network.bound.copy_(torch.tensor([2.0, 1.0, 3.0]))
+    return network.requires_grad_(False)
+
+
+def random(seed=0):
+    torch.manual_seed(seed)
+    return ResidualNetwork().requires_grad_(False)
+
+
+def test_velocity_changes_by_the_acceleration_at_the_centre_of_gravity():
+    env = over([ResidualAcceleration(model=constant(), strength=1.0)])
+    got = step(env, start(env))[keys.VELOCITY]
+    # In 10 ms the centre of gravity gains (0.01, 0.005) m/s and 0.015 rad/s. The sensor sits
+    # `sensor_to_cg` from it along x: it gains that much times the yaw rate across.
+    expected = torch.tensor([0.01, 0.005 + 0.015 * ARM, 0.015])
+    torch.testing.assert_close(got, expected, atol=1e-6, rtol=0)
+
+
+def test_half_the_strength_is_half_the_change():
+    one, half = (over([ResidualAcceleration(model=constant(), strength=s)]) for s in (1.0, 0.5))
+    changed = step(one, start(one))[keys.VELOCITY]
+    torch.testing.assert_close(step(half, start(half))[keys.VELOCITY], 0.5 * changed)
+
+
+def test_cars_at_strength_zero_are_not_touched():
+    effect = ResidualAcceleration(model=random()).with_parameters(
+        TensorDict({"strength": torch.tensor([0.0, 1.0])}, [2])
+    )
+    env, bare = over([effect], "single_track", (2,)), over([], "single_track", (2,))
+    moving = (1.5, 0.1, 1.0)
+    got, free = (step(e, start(e, moving), (0.5, 0.3)) for e in (env, bare))
+    assert torch.equal(got[keys.VELOCITY][0], free[keys.VELOCITY][0])
+    assert torch.equal(got[keys.POSE][0], free[keys.POSE][0])
+    assert not torch.equal(got[keys.VELOCITY][1], free[keys.VELOCITY][1])
+
+
+def test_the_network_sees_velocity_command_and_the_engines_own_acceleration():
+    # From 2 to 2.1 m/s in 10 ms, and from 0 to 0.2 rad/s: 10 m/s^2 and 20 rad/s^2. The frame turns
+    # by half a milliradian each way, which shows in the fourth digit of the lateral part only.
+    motion = Motion(
+        pose=torch.zeros(1, 3),
+        before=torch.tensor([[2.0, 0.0, 0.0]]),
+        after=torch.tensor([[2.1, 0.0, 0.2]]),
+        action=torch.tensor([[0.4, -0.6]]),
+        dt=0.01,
+    )
+    # Across: 0.0005 * (2 + 2.1) / 0.01 = 0.205 m/s^2.
+    expected = torch.tensor([[2.0, 0.0, 0.0, 0.4, -0.6, 10.0, 0.205, 20.0]])
+    torch.testing.assert_close(residual_inputs(motion), expected, atol=1e-3, rtol=0)
+
+
+def test_far_from_what_was_driven_it_goes_on_as_at_the_edge():
+    network = random()
+    edge = network.mean + network.REACH * network.scale
+    assert torch.equal(network(edge + 100.0), network(edge))
+
+
+def test_no_acceleration_exceeds_its_bound():
+    network = random()
+    for parameter in network.parameters():
+        parameter.mul_(100.0)
+    network.bound.copy_(torch.tensor([2.0, 1.0, 3.0]))
+    assert (network(10 * torch.randn(500, 8)).abs() <= network.bound).all()
+
+
+def test_a_saved_network_is_read_as_it_was(tmp_path):
+    file, network = tmp_path / "correction.pt", random()
+    network.mean.fill_(0.3)
+    network.save(file)
+    (effect,) = make_effects({"residual_acceleration": {"model": str(file), "strength": 1.0}})
+    inputs = torch.randn(20, 8)
+    assert torch.equal(effect.network(inputs), network(inputs))
+    assert effect.options == {"model": str(file)}
+
+
+def test_a_missing_or_foreign_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="there is no correction"):
+        make_effect("residual_acceleration", model=str(tmp_path / "none.pt"))
+    torch.save({"weights": {}}, tmp_path / "other.pt")
+    with pytest.raises(ValueError, match="is no correction"):
+        make_effect("residual_acceleration", model=str(tmp_path / "other.pt"))
+
+
+def test_it_stands_next_to_the_engine_and_is_no_cause_to_choose(tmp_path):
+    file = tmp_path / "correction.pt"
+    random().save(file)
+    stack = make_effects({"battery_sag": {}, "residual_acceleration": {"model": str(file)}})
+    assert [effect.name for effect in stack] == ["residual_acceleration", "battery_sag"]
+    assert "residual_acceleration" not in EFFECTS
+
+
+def test_it_is_a_sound_environment():
+    check_env_specs(over([ResidualAcceleration(model=random(), strength=1.0)], "single_track", 3))
