@@ -17,7 +17,6 @@ OVERDUE = 1.6  # a region's share of the error over its share of the data, to be
 ENOUGH = 0.04  # share of the data that a region must hold
 MOST_REGIONS = 4
 MOST_LAG = 0.4  # [s] after a command in which its effect is looked for
-RIDGE = 1e-3
 LEFT_BY_NOISE = 0.968  # mean of max(2 z^2 - 2, 0) of a standard normal z: 4 phi(1)
 
 

@@ -67,8 +67,6 @@ class DiagnosisConfig:
     """Most of them, spread evenly over the drives."""
     threads: int = 1
     """Threads of PyTorch."""
-    resume: bool = True
-    """Takes over the stages that OUTPUT already holds of the same question."""
 
 
 @dataclass
