@@ -49,7 +49,7 @@ def main() -> None:
     for note in answer.notes:
         tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
-    content = repaired(config.simulator, answer, folder, done.correction)
+    content = repaired(config.simulator, done, folder)
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))

@@ -25,7 +25,7 @@ CONTRACT = {  # names and parameters that are fixed from outside
     "steering_gain": {"gain": "-"},
     "throttle_offset": {"offset": "-"},
     "steering_offset": {"offset": "-"},
-    "throttle_deadband": {"width": "-"},
+    "throttle_deadband": {"width": "-", "restored": "-"},
     "steering_backlash": {"width": "-"},
     "steering_asymmetry": {"left_to_right": "-"},
     "battery_sag": {"loss_per_minute": "1/min"},

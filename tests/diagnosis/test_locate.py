@@ -117,10 +117,10 @@ def test_what_goes_on_from_instant_to_instant_is_memory():
 
 
 def test_a_spin_counts_as_no_more_than_the_cap():
-    # (1 + 1 + 25) / 3 = 9, where the spin's own 1e6 would be all that is seen.
+    # (1 + 1 + 10) / 3 = 4, where the spin's own 1e3 would be all that is seen.
     square = torch.tensor([1.0, 1.0, 1e6])
-    assert CAP == 25
-    assert misfit(square) == 9.0
+    assert CAP == 100
+    assert misfit(square) == 4.0
     assert typical(square) == 1.0
 
 

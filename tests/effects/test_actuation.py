@@ -124,6 +124,22 @@ def test_a_deadband_takes_the_first_of_the_drive_and_the_same_from_the_rest():
     torch.testing.assert_close(got, torch.tensor([-1.0, -1.0, -0.32, 0.68]))
 
 
+def test_a_speed_controller_may_give_back_what_its_deadband_takes():
+    # Drives 0.1, 0.5, 1 less 0.16, times 1 / 0.84: 0, 0.34 / 0.84, 1.
+    asked = torch.tensor([-0.8, 0.0, 1.0])
+    whole = {"width": 0.16, "restored": 1.0}
+    got = reached("throttle_deadband", whole, asked, channel=THROTTLE)
+    torch.testing.assert_close(got, torch.tensor([-1.0, 2 * 0.34 / 0.84 - 1, 1.0]))
+
+
+def test_a_weaker_motor_sets_off_at_the_same_throttle():
+    # Onset 0.2: drives 0.1, 0.2, 0.6 become 0.1, 0.2, 0.2 + 0.5 * 0.4 = 0.4.
+    asked = 2 * torch.tensor([0.1, 0.2, 0.6]) - 1
+    values = {"gain": 0.5, "onset": 0.2}
+    got = reached("throttle_gain", values, asked, channel=THROTTLE)
+    torch.testing.assert_close(got, 2 * torch.tensor([0.1, 0.2, 0.4]) - 1)
+
+
 def test_asymmetry_is_a_ratio_whose_product_is_one():
     asked = torch.tensor([0.4, -0.4])
     left, right = reached("steering_asymmetry", {"left_to_right": 1.44}, asked)

@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect
-from buggy_rl.effects.measuring import measured_drive
+from buggy_rl.effects.measuring import measured_drive, measured_onset
 from buggy_rl.engines import make_engine
 from tests.effects.faults import follow, over, start
 
@@ -44,6 +44,17 @@ def test_the_drive_is_measured_for_what_it_is():
     assert found["coasting"] == pytest.approx(KNOWN["coasting"], rel=0.01)
     # The single track's motor loses 0.6 N s/m in proportion to the drive.
     assert found["speed_loss"] == pytest.approx((0.0, 0.6 / MASS), abs=0.01)
+
+
+@pytest.mark.parametrize(("engine", "deadband"), [("reference", 0.16), ("single_track", 0.05)])
+def test_a_motors_onset_is_its_deadband(engine, deadband):
+    onset = measured_onset(lambda n: make_engine(engine, n))
+    assert onset == pytest.approx(deadband, abs=0.003)
+
+
+def test_a_simulator_without_a_motor_has_no_onset():
+    with pytest.raises(ValueError, match="no drive up to"):
+        measured_onset(lambda n: make_engine("hold", n))
 
 
 def test_power_is_bounded_at_the_speed_it_is_given_at():

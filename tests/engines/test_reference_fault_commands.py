@@ -225,12 +225,12 @@ def test_a_worn_battery_is_weaker_the_longer_it_was_driven(driven):
     taken = (1.0 - 0.7) * 7920.0  # [A s] at the start
     fresh = drivetrain.open_voltage(torch.full((2,), taken))
     assert fresh[0] == fresh[1]
-    # After a minute at 2.15 A: 0.3 of the throttle, 1.45 times as much of the voltage.
+    # After a minute at 2.15 A: 0.3 of the voltage.
     minute = drivetrain.open_voltage(torch.full((2,), taken + 60 * 2.15))
-    assert float(minute[1] / minute[0]) == pytest.approx(1 - 0.3 * 1.45, rel=1e-4)
+    assert float(minute[1] / minute[0]) == pytest.approx(1 - 0.3, rel=1e-4)
     vx, _, _ = velocities(driven("worn"))
     assert vx[15, 1] > 0.99 * vx[15, 0]
-    assert vx[-1, 1] < 0.98 * vx[-1, 0]
+    assert vx[-1, 1] < 0.985 * vx[-1, 0]
 
 
 SCENES.add("limit", "motor_power_limit.power_per_mass", (1000.0, 5.0), REST, held(0.8, 0.0, 1.5))

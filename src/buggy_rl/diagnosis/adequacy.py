@@ -10,7 +10,7 @@ from buggy_rl.diagnosis.stretches import Stretches
 
 BINS = 5
 TELLING = 0.05  # share of the remaining variance that a feature must explain to be named
-CAP = 25.0  # times the noise, as which a stretch counts at most
+CAP = 100.0  # times the noise's variance, as which a stretch counts at most
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Remaining:
     """What an explanation leaves over."""
 
     excess: float
-    """Mean square of whitened gaps over that of noise, less one (see `misfit`)."""
+    """Size of whitened gaps over that of noise, less one (see `misfit`)."""
     share: float
     """Of the excess that there was at first."""
     channel: dict[str, float]
@@ -30,11 +30,14 @@ class Remaining:
 
 
 def misfit(square: Tensor) -> float:
-    """Mean of |W e|^2 / D of stretches [N], each counted as `CAP` at most: 1 is noise alone.
+    """Mean of |W e| / sqrt(D) of stretches, each counted as sqrt(`CAP`) at most: 1 is noise alone.
 
     Where a car spins, no two rollouts agree, and how far apart they end says nothing.
+
+    Args:
+        square: [N] |W e|^2 / D.
     """
-    return float(square.clamp_max(CAP).mean())
+    return float(square.clamp_max(CAP).sqrt().mean())
 
 
 def typical(square: Tensor) -> float:

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.adequacy import CAP, misfit
+from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.evidence import BLOCK, blocks
 from buggy_rl.diagnosis.likelihood import likelihood
 from buggy_rl.diagnosis.rollouts import Player
@@ -25,6 +25,7 @@ SHRUNK = 0.2  # share of the standing covariance taken from its diagonal
 FILE = "correction.pt"  # a correction's network, beside repaired.yaml
 FOLDS = 3  # parts of the drives, each foretold from the others
 STRENGTHS = (0.0, 0.5, 1.0)
+SPIN = 25.0  # times the noise's variance, as which a stretch counts at most
 BOUND = 3.0  # root mean squares of the target, beyond which no correction goes
 SPANS = (1, 20)  # rows over which accelerations are compared
 STEPS, BATCH = 500, 24  # updates, and stretches in each
@@ -34,7 +35,7 @@ LEARNING_RATE, DECAY = 5e-3, 1e-2
 def standing_misfit(gap: Tensor, sensed: Tensor) -> Tensor:
     """Covariance of what a simulator gets wrong where nothing has changed.
 
-    S = mean of w e e^T over the stretches, w = min(1, CAP D / |W e|^2) so that spins count little;
+    S = mean of w e e^T over the stretches, w = min(1, SPIN D / |W e|^2) so that spins count little;
     shrunk to its diagonal; without the sensor's part B: C = F max(F^-1 S F^-T - 1, 0) F^T with
     F F^T = B, the maximum taken of the eigenvalues.
 
@@ -48,7 +49,7 @@ def standing_misfit(gap: Tensor, sensed: Tensor) -> Tensor:
     flat = gap.flatten(1).double().nan_to_num(1e3, 1e3, -1e3).clamp(-1e3, 1e3)
     factor = torch.linalg.cholesky(sensed)
     white = torch.linalg.solve_triangular(factor, flat.mT, upper=False).mT  # (N, D)
-    weight = (CAP / white.square().mean(-1)).clamp_max(1.0)
+    weight = (SPIN / white.square().mean(-1)).clamp_max(1.0)
     square = torch.einsum("ni,nj,n->ij", white, white, weight) / len(white)
     shrunk = torch.lerp(square, torch.diag(square.diagonal()), SHRUNK)
     values, vectors = torch.linalg.eigh(shrunk)

@@ -86,7 +86,7 @@ def _shown(
 ) -> Tensor:
     """Measured pose and velocity [T, 6] of a car at rest that drives a manoeuvre."""
     effects, parameters, _ = library.settings([(fitted.unknowns, fitted.place)])
-    env, _ = explained(player.make(1), effects, parameters, player.standing)
+    env, _ = explained(player.make(1), effects, parameters, player.standing, player.options)
     state, rows = env.reset(), []
     for action in manoeuvre.actions(dt):
         state[keys.ACTION] = action.unsqueeze(0)

@@ -1,5 +1,6 @@
 """What may be missing or wrong: effects by name, and the simulator's own parameters."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -103,12 +104,14 @@ class Library:
         if {"x", "y", "radius"} <= {p.name for p in numbers}:
             return _patches(numbers, cut)
         result = []
+        both_ways = all(p.lower < p.value < p.upper for p in numbers)
         for size in SIZES:
-            if len(numbers) == 2:  # the parts of a vector
+            if len(numbers) == 2 and both_ways:  # the parts of a vector
                 result += [[size, 0.0], [-size, 0.0], [0.0, size], [0.0, -size]]
                 continue
-            result.append([size if p.probe > 0 else -size for p in numbers])
-            if all(p.lower < p.value < p.upper for p in numbers):
+            # Towards where it is probed: the rate of a limit falls while its coordinate grows.
+            result.append([math.copysign(size, p.coordinate(p.value + p.probe)) for p in numbers])
+            if both_ways:
                 result.append([-z for z in result[-1]])
         return result
 

@@ -33,11 +33,12 @@ from buggy_rl.diagnosis.rollouts import Player, effects_of
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.stretches import Stretches, stretches
 from buggy_rl.effects import EFFECTS, effect_class
+from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.env import make_simulator
 from buggy_rl.evaluation import HORIZONS
 from buggy_rl.recordings import Recording
 
-NOTHING = 0.1  # excess over the sensor's noise below which simulator and drives agree
+NOTHING = 0.05  # excess over the sensor's noise below which simulator and drives agree
 UNEXPLAINED = 0.5  # share of the excess under which a name is a description, not an answer
 UNDECIDED = 0.5  # confidence below which an answer is no answer
 NORMAL = 1.96  # standard deviations of a 95 % interval
@@ -195,8 +196,8 @@ def _proof(case: Case, found: Found, fits: Sequence[tuple[Tensor, Fitted]]) -> P
         retuned={},
         noise_floor={h: floor for h in before},
         black_box={},
-        misfit_before=misfit(found.null.held_out) ** 0.5,
-        misfit_after=misfit(found.best.held_out) ** 0.5,
+        misfit_before=misfit(found.null.held_out),
+        misfit_after=misfit(found.best.held_out),
         held_out=True,
     )
 
@@ -260,7 +261,9 @@ def diagnose(
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
     library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
     with blaming(config.simulator):
-        player, correction = Player(make), None
+        options, failures = measurable_options(make)
+        notes += failures
+        player, correction = Player(make, options=options), None
         if baseline:
             correction = correct(player, _cut(baseline, config), progress=progress)
             player = correction.player(player)
@@ -278,13 +281,12 @@ def diagnose(
     return Diagnosis(case, search, found, said, correction)
 
 
-def repaired(
-    simulator: str, answer: Answer, folder: Path, correction: Correction | None = None
-) -> dict[str, Any]:
+def repaired(simulator: str, done: Diagnosis, folder: Path) -> dict[str, Any]:
     """The simulator with what was found in it, as a simulator file has it.
 
     A correction stays in it as what it is; its network lies beside the file, as `FILE`.
     """
+    correction, options = done.correction, done.case.player.options
     content: dict[str, Any] = {"engine": simulator}
     if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
         content["engine"] = os.path.relpath(simulator, folder)
@@ -292,11 +294,12 @@ def repaired(
     if correction is not None and correction.effect is not None:
         strength = float(correction.effect.values["strength"])
         effects[correction.effect.name] = {"strength": strength, "model": FILE}
-    for named in answer.effects:
+    for named in done.answer.effects:
         values = {name: value.value for name, value in named.parameters.items()}
-        (parameters if named.kind == "parameter" else effects).update(
-            values if named.kind == "parameter" else {named.name: values}
-        )
+        if named.kind == "parameter":
+            parameters.update(values)
+        else:
+            effects[named.name] = {**values, **options.get(named.name, {})}
     if parameters:
         content["parameters"] = parameters
     if effects:

@@ -1,7 +1,8 @@
 """What a simulator with effects says the sensor would have shown: many parameter sets at once."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from tensordict import TensorDict
@@ -11,6 +12,7 @@ from torchrl.envs import Compose, EnvBase, TransformedEnv
 from buggy_rl import keys
 from buggy_rl.diagnosis.stretches import AHEAD, Stretches
 from buggy_rl.effects import CORRECTIONS, LAST_OF_KIND, ORDER, make_effect
+from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import Effect
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.vehicle import rotate
@@ -19,6 +21,8 @@ MOST_CARS = 12_000  # rolled out at once, to bound memory
 
 Values = Mapping[str, Mapping[str, Tensor]]
 """Effect -> parameter -> values [C], one a parameter set."""
+Options = Mapping[str, Mapping[str, Any]]
+"""Effect -> option -> value, as `measured_options` finds them."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,13 @@ class Player:
         every: Rows between two readings.
         standing: Effects that are in every rollout, nearer to the engine than those on trial,
             with one value for all cars.
+        options: Of effects on trial, by name: what they must know of this simulator.
     """
 
     make: Callable[[int], EnvBase]
     every: int = 10
     standing: Sequence[Effect] = ()
+    options: Options = field(default_factory=dict)
 
     def instants(self, cut: Stretches) -> Tensor:
         """Rows [K] after the start that are read."""
@@ -89,6 +95,10 @@ class Player:
         state = env.reset(start)
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
             state[keys.ELAPSED] = cut.elapsed.repeat(sets).unsqueeze(-1)
+        for effect in stack:
+            if isinstance(effect, RememberingCommand) and effect.lasting and effect.active:
+                told = cut.earlier[..., effect.channel].repeat(sets, 1)
+                state[effect.memory] = effect.remembered(state[effect.memory], told)
         wanted = set((self.instants(cut) + WARM_UP).tolist())
         seen = []
         for row in range(cut.pose.shape[1]):
@@ -107,7 +117,7 @@ class Player:
             e: {p: v.repeat_interleave(count) for p, v in ps.items()} for e, ps in effects.items()
         }
         own = {name: v.repeat_interleave(count) for name, v in parameters.items()}
-        return explained(self.make(cars), each, own, self.standing)
+        return explained(self.make(cars), each, own, self.standing, self.options)
 
 
 def explained(
@@ -115,6 +125,7 @@ def explained(
     effects: Values,
     parameters: Mapping[str, Tensor],
     standing: Sequence[Effect] = (),
+    options: Options | None = None,
 ) -> tuple[TransformedEnv, list[Effect]]:
     """A simulator with other parameters and more effects, and all effects that it then has.
 
@@ -126,6 +137,7 @@ def explained(
         effects: Effect -> parameter -> value of each car.
         parameters: The simulator's own -> value of each car.
         standing: Further effects that are in it, with one value for all cars.
+        options: Of `effects`, by name.
 
     Raises:
         ValueError: The simulator has one of the effects already, or transforms that are none.
@@ -137,7 +149,9 @@ def explained(
         values = TensorDict(dict(parameters), engine.batch_size)
         engine = engine.with_parameters(values)  # type: ignore[operator]
     stack = [
-        make_effect(name).with_parameters(TensorDict(dict(values), engine.batch_size))
+        make_effect(name, (options or {}).get(name)).with_parameters(
+            TensorDict(dict(values), engine.batch_size)
+        )
         for name, values in effects.items()
     ]
     twice = sorted({e.name for e in given} & {e.name for e in stack})

@@ -1,6 +1,6 @@
 """Which effects explain the drives: rivals screened, fitted, compared, combined, eliminated."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -16,8 +16,10 @@ MOST = 4  # effects of one explanation
 LOST = 0.3  # of the nats won in some blocks that may be lost in others
 NATS = 6.0  # by which it must help at least, for each of its parameters
 EAGER = 0.25  # share of what is left over that the next effect is not expected to explain
-MATTERS = 0.02  # of the noise's variance: what closes less of the gap does not matter,
-SHARE = 0.04  # nor what closes less of the gap that there was at first
+MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
+SHARE = 0.05  # nor what closes less of the gap that there was at first,
+FAINT = 0.1  # of its typical size: what is smaller is no cause
+TWINS = 0.12  # and as much more if it does the same as the others: see `Search.helps`
 
 
 @dataclass
@@ -113,7 +115,10 @@ class Search:
         """Whether causes earn their place on what they were not fitted to.
 
         They must help by enough nats, whichever block of the drives is left out; lose little where
-        they do not help; and close a part of the gap that was there at first that matters.
+        they do not help; and close a part of the gap that was there at first that matters. What
+        does much the same as the other causes must close more of it: an equation that is nearly
+        right leaves a gap that resembles what it describes, and a lag that is not quite of first
+        order is not a lag and a dead time.
         """
         gain = advantage(
             self.fitter.likelihood,
@@ -123,14 +128,44 @@ class Search:
             self.group,
         )
         added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        first = misfit(self.null.held_out) - 1
-        closed = misfit(less.held_out) - misfit(more.held_out)
+        matters = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
+        coordinates = [
+            abs(z)
+            for u, z in zip(more.fitted.unknowns, more.fitted.place.tolist(), strict=True)
+            if u.cause and u.cause not in less.causes
+        ]
         return (
-            gain.without_best > NATS * added
+            max(coordinates, default=0.0) > FAINT
+            and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
-            # Where all is far beyond the cap of `misfit`, what is usual tells more.
-            and (closed > max(MATTERS, SHARE * first) or more.typical < (1 - SHARE) * less.typical)
+            and any(
+                size(less) - size(more) > max(MATTERS, matters * (size(self.null) - 1))
+                for size in (_mean_size, _usual_size)
+            )
         )
+
+    def likeness(self, fitted: Fitted, others: Collection[str]) -> float:
+        """Share of what the further causes of an explanation do that `others` of it do likewise.
+
+        R^2 of the whitened gaps that they close, to first order, over those that each other cause
+        closes.
+        """
+        assert fitted.slopes is not None
+        root = self.fitter.likelihood.weight(fitted.square, self.fitter.temper).sqrt()
+        done = fitted.slopes * fitted.place * root[:, None, None]  # (N, D, P)
+        parts: dict[str, Tensor] = {}
+        for index, unknown in enumerate(fitted.unknowns):
+            if unknown.cause:
+                name = unknown.cause if unknown.cause in others else ""
+                part = done[..., index].flatten()
+                parts[name] = parts[name] + part if name in parts else part
+        added = parts.pop("", None)
+        if added is None or not parts:
+            return 0.0
+        columns = torch.stack(list(parts.values()), -1)
+        share = torch.linalg.lstsq(columns, added.unsqueeze(-1), driver="gelsd").solution
+        explained = (columns @ share).square().sum() / added.square().sum().clamp_min(1e-12)
+        return float(explained.clamp(0.0, 1.0))
 
     def screened(self, base: Candidate, keep: int) -> list[Fitted]:
         """The most promising starts: the base and one more effect each, at its best trial size."""
@@ -199,3 +234,13 @@ class Search:
                 return candidate
             candidate = min(needless, key=self.loss)
         return candidate
+
+
+def _mean_size(candidate: Candidate) -> float:
+    """Of gaps on what was held out, over the noise's."""
+    return misfit(candidate.held_out)
+
+
+def _usual_size(candidate: Candidate) -> float:
+    """Likewise, where most stretches are so far off that the mean is at its cap."""
+    return candidate.typical**0.5

@@ -13,6 +13,7 @@ from buggy_rl.evaluation import WARM_UP
 from buggy_rl.recordings import Recording
 
 AHEAD = 30  # rows known beyond a stretch's start, for sensors that report late
+EARLIER = 300  # rows before a stretch that tell where play in a linkage lies
 SMOOTHING = 15  # rows of the parabola through what was measured: keeps what a car can do
 
 
@@ -30,6 +31,8 @@ class Stretches:
     """[N, L, 3] likewise."""
     action: Tensor
     """[N, L, 2]"""
+    earlier: Tensor
+    """[N, EARLIER, 2] actions before row 0; the first of a drive stands for those before it."""
     elapsed: Tensor
     """[N] time since the drive began, at row 0 [s]."""
     drive: Tensor
@@ -80,11 +83,19 @@ def stretches(recordings: Sequence[Recording], seconds: float, stride: float) ->
         smooth_pose=soft[keys.POSE],
         smooth_velocity=soft[keys.VELOCITY],
         action=cut[keys.ACTION],
+        earlier=torch.stack(
+            [_earlier(recordings[d], r) for d, r in zip(drive.tolist(), row.tolist(), strict=True)]
+        ),
         elapsed=(torch.stack(times) - begun[drive]).float(),
         drive=drive,
         row=row,
         dt=dt,
     )
+
+
+def _earlier(recording: Recording, row: int) -> Tensor:
+    told = recording.data[keys.ACTION][max(0, row - EARLIER) : row + 1]
+    return torch.cat([told[:1].expand(EARLIER + 1 - len(told), -1), told])[:-1]
 
 
 def _smoothed(recording: Recording) -> Recording:

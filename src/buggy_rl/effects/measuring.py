@@ -25,8 +25,18 @@ DRIVES = (0.4, 0.55)  # at which the motor is measured: past any deadband; more 
 CORNERING_SPEED = 2.5  # [m/s] at which the tyres are measured
 SLIPS = 0.5  # [rad] the largest slip angle they are measured at
 SETTLING = 40  # steps in which delays and wheel speeds settle
+ONSET_SPEEDS = (0.5, 1.0)  # [m/s] at which the motor's onset is looked for
+ONSETS = (0.0, 0.6)  # of the drive, between which it is looked for
+SERVO_SPEED = 2.0  # [m/s] at which the servo is measured,
+SERVO_STEP = 0.15  # by a step of the steering so small that no servo is at its fastest,
+SERVO_ROWS = 60  # that it has this many rows to follow
+SERVO_EFFECTS = ("steering_backlash", "steering_rate_limit")
+PULL_EFFECTS = ("throttle_gain", "battery_sag")
 TYRE_EFFECTS = ("tire_grip", "grip_balance", "grip_patch")
 # D, C / D and c of a tyre: wide enough for a plain factor and for a slope that never bends.
+LEAST_PULL = 0.2  # [m/s^2] of any motor at over half its drive
+LEAST_TURN = 0.5  # [rad/s^2] of any car that steers
+LEAST_USE = 0.2  # of its load with which any tyre pushes back that slides sideways
 TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
 
 
@@ -44,12 +54,46 @@ def measured_options(
     """
     if not isinstance(dimensions, VehicleDimensions):
         dimensions = VehicleDimensions(**(dimensions or {}))
-    drive, tyres = measured_drive(make), measured_tyres(make, dimensions)
     return {
+        **_drive_options(make),
+        **_servo_options(make),
+        **dict.fromkeys(TYRE_EFFECTS, measured_tyres(make, dimensions)),
+    }
+
+
+def _drive_options(make: Make) -> dict[str, dict[str, Any]]:
+    drive, onset = measured_drive(make), {"onset": measured_onset(make)}
+    return {
+        **dict.fromkeys(PULL_EFFECTS, onset),
         "motor_power_limit": {"coasting": drive["coasting"]},
         "top_speed": drive,
-        **dict.fromkeys(TYRE_EFFECTS, tyres),
     }
+
+
+def _servo_options(make: Make) -> dict[str, dict[str, Any]]:
+    lag = {"lag": measured_steering_lag(make)}
+    return dict.fromkeys(SERVO_EFFECTS, lag)
+
+
+def measurable_options(make: Make) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Options as far as a simulator shows them, and in words what it does not show.
+
+    A simulator that was never taught to slide, such as a learned one, has no tyre law to be read
+    off; its effects keep the defaults of their classes.
+    """
+    parts = {
+        "drive": lambda: _drive_options(make),
+        "servo": lambda: _servo_options(make),
+        "tyres": lambda: dict.fromkeys(TYRE_EFFECTS, measured_tyres(make, VehicleDimensions())),
+    }
+    options: dict[str, dict[str, Any]] = {}
+    failures = []
+    for part, measured in parts.items():
+        try:
+            options |= measured()
+        except ValueError as error:
+            failures.append(f"{part} cannot be measured ({error}): what is typical is assumed")
+    return options, failures
 
 
 def measured_drive(make: Make) -> dict[str, Any]:
@@ -79,6 +123,60 @@ def measured_drive(make: Make) -> dict[str, Any]:
     }
 
 
+def measured_onset(make: Make) -> float:
+    """Drive in 0..1 at which a simulator's motor begins to pull, at rest.
+
+    From the line that the acceleration follows once it pulls, back to what the car loses coasting;
+    and from two speeds back to rest, because a turning motor asks for some drive by itself.
+
+    Raises:
+        ValueError: The simulator's answer is not finite, or it does not pull.
+    """
+    drives = torch.linspace(*ONSETS, 25)
+    found = []
+    for speed in ONSET_SPEEDS:
+        held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(drives), 3)
+        gained = (_next(make, held, 2 * drives - 1)[:, 0] - speed) / _dt(make)
+        pull = (gained - gained[0]).double()
+        top = float(pull.max())
+        if top < LEAST_PULL:
+            raise ValueError(f"at {speed:g} m/s no drive up to {ONSETS[1]:g} makes it faster")
+        rising = (pull > 0.1 * top) & (pull < 0.6 * top)
+        slope, level = np.polyfit(drives[rising].numpy(), pull[rising].numpy(), 1)
+        found.append(-level / slope)
+    low, high = ONSET_SPEEDS
+    at_rest = found[0] - low * (found[1] - found[0]) / (high - low)
+    return round(float(np.clip(at_rest, *ONSETS)), 3)
+
+
+def measured_steering_lag(make: Make) -> float:
+    """Time constant [s] with which a simulator's wheels follow a step of the steering.
+
+    The car is held in straight motion; what its next step would turn grows as the wheels do. Of
+    what is still missing, the logarithm falls by dt / T each step: no dead time changes that.
+
+    Raises:
+        ValueError: The simulator's answer is not finite, or it does not turn.
+    """
+    dt = _dt(make)
+    held = torch.tensor([[SERVO_SPEED, 0.0, 0.0]])
+    turn = _rows(make, held, -1.0, SERVO_STEP, SERVO_ROWS)[:, 0, 2].double()  # (R,)
+    turn = turn - turn[0]
+    last = float(turn[-1])
+    if abs(last) / dt < LEAST_TURN:
+        raise ValueError(f"at {SERVO_SPEED:g} m/s it does not turn for steering {SERVO_STEP:g}")
+    missing = 1 - turn / last
+    falling = (missing < 0.85) & (missing > 0.05)
+    gone = falling.logical_not().nonzero().flatten()
+    first = int(falling.nonzero()[0]) if bool(falling.any()) else 0
+    end = int(gone[gone > first][0]) if bool(falling.any()) else 0
+    if end - first < 2:  # over before it can be seen
+        return 0.0
+    row = np.arange(first, end)
+    fall = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
+    return round(max(0.0, -1.0 / fall), 4)
+
+
 def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:
     """What a simulator's axles give sideways: F = D sin(c atan(C slip / (c D))) of their load.
 
@@ -88,7 +186,7 @@ def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[
         `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear.
 
     Raises:
-        ValueError: The simulator's answer is not finite.
+        ValueError: The simulator's answer is not finite, or no tyre's.
     """
     d = dimensions
     angle = torch.linspace(-SLIPS, SLIPS, 41)
@@ -131,8 +229,17 @@ def _slope(slip: np.ndarray, friction: float, ratio: float, shape: float) -> np.
 
 
 def _law_of(slip: np.ndarray, use: np.ndarray) -> np.ndarray:
-    """D, C / D and c of the law that comes closest."""
+    """D, C / D and c of the law that comes closest.
+
+    Raises:
+        ValueError: What is seen is no tyre's.
+    """
     first = [max(float(use.max()), 0.1), 8.0, 1.1]
+    if use[-1] < LEAST_USE or first[0] > TYRE_BOUNDS[1][0]:
+        raise ValueError(
+            f"sliding sideways at {SLIPS:g} rad, an axle pushes back with {use[-1]:.2f} and at "
+            f"most {use.max():.2f} of its load"
+        )
     found = least_squares(lambda x: _law(slip, *x) - use, first, bounds=TYRE_BOUNDS)
     return found.x
 
@@ -141,20 +248,33 @@ def _dt(make: Make) -> float:
     return getattr(make(1), "dt", CONTROL_PERIOD)
 
 
-@torch.no_grad()
-def _next(make: Make, held: Tensor, throttle: float) -> Tensor:
+def _next(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
     """Velocity [n, 3] a step after the velocities [n, 3] were held until delays have settled."""
+    return _rows(make, held, throttle, 0.0, 0)[0]
+
+
+@torch.no_grad()
+def _rows(make: Make, held: Tensor, throttle: float | Tensor, steering: float, rows: int) -> Tensor:
+    """Velocities [rows + 1, n, 3], each a step after the velocities [n, 3] were held.
+
+    First until all delays have settled, then for `rows` steps with `steering`.
+    """
     engine = make(len(held))
     state = engine.reset(TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device))
-    action = torch.tensor([throttle, 0.0]).expand(len(held), 2)
-    for _ in range(SETTLING):
+    drive = torch.as_tensor(throttle).expand(len(held))
+    straight = torch.stack([drive, torch.zeros_like(drive)], -1)
+    turned = torch.stack([drive, torch.full_like(drive, steering)], -1)
+    found = []
+    for row in range(SETTLING + rows):
         state[keys.VELOCITY] = held.to(state[keys.VELOCITY])
-        state[keys.ACTION] = action.to(state[keys.VELOCITY])
+        state[keys.ACTION] = (straight if row < SETTLING else turned).to(state[keys.VELOCITY])
         state = engine.step(state)["next"]
-    after = state[keys.VELOCITY].cpu()
+        if row >= SETTLING - 1:
+            found.append(state[keys.VELOCITY].cpu())
+    after = torch.stack(found)
     if not bool(after.isfinite().all()):
         raise ValueError(
-            f"the simulator is not finite when held in motion at throttle {throttle} and up to "
-            f"{float(held.norm(dim=-1).max()):.1f} m/s"
+            f"the simulator is not finite when held in motion at throttle {float(drive.max()):g} "
+            f"and up to {float(held.norm(dim=-1).max()):.1f} m/s"
         )
     return after

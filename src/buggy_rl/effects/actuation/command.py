@@ -47,10 +47,21 @@ class RememberingCommand(CommandEffect):
     memory says that this is still to come.
     """
 
+    lasting: ClassVar[bool] = False
+    """Whether what was told seconds ago still matters, as it does where there is play."""
+
     @property
     def size(self) -> int:
         """Numbers of the state."""
         return 1
+
+    def remembered(self, memory: Tensor, commands: Tensor) -> Tensor:
+        """The memory [n, size + 1] of cars that were told `commands` [n, T] of this channel."""
+        told = self._take(commands).clamp(-1.0, 1.0)
+        state = told[:, :1].expand(-1, self.size)
+        for command in told.unbind(1):
+            state = self._moved(command, state)[1]
+        return self._put(memory, torch.cat([state, torch.zeros_like(state[:, :1])], -1))
 
     @abstractmethod
     def _moved(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl.effects.actuation.command import CommandEffect, RememberingCommand
+from buggy_rl.effects.actuation.command import CommandEffect
 from buggy_rl.effects.base import EffectParameter, one_in
 
 
@@ -74,29 +74,3 @@ class SteeringAsymmetry(CommandEffect):
     def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         gain = self._here("left_to_right").clamp_min(1e-3).sqrt()
         return torch.where(command > 0, command * gain, command / gain)
-
-
-class SteeringBacklash(RememberingCommand):
-    """Play: the linkage is only moved when the command has gone through it.
-
-    u'_k = min(max(u'_{k-1}, u_k - w / 2), u_k + w / 2), w the full width from stop to stop.
-    """
-
-    name = "steering_backlash"
-    channel = 1
-    equation = "|steering - steering'| <= width / 2, and steering' rests while it can"
-    parameters = (
-        EffectParameter(
-            "width", 0.0, 0.0, 1.0, "-", "Play from stop to stop, of a range of 2.", 0.1, 0.02
-        ),
-    )
-
-    @classmethod
-    def sentence(cls, values: Mapping[str, float]) -> str:
-        share = 50 * values["width"]
-        return f"the steering has {share:.3g} % of its range as play when it turns back"
-
-    def _moved(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        half = 0.5 * self._here("width").clamp_min(0.0)
-        linkage = torch.minimum(torch.maximum(state.squeeze(-1), command - half), command + half)
-        return linkage, linkage.unsqueeze(-1)

@@ -1,6 +1,7 @@
 """A drive that differs from the one asked for; drive = (throttle + 1) / 2 in 0..1."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -28,11 +29,38 @@ class DriveEffect(CommandEffect):
         return 2 * self._driven(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
 
 
-class ThrottleGain(DriveEffect):
+class PullEffect(DriveEffect):
+    """d' = onset + g (d - onset) where the motor pulls: a factor of the pull, not of the command.
+
+    A simulated motor with a deadband does nothing below it, and a weaker one still sets off at the
+    same throttle. `measured_onset` finds the onset for a simulator.
+
+    Args:
+        onset: Drive in 0..1 at which the simulated motor begins to pull.
+        dt, values: As for the other effects.
+    """
+
+    def __init__(self, *, onset: float = 0.0, **rest: Any) -> None:
+        self.onset = float(onset)
+        super().__init__(**rest)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        return super().options | ({"onset": self.onset} if self.onset else {})
+
+    def _more(self, tensordict: TensorDictBase) -> Tensor:
+        """The change g - 1 of the cars that feel the effect."""
+        raise NotImplementedError
+
+    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return drive + self._more(tensordict) * (drive - self.onset).clamp_min(0.0)
+
+
+class ThrottleGain(PullEffect):
     """More or less drive than asked for, up to full drive."""
 
     name = "throttle_gain"
-    equation = "drive' = gain drive"
+    equation = "drive' - onset = gain (drive - onset)"
     parameters = (
         EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive asked.", 0.2, 0.02),
     )
@@ -41,8 +69,8 @@ class ThrottleGain(DriveEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         return f"the motor is driven {one_in(values['gain'])} than the throttle says"
 
-    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return self._here("gain") * drive
+    def _more(self, tensordict: TensorDictBase) -> Tensor:
+        return self._here("gain") - 1
 
 
 class ThrottleOffset(CommandEffect):
@@ -68,14 +96,21 @@ class ThrottleOffset(CommandEffect):
 
 
 class ThrottleDeadband(DriveEffect):
-    """The first part of the drive does nothing, and is missing from the rest."""
+    """The first part of the drive does nothing, and is missing from the rest, or not quite.
+
+    Many speed controllers stretch what lies beyond their deadband so that full throttle is full
+    drive all the same (restored = 1); where nothing is restored, a deadband is an offset.
+    """
 
     name = "throttle_deadband"
-    equation = "drive' = max(0, drive - width)"
-    source = "DART, Lyons et al., whose motor acts on the drive less a deadband"
+    equation = "drive' = max(0, drive - width) (1 + restored width / (1 - width))"
+    source = "DART, Lyons et al., whose motor acts on the drive less a deadband: restored = 0"
     parameters = (
         EffectParameter(
             "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.08, 0.01
+        ),
+        EffectParameter(
+            "restored", 0.0, 0.0, 1.0, "-", "Share given back at full throttle.", 0.5, 0.05
         ),
     )
 
@@ -84,17 +119,18 @@ class ThrottleDeadband(DriveEffect):
         return f"the first {100 * values['width']:.3g} % of the throttle do nothing"
 
     def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return drive - self._here("width")
+        width, restored = self._here("width"), self._here("restored")
+        return (drive - width).clamp_min(0.0) * (1 + restored * width / (1 - width))
 
 
-class BatterySag(DriveEffect):
+class BatterySag(PullEffect):
     """The drive weakens as the battery empties, by a clock that rides in the TensorDict.
 
     A reset or an edit may set `elapsed` [*, 1] s; it is 0 at a reset that does not.
     """
 
     name = "battery_sag"
-    equation = "drive' = (1 - loss_per_minute elapsed / 60 s) drive"
+    equation = "drive' - onset = (1 - loss_per_minute elapsed / 60 s) (drive - onset)"
     parameters = (
         EffectParameter(
             "loss_per_minute",
@@ -114,9 +150,9 @@ class BatterySag(DriveEffect):
         verb = "weakens" if loss >= 0 else "strengthens"
         return f"the drive {verb} by {abs(loss):.3g} % a minute as the battery empties"
 
-    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _more(self, tensordict: TensorDictBase) -> Tensor:
         elapsed = self._take(tensordict.get(keys.ELAPSED)).squeeze(-1)
-        return drive * (1 - self._here("loss_per_minute") * elapsed / MINUTE)
+        return -self._here("loss_per_minute") * elapsed / MINUTE
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if not self.active:

@@ -1,4 +1,4 @@
-"""Commands that act late: dead time, first-order lag, rate limit.
+"""Commands that act late: dead time and first-order lag.
 
 An engine takes one command for a whole control period. What acts within it is not constant, so
 its mean over the period is what the engine is given.
@@ -12,8 +12,6 @@ from torch import Tensor
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.delay import SHORTEST_LAG, dead_time, rows_back, taps
-
-NO_LIMIT = 1e6  # [1/s] so fast that no command shows it
 
 
 class DeadTime(RememberingCommand):
@@ -60,44 +58,6 @@ class Lag(RememberingCommand):
         behind = state.squeeze(-1) - command
         end = command + behind * self._kept("left")
         return command + behind * self._kept("mean_left"), end.unsqueeze(-1)
-
-
-class SteeringRateLimit(RememberingCommand):
-    """y moves towards u by at most the rate; the engine gets its mean over the period.
-
-    With the reach r = rate dt and m = min(max(u - y_k, -r), r): y_{k+1} = y_k + m, and the mean
-    over the period is y_k + m - m |m| / (2 r).
-    """
-
-    name = "steering_rate_limit"
-    channel = 1
-    equation = "|du'/dt| <= rate"
-    parameters = (
-        EffectParameter(
-            "rate",
-            NO_LIMIT,
-            0.2,
-            NO_LIMIT,
-            "1/s",
-            "Fastest change of the steering command, of which the whole range is 2.",
-            size=6.0,
-            probe=6.0 - NO_LIMIT,
-            reciprocal=True,
-        ),
-    )
-
-    @classmethod
-    def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the steering needs {2000 / values['rate']:.3g} ms from full right to full left"
-
-    def _moved(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        start = state.squeeze(-1)
-        reach = (self._here("rate") * self.dt).clamp_min(1e-9)
-        way = command - start
-        moved = torch.minimum(torch.maximum(way, -reach), reach)
-        # Of the period the share |moved| / reach is spent moving, at half the way in the mean.
-        mean = start + moved - 0.5 * moved * moved.abs() / reach
-        return mean, (start + moved).unsqueeze(-1)
 
 
 class ThrottleDeadTime(DeadTime):

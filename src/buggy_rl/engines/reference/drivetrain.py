@@ -17,7 +17,6 @@ from buggy_rl.vehicle import GRAVITY
 KNEE = 12  # steepness of the end of discharge: half of the knee is in the last 6 % of the charge
 DRIVEN_CURRENT = 2.15  # [A] mean of the battery in 64 drives of 20 s by the room driver
 COOLING = 30.0  # [s] in which a motor's winding gives its heat to the can; chosen
-THROTTLE_SHARE = 1.45  # share of the voltage that drives as a share of the throttle; see `faults`
 DRAGGED = 0.1  # share of a bent axle's moment that is a front wheel's dragging; chosen
 ROLLING_SPEED = 0.1  # [m/s] from which on a bent axle binds; chosen
 NO_LOAD = 1e-3  # [N] on an axle in the air, under a fraction
@@ -95,7 +94,6 @@ class Drivetrain:
             return voltage
         taken = charge - (1.0 - values["initial_charge"]) * values["capacity"]
         lost = self.faults["battery_sag.loss_per_minute"] * taken / (60.0 * DRIVEN_CURRENT)
-        lost = THROTTLE_SHARE * lost
         return voltage * (1.0 - lost).clamp_min(0.0)
 
     def filtered(self, hidden: dict[str, Tensor], throttle: Tensor) -> Tensor:
