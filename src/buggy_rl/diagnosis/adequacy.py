@@ -10,6 +10,7 @@ from buggy_rl.diagnosis.stretches import Stretches
 
 BINS = 5
 TELLING = 0.05  # share of the remaining variance that a feature must explain to be named
+NOTHING = 0.05  # excess over the sensor's noise below which there is nothing left to explain
 CAP = 100.0  # times the noise's variance, as which a stretch counts at most
 
 
@@ -73,7 +74,7 @@ def remaining(cut: Stretches, instants: Tensor, before: Tensor, after: Tensor) -
     along = float((now * then).mean() / (now.square().mean() + 1e-12))
     return Remaining(
         excess=last,
-        share=max(0.0, last) / max(first, 1e-9) if first > 0 else 0.0,
+        share=last / max(first, last) if last > NOTHING else 0.0,
         channel={n: float(v) / total for n, v in zip(names, over.tolist(), strict=True)},
         depends_on=depends,
         memory=along > 0.3,

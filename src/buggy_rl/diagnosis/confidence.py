@@ -1,5 +1,6 @@
 """How sure an answer is: rivals weighed against one another, calibrated on cases made for that."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,7 +10,8 @@ from buggy_rl.diagnosis.search import Candidate, Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
-SOUND = 0.35  # share of the first excess that may remain under a name that is sure
+SOUND = 0.23  # share of the first excess under which a name is as likely right as not,
+SOFT = 0.03  # and how sharply that changes: chosen on drives with known and unknown faults
 CEILING = 0.98  # nothing is surer than this
 
 
@@ -32,7 +34,7 @@ def confidences(search: Search, found: Found, unexplained: float) -> dict[str, C
         found: What it found.
         unexplained: Share of the first excess that remains.
     """
-    soundness = min(1.0, max(0.0, 1 - unexplained) / (1 - SOUND)) ** 2
+    soundness = 1 / (1 + math.exp(min((unexplained - SOUND) / SOFT, 50.0)))
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}

@@ -1,13 +1,15 @@
 """How likely drives are, given what a simulator says of them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.rollouts import Player, Values
 from buggy_rl.diagnosis.stretches import START_SHARE, Stretches, sensor_noise
 
+Settings = tuple[Values, Mapping[str, Tensor], Tensor]
 HEAVY = 4.0  # a stretch this many times worse than expected begins to count for less
 
 
@@ -26,6 +28,8 @@ class Likelihood:
     """[N, D, D] float64, lower triangular; D = K * 6."""
     noise: Tensor
     """[6] of a reading."""
+    extra: Tensor | None = None
+    """[D, D] covariance of what the simulator gets wrong where it counts as right."""
 
     @property
     def readings(self) -> int:
@@ -33,12 +37,18 @@ class Likelihood:
         return self.whitening.shape[-1]
 
     def __getitem__(self, index: Tensor) -> "Likelihood":
-        return Likelihood(self.whitening[index], self.noise)
+        return Likelihood(self.whitening[index], self.noise, self.extra)
 
     def white(self, gap: Tensor) -> Tensor:
         """W e [C, N, D] of gaps [C, N, K, 6]; what is not finite becomes large."""
         flat = gap.flatten(2).double().nan_to_num(1e3, 1e3, -1e3).clamp(-1e3, 1e3)
         return torch.einsum("nij,cnj->cni", self.whitening, flat)
+
+    def instead_of(self, other: "Likelihood") -> Tensor:
+        """[N, D, D] that whitens anew what the other one has whitened: W W_other^-1."""
+        return torch.linalg.solve_triangular(
+            other.whitening.mT, self.whitening.mT, upper=True
+        ).mT
 
     def loss(self, square: Tensor, temper: float = 1.0) -> Tensor:
         """Of stretches with |W e|^2 = `square` [*], in nats."""
@@ -50,20 +60,25 @@ class Likelihood:
         return 1 / (1 + square / temper / (HEAVY * self.readings))
 
 
-def likelihood(player: Player, cut: Stretches, effects=None, extra: Tensor | None = None):
+def likelihood(
+    player: Player, cut: Stretches, settings: Settings | None = None, extra: Tensor | None = None
+) -> Likelihood:
     """Whitening of stretches about a simulator.
 
     Args:
         player: Plays into the simulator.
         cut: The stretches.
-        effects: Of the simulator, with one value each; none by default.
+        settings: Effects, parameters and offset of the simulator, as `Player.play` takes them, of
+            one set; none by default.
         extra: [D, D] covariance of what the simulator gets wrong where it is right.
     """
     noise = sensor_noise(cut)
     start = START_SHARE * noise  # (6,)
     shift = torch.cat([torch.zeros(1, 6), torch.diag(start)])
-    many = {e: {p: v.expand(7) for p, v in ps.items()} for e, ps in (effects or {}).items()}
-    gap = player.play(cut, many, shift=shift).double()  # (7, N, K, 6)
+    effects, parameters, offset = settings or ({}, {}, torch.zeros(1))
+    many = {e: {p: v.expand(7) for p, v in ps.items()} for e, ps in effects.items()}
+    own = {name: v.expand(7) for name, v in parameters.items()}
+    gap = player.play(cut, many, own, offset.expand(7), shift).double()  # (7, N, K, 6)
     slopes = (gap[1:] - gap[:1]).flatten(2).movedim(0, -1)  # (N, D, 6)
     slopes = slopes.nan_to_num(0.0).clamp(-10, 10)
     readings = gap.shape[2]
@@ -73,4 +88,4 @@ def likelihood(player: Player, cut: Stretches, effects=None, extra: Tensor | Non
         covariance = covariance + extra
     factor = torch.linalg.cholesky(covariance)
     eye = torch.eye(covariance.shape[-1], dtype=torch.float64).expand_as(covariance)
-    return Likelihood(torch.linalg.solve_triangular(factor, eye, upper=False), noise)
+    return Likelihood(torch.linalg.solve_triangular(factor, eye, upper=False), noise, extra)

@@ -11,9 +11,9 @@ from omegaconf import MISSING
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
+from buggy_rl.diagnosis.adequacy import NOTHING, Remaining, misfit, remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
-from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.confidence import SOUND, confidences
 from buggy_rl.diagnosis.correction import FILE, Correction, correct
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.fit import Fitted, Fitter
@@ -38,8 +38,6 @@ from buggy_rl.env import make_simulator
 from buggy_rl.evaluation import HORIZONS
 from buggy_rl.recordings import Recording
 
-NOTHING = 0.05  # excess over the sensor's noise below which simulator and drives agree
-UNEXPLAINED = 0.5  # share of the excess under which a name is a description, not an answer
 UNDECIDED = 0.5  # confidence below which an answer is no answer
 NORMAL = 1.96  # standard deviations of a 95 % interval
 
@@ -98,7 +96,9 @@ def identify(case: Case, progress: Callable[[str], None] = lambda _: None) -> tu
     """Names what is missing."""
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
     search = Search(fitter, progress)
-    return search, search.run()
+    found = search.run()
+    case.likelihood = fitter.likelihood  # as it was weighed at last
+    return search, found
 
 
 def answer(case: Case, search: Search, found: Found, progress=lambda _: None) -> Answer:
@@ -130,7 +130,7 @@ def answer(case: Case, search: Search, found: Found, progress=lambda _: None) ->
 def _verdict(found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
     if misfit(found.null.held_out) - 1 < NOTHING and not named:
         return "no_mismatch"
-    if not named or rest.share > UNEXPLAINED:
+    if not named or rest.share > SOUND:
         return "unknown_physics" if rest.excess > NOTHING else "no_mismatch"
     if max(n.confidence for n in named) < UNDECIDED:
         return "cannot_tell"

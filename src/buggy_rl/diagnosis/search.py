@@ -9,6 +9,7 @@ from torch import Tensor
 from buggy_rl.diagnosis.adequacy import misfit, typical
 from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.likelihood import likelihood
 
 KEPT = 14  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
@@ -79,7 +80,7 @@ class Search:
             step = self.extended(best)
             if step is None:
                 break
-            best = self.eliminated(step)
+            best = self.reweighed(self.eliminated(step))
         self.fitter.temper = max(1.0, best.typical)
         return Found(self.null, best, self.tried, self.fitter.temper)
 
@@ -87,6 +88,24 @@ class Search:
         """On what was held out, with its priors [nats]."""
         losses = self.fitter.likelihood.loss(candidate.evidence.square, self.fitter.temper)
         return float(losses.sum() + candidate.fitted.penalty())
+
+    def reweighed(self, best: Candidate) -> Candidate:
+        """Weighs all explanations anew by how errors of a start grow in the best of them.
+
+        On a slippery floor a car spins, or not, by a millimetre: the simulator as given, which
+        does not know of the floor, expects to foretell what nobody can.
+        """
+        fitter, old = self.fitter, self.fitter.likelihood
+        settings = fitter.library.settings([(best.fitted.unknowns, best.fitted.place)])
+        fitter.likelihood = likelihood(fitter.player, fitter.cut, settings, old.extra)
+        change = fitter.likelihood.instead_of(old)
+        for candidate in self.tried.values():
+            fitted = candidate.fitted
+            fitted.white = torch.einsum("nij,nj->ni", change, fitted.white)
+            if fitted.slopes is not None:
+                fitted.slopes = change @ fitted.slopes
+            candidate.evidence = evidence(fitter, fitted, self.group)
+        return self.fit([best.fitted])[0]
 
     def fit(self, starts: Sequence[Fitted]) -> list[Candidate]:
         """Fits and weighs explanations; the better one of two with the same effects is kept."""
