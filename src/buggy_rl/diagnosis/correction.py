@@ -14,7 +14,7 @@ from buggy_rl import keys
 from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.evidence import BLOCK, blocks
 from buggy_rl.diagnosis.likelihood import likelihood
-from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.rollouts import Player, explained
 from buggy_rl.diagnosis.stretches import START_SHARE, Stretches, sensor_noise
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
@@ -145,7 +145,7 @@ def lacking_acceleration(player: Player, cut: Stretches) -> tuple[Tensor, Tensor
     Returns:
         The network's inputs [N, H, 8] and the acceleration [N, H, 3] of the rows of a rollout.
     """
-    env = player.make(len(cut))
+    env, _ = explained(player.make(len(cut)), {}, {}, player.standing)
     pose, velocity = cut.smooth_pose, cut.smooth_velocity
     arm = VehicleDimensions().sensor_to_cg
     start = TensorDict({keys.POSE: pose[:, 0], keys.VELOCITY: velocity[:, 0]}, [len(cut)])

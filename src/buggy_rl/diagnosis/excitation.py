@@ -9,7 +9,7 @@ from buggy_rl import keys
 from buggy_rl.diagnosis.fit import Fitted
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
-from buggy_rl.diagnosis.rollouts import Player, explained
+from buggy_rl.diagnosis.rollouts import Player, explained, reading
 from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.vehicle import wrap_angle
@@ -69,37 +69,38 @@ def deciding(
     Returns:
         The manoeuvre and the difference.
     """
-    best: tuple[Manoeuvre, float] | None = None
-    for manoeuvre in MANOEUVRES:
-        shown = [_shown(player, library, e, manoeuvre, dt) for e in (first, second)]
-        gap = ((shown[0] - shown[1]) / noise).double()
-        size = float(gap.square().mean().sqrt().nan_to_num(0.0))
-        if best is None or size > best[1]:
-            best = manoeuvre, size
-    assert best is not None
-    return best
+    shown = _shown(player, library, (first, second), dt)  # (2, M, T, 6)
+    sizes = []
+    for index, manoeuvre in enumerate(MANOEUVRES):
+        rows = len(manoeuvre.actions(dt))
+        gap = ((shown[0, index, :rows] - shown[1, index, :rows]) / noise).double()
+        sizes.append(float(gap.square().mean().sqrt().nan_to_num(0.0)))
+    best = max(range(len(sizes)), key=sizes.__getitem__)
+    return MANOEUVRES[best], sizes[best]
 
 
 @torch.no_grad()
-def _shown(
-    player: Player, library: Library, fitted: Fitted, manoeuvre: Manoeuvre, dt: float
-) -> Tensor:
-    """Measured pose and velocity [T, 6] of a car at rest that drives a manoeuvre."""
-    effects, parameters, _ = library.settings([(fitted.unknowns, fitted.place)])
-    env, _ = explained(player.make(1), effects, parameters, player.standing, player.options)
+def _shown(player: Player, library: Library, rivals: Sequence[Fitted], dt: float) -> Tensor:
+    """Measured pose and velocity [E, M, T, 6] of cars at rest that drive all manoeuvres.
+
+    A manoeuvre that is over before the longest one stands still for the rest.
+    """
+    actions = [manoeuvre.actions(dt) for manoeuvre in MANOEUVRES]
+    longest, cars = max(map(len, actions)), len(actions) * len(rivals)
+    idle = torch.tensor([-1.0, 0.0])
+    padded = [torch.cat([a, idle.expand(longest - len(a), 2)]) for a in actions]
+    told = torch.stack(padded).repeat(len(rivals), 1, 1)  # (E * M, T, 2)
+    effects, parameters, _ = library.settings([(f.unknowns, f.place) for f in rivals])
+    count = len(actions)
+    each = {e: {p: v.repeat_interleave(count) for p, v in ps.items()} for e, ps in effects.items()}
+    own = {name: v.repeat_interleave(count) for name, v in parameters.items()}
+    env, _ = explained(player.make(cars), each, own, player.standing, player.options)
     state, rows = env.reset(), []
-    for action in manoeuvre.actions(dt):
-        state[keys.ACTION] = action.unsqueeze(0)
+    for action in told.unbind(1):
+        state[keys.ACTION] = action
         state = env.step(state)["next"]
-        pose, velocity = (
-            state.get(measured, None) if state.get(measured, None) is not None else state[true]
-            for measured, true in (
-                (keys.MEASURED_POSE, keys.POSE),
-                (keys.MEASURED_VELOCITY, keys.VELOCITY),
-            )
-        )
-        rows.append(torch.cat([pose, velocity], -1)[0])
-    return torch.stack(rows)
+        rows.append(reading(state))
+    return torch.stack(rows, 1).unflatten(0, (len(rivals), count))
 
 
 def suggestions(

@@ -12,6 +12,8 @@ from buggy_rl.diagnosis.rollouts import Player
 from buggy_rl.diagnosis.stretches import Stretches
 
 STEP = 0.02  # of a finite difference, in units of a parameter's size
+TRIED = 2  # iterations after which it shows who is hopeless:
+HOPELESS = 0.3  # who has not gained this share of what the best has gained
 DAMPINGS = (1e-3, 0.3, 10.0)
 
 
@@ -90,8 +92,17 @@ class Fitter:
         total = self.likelihood.loss(fitted.square, self.temper).sum()
         return float(total + fitted.penalty())
 
-    def fit(self, explanations: Sequence[Fitted], iterations: int = 5) -> list[Fitted]:
-        """Fits all of them; the last slopes are kept."""
+    def fit(
+        self, explanations: Sequence[Fitted], iterations: int = 5, worst: float | None = None
+    ) -> list[Fitted]:
+        """Fits all of them; the last slopes are kept.
+
+        Args:
+            explanations: Where each begins.
+            iterations: At most.
+            worst: Value of having none of them [nats]. Given one, those that are hopeless after
+                `TRIED` iterations, by what they gain on it, are not fitted any further.
+        """
         found = [
             Fitted(f.causes, f.unknowns, bounded(f.unknowns, f.place), w)
             for f, w in zip(
@@ -101,7 +112,10 @@ class Fitter:
             )
         ]
         open_ = list(range(len(found)))
-        for _ in range(iterations):
+        for iteration in range(iterations):
+            if worst is not None and iteration >= TRIED:
+                gains = [worst - self.value(f) for f in found]
+                open_ = [i for i in open_ if gains[i] > HOPELESS * max(gains)]
             if not open_:
                 break
             self.differentiate([found[i] for i in open_])

@@ -46,9 +46,7 @@ class Likelihood:
 
     def instead_of(self, other: "Likelihood") -> Tensor:
         """[N, D, D] that whitens anew what the other one has whitened: W W_other^-1."""
-        return torch.linalg.solve_triangular(
-            other.whitening.mT, self.whitening.mT, upper=True
-        ).mT
+        return torch.linalg.solve_triangular(other.whitening.mT, self.whitening.mT, upper=True).mT
 
     def loss(self, square: Tensor, temper: float = 1.0) -> Tensor:
         """Of stretches with |W e|^2 = `square` [*], in nats."""

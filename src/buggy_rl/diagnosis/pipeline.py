@@ -16,7 +16,7 @@ from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sent
 from buggy_rl.diagnosis.confidence import SOUND, confidences
 from buggy_rl.diagnosis.correction import FILE, Correction, correct
 from buggy_rl.diagnosis.excitation import suggestions, weak
-from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.guard import (
     blaming,
     check_blocks,
@@ -28,14 +28,14 @@ from buggy_rl.diagnosis.guard import (
 from buggy_rl.diagnosis.library import OWN, Library
 from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
 from buggy_rl.diagnosis.locate import locate
-from buggy_rl.diagnosis.proof import held_out_fits, held_out_mse
+from buggy_rl.diagnosis.proof import prove
 from buggy_rl.diagnosis.rollouts import Player, effects_of
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.stretches import Stretches, stretches
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.engines import read_simulator
 from buggy_rl.env import make_simulator
-from buggy_rl.evaluation import HORIZONS
 from buggy_rl.recordings import Recording
 
 UNDECIDED = 0.5  # confidence below which an answer is no answer
@@ -92,10 +92,18 @@ class Diagnosis:
     """Of what the simulator got wrong before anything changed, where baseline drives were given."""
 
 
-def identify(case: Case, progress: Callable[[str], None] = lambda _: None) -> tuple[Search, Found]:
-    """Names what is missing."""
+def identify(
+    case: Case,
+    progress: Callable[[str], None] = lambda _: None,
+    baseline: Stretches | None = None,
+) -> tuple[Search, Found]:
+    """Names what is missing; what baseline stretches lack as well is not."""
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
-    search = Search(fitter, progress)
+    before = None
+    if baseline is not None:
+        weighed = likelihood(case.player, baseline, extra=case.likelihood.extra)
+        before = Fitter(case.player, baseline, weighed, case.library)
+    search = Search(fitter, progress, before)
     found = search.run()
     case.likelihood = fitter.likelihood  # as it was weighed at last
     return search, found
@@ -109,8 +117,7 @@ def answer(case: Case, search: Search, found: Found, progress=lambda _: None) ->
     rest = remaining(case.cut, instants, found.null.fitted.white, found.best.fitted.white)
     sure = confidences(search, found, rest.share)
     progress("proving it on what was held out")
-    fits = held_out_fits(case.player, case.cut, case.likelihood, case.library, found.best.fitted)
-    proof = _proof(case, found, fits)
+    proof = _proof(case, found)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
     named.sort(key=lambda n: -n.held_out_gain)
     verdict = _verdict(found, rest, named)
@@ -178,33 +185,20 @@ def _gain(found: Found, cause: str) -> float:
     return max(0.0, before - after) / max(before, 1e-9)
 
 
-def _proof(case: Case, found: Found, fits: Sequence[tuple[Tensor, Fitted]]) -> Proof:
-    cuts = [case.cut]
-    for seconds in HORIZONS:
-        if seconds > case.cut.horizon * case.cut.dt:
-            try:
-                cuts.append(stretches(case.recordings, seconds, seconds))
-            except ValueError:
-                continue  # no stretch is that long
-    null = [(rows, _neutral(case)) for rows, _ in fits]
-    before = held_out_mse(case.player, case.library, cuts, null, case.cut)
-    after = held_out_mse(case.player, case.library, cuts, fits, case.cut)
+def _proof(case: Case, found: Found) -> Proof:
+    best = found.best.fitted
+    errors = prove(case.player, case.recordings, case.cut, case.likelihood, case.library, best)
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
     return Proof(
-        before=before,
-        after=after,
-        retuned={},
-        noise_floor={h: floor for h in before},
-        black_box={},
+        before=errors["before"],
+        after=errors["after"],
+        retuned=errors.get("retuned", {}),
+        noise_floor={h: floor for h in errors["before"]},
+        black_box=errors["black_box"],
         misfit_before=misfit(found.null.held_out),
         misfit_after=misfit(found.best.held_out),
         held_out=True,
     )
-
-
-def _neutral(case: Case) -> Fitted:
-    own = case.library.unknowns(())
-    return Fitted((), own, torch.zeros(len(own), dtype=torch.float64), torch.empty(0))
 
 
 def prepared(
@@ -244,10 +238,13 @@ def diagnose(
             message says which and what to do.
     """
     engines: dict[int, EnvBase] = {}
+    threads: dict[str, Any] = (
+        {"nthread": config.threads} if _engine(config.simulator) == "mujoco" else {}
+    )
 
     def make(cars: int) -> EnvBase:
         if cars not in engines:
-            engines[cars] = make_simulator(config.simulator, cars)
+            engines[cars] = make_simulator(config.simulator, cars, **threads)
         return engines[cars]
 
     progress("looking at drives and simulator")
@@ -264,8 +261,9 @@ def diagnose(
         options, failures = measurable_options(make)
         notes += failures
         player, correction = Player(make, options=options), None
-        if baseline:
-            correction = correct(player, _cut(baseline, config), progress=progress)
+        before = _cut(baseline, config) if baseline else None
+        if before is not None:
+            correction = correct(player, before, progress=progress)
             player = correction.player(player)
         cut = _cut(recordings, config)
         short = check_blocks(cut)
@@ -274,11 +272,18 @@ def diagnose(
         notes += check_gaps(gap, cut, player.instants(cut), names, config.simulator)
         extra = None if correction is None else correction.covariance
         case = prepared(player, recordings, library, config, extra)
-        search, found = identify(case, progress)
+        search, found = identify(case, progress, before)
         said = answer(case, search, found, progress)
     notes += short + check_clock(found.best.fitted.values()[""]["clock_offset"])
     said = replace(said, notes=notes, verdict="cannot_tell" if short else said.verdict)
     return Diagnosis(case, search, found, said, correction)
+
+
+def _engine(simulator: str) -> str:
+    """What is at the bottom of a simulator file."""
+    while simulator.endswith((".yaml", ".yml")):
+        simulator = str(read_simulator(Path(simulator))["engine"])
+    return simulator
 
 
 def repaired(simulator: str, done: Diagnosis, folder: Path) -> dict[str, Any]:

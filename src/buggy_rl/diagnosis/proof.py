@@ -1,19 +1,99 @@
-"""How far rollouts are from what was held out, before and after."""
+"""How far rollouts are from what was held out: as given, repaired, and mended in other ways."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.correction import lacking_acceleration, trained
 from buggy_rl.diagnosis.evidence import BLOCK, blocks
 from buggy_rl.diagnosis.fit import Fitted, Fitter
-from buggy_rl.diagnosis.library import Library
+from buggy_rl.diagnosis.library import OWN, Library
 from buggy_rl.diagnosis.likelihood import Likelihood
 from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.stretches import Stretches
+from buggy_rl.diagnosis.stretches import Stretches, stretches
+from buggy_rl.effects import effect_class
+from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.evaluation import HORIZONS
+from buggy_rl.recordings import Recording
 
 FOLDS = 2
+ITERATIONS = 2  # of a fit to a part of the drives, from the one to all of them
+TRIMS = ("throttle_gain", "throttle_offset", "steering_gain", "steering_offset")
+"""What anyone would turn at to make a simulator fit that has no parameters of its own."""
+
+Errors = dict[float, float]
+"""Horizon [s] -> mean square of the distance [m^2]."""
+
+
+def prove(
+    player: Player,
+    recordings: Sequence[Recording],
+    cut: Stretches,
+    likelihood: Likelihood,
+    library: Library,
+    best: Fitted,
+) -> dict[str, Errors]:
+    """Errors of rollouts over drives, or blocks of drives, that nothing was fitted to.
+
+    Args:
+        player: Plays into the simulator.
+        recordings: That `cut` was cut from.
+        cut: Stretches that `best` was fitted to.
+        likelihood: Of their gaps.
+        library: Of the causes.
+        best: The explanation; fitted anew for each part that is held out.
+
+    Returns:
+        `before`: as given. `after`: with the causes. `retuned`: with the simulator's own
+        parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a network
+        instead that was trained on the accelerations it lacks.
+    """
+    cuts = [cut]
+    for seconds in HORIZONS:
+        if seconds > cut.horizon * cut.dt:
+            try:
+                cuts.append(stretches(recordings, seconds, seconds))
+            except ValueError:
+                continue  # no stretch is that long
+    fold = folds(cut)
+    number = int(fold.max()) + 1
+    aside = [torch.nonzero(fold == n).flatten() for n in range(number)]
+    own = tuple(OWN + name for name in library.parameters)
+    retuned = own or tuple(
+        name for name in TRIMS if name in library.effects and effect_class(name).parameters
+    )
+    empty = library.unknowns(())
+    null = Fitted((), empty, torch.zeros(len(empty), dtype=torch.float64), torch.empty(0))
+    sets = {
+        "before": [null] * number,
+        "after": _refits(player, cut, likelihood, library, best, aside),
+    }
+    if retuned:
+        begin = Fitter(player, cut, likelihood, library).start(retuned)
+        sets["retuned"] = _refits(player, cut, likelihood, library, begin, aside)
+    result: dict[str, Errors] = {name: {} for name in (*sets, "black_box")}
+    networks = _networks(player, cut, aside)
+    for part in cuts:
+        owner = _owners(part, cut, fold)
+        rows = [torch.nonzero(owner == n).flatten() for n in range(number)]
+        flat = [fitted for fits in sets.values() for fitted in fits]
+        settings = library.settings([(f.unknowns, f.place) for f in flat])
+        square = player.play(part, *settings)[..., :2].square().sum(-1)  # (C, N, K)
+        square = square.unflatten(0, (len(sets), number))
+        for index, name in enumerate(sets):
+            held_out = torch.cat([square[index, n, rows[n]] for n in range(number)])
+            result[name] |= _by_horizon(held_out, player.instants(part), part.dt)
+        held_out = torch.cat(
+            [
+                networks[n].play(part[rows[n]], {})[0, ..., :2].square().sum(-1)
+                for n in range(number)
+                if len(rows[n])
+            ]
+        )
+        result["black_box"] |= _by_horizon(held_out, player.instants(part), part.dt)
+    return result
 
 
 def folds(cut: Stretches) -> Tensor:
@@ -25,74 +105,55 @@ def folds(cut: Stretches) -> Tensor:
     return blocks(cut) % FOLDS
 
 
-def held_out_fits(
-    player: Player, cut: Stretches, likelihood: Likelihood, library: Library, fitted: Fitted
-) -> list[tuple[Tensor, Fitted]]:
-    """Fits an explanation anew to all folds but one, for each: (rows held out, fitted)."""
-    fold = folds(cut)
+def _refits(
+    player: Player,
+    cut: Stretches,
+    likelihood: Likelihood,
+    library: Library,
+    fitted: Fitted,
+    aside: Sequence[Tensor],
+) -> list[Fitted]:
+    """The explanation fitted anew to all that is not held out, for each part that is."""
     result = []
-    for number in fold.unique():
-        kept = torch.nonzero(fold != number).flatten()
-        fitter = Fitter(player, cut[kept], likelihood[kept], library)
+    for rows in aside:
+        kept = torch.ones(len(cut), dtype=torch.bool)
+        kept[rows] = False
+        rest = torch.nonzero(kept if bool(kept.any()) else ~kept).flatten()
+        fitter = Fitter(player, cut[rest], likelihood[rest], library)
         start = fitter.start(fitted.causes, fitted.place.tolist())
-        result.append((torch.nonzero(fold == number).flatten(), fitter.fit([start], 3)[0]))
+        result.append(fitter.fit([start], ITERATIONS)[0])
     return result
 
 
-def position_mse(
-    player: Player, library: Library, cut: Stretches, fitted: Fitted, rows: Tensor | None = None
-) -> Tensor:
-    """Squared distance [m^2] at each instant, [N, K], of rollouts by an explanation."""
-    part = cut if rows is None else cut[rows]
-    settings = library.settings([(fitted.unknowns, fitted.place)])
-    gap = player.play(part, *settings)[0]
-    return gap[..., :2].square().sum(-1)
+def _networks(player: Player, cut: Stretches, aside: Sequence[Tensor]) -> list[Player]:
+    """For each part that is held out, the simulator with a network that learned from the rest."""
+    inputs, lacking = lacking_acceleration(player, cut)
+    result = []
+    for rows in aside:
+        kept = torch.ones(len(cut), dtype=torch.bool)
+        kept[rows] = False
+        kept = kept if bool(kept.any()) else ~kept
+        effect = ResidualAcceleration(model=trained(inputs[kept], lacking[kept], 0), strength=1.0)
+        result.append(replace(player, standing=(*player.standing, effect)))
+    return result
 
 
-def by_horizon(square: Tensor, instants: Tensor, dt: float) -> dict[float, float]:
+def _owners(part: Stretches, cut: Stretches, fold: Tensor) -> Tensor:
+    """Fold [N] of stretches of another length; -1 where their block has none."""
+    owner = dict(zip(_places(cut), fold.tolist(), strict=True))
+    return torch.tensor([owner.get(place, -1) for place in _places(part)])
+
+
+def _places(cut: Stretches) -> list[tuple[int, int]]:
+    block = (cut.row.double() * cut.dt / BLOCK).long()
+    return list(zip(cut.drive.tolist(), block.tolist(), strict=True))
+
+
+def _by_horizon(square: Tensor, instants: Tensor, dt: float) -> Errors:
     """Mean over stretches and over time up to each horizon [m^2], the original's equation 5.2."""
     result = {}
     for horizon in HORIZONS:
         within = instants <= round(horizon / dt)
-        if int(instants[-1]) >= round(horizon / dt):
+        if int(instants[-1]) >= round(horizon / dt) and len(square):
             result[horizon] = float(square[:, within].mean())
     return result
-
-
-def held_out_mse(
-    player: Player,
-    library: Library,
-    cuts: Sequence[Stretches],
-    fits: Sequence[tuple[Tensor, Fitted]],
-    owner: Stretches,
-) -> dict[float, float]:
-    """Position errors by horizon of stretches whose drive, or block, was held out of the fit.
-
-    Args:
-        player: Plays into the simulator.
-        library: Of the causes.
-        cuts: The same drives cut into stretches of several lengths.
-        fits: From `held_out_fits` over `owner`.
-        owner: The stretches that the folds are of.
-    """
-    fold_of_block: dict[int, int] = {}
-    keys_owner = _keys(owner)
-    for number, (rows, _) in enumerate(fits):
-        for row in rows.tolist():
-            fold_of_block[int(keys_owner[row])] = number
-    result: dict[float, float] = {}
-    for cut in cuts:
-        keys = _keys(cut)
-        number = torch.tensor([fold_of_block.get(int(k), -1) for k in keys])
-        parts = []
-        for index, (_, fitted) in enumerate(fits):
-            rows = torch.nonzero(number == index).flatten()
-            if len(rows):
-                parts.append(position_mse(player, library, cut, fitted, rows))
-        if parts:
-            result |= by_horizon(torch.cat(parts), player.instants(cut), cut.dt)
-    return result
-
-
-def _keys(cut: Stretches) -> Tensor:
-    return cut.drive * 100_000 + (cut.row.double() * cut.dt / BLOCK).long()

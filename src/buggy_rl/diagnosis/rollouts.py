@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 
@@ -105,7 +105,7 @@ class Player:
             if row <= WARM_UP:
                 state[keys.POSE], state[keys.VELOCITY] = pose[:, row], velocity[:, row]
             if row in wanted:
-                seen.append(_reading(state))
+                seen.append(reading(state))
             if row < cut.pose.shape[1] - 1:
                 state[keys.ACTION] = action[:, row]
                 state = env.step(state)["next"]
@@ -234,7 +234,8 @@ def _commanded(cut: Stretches, offset: Tensor | None, sets: int) -> Tensor:
     return mixed.flatten(0, 1)
 
 
-def _reading(state: TensorDict) -> Tensor:
+def reading(state: TensorDictBase) -> Tensor:
+    """What the sensor shows of a state: pose and velocity [*, 6]."""
     pose = state.get(keys.MEASURED_POSE, None)
     velocity = state.get(keys.MEASURED_VELOCITY, None)
     pose = state[keys.POSE] if pose is None else pose

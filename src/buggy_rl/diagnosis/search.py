@@ -1,7 +1,7 @@
 """Which effects explain the drives: rivals screened, fitted, compared, combined, eliminated."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -11,8 +11,11 @@ from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.likelihood import likelihood
 
-KEPT = 14  # effects that are fitted after the screening
+ITERATIONS = 6  # of a fit
+SCREENED = 44  # stretches, spread evenly, on which effects are screened
+KEPT = 12  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
+STAMPED = 0.05  # of the clock's typical offset: less is none
 MOST = 4  # effects of one explanation
 LOST = 0.3  # of the nats won in some blocks that may be lost in others
 NATS = 6.0  # by which it must help at least, for each of its parameters
@@ -20,7 +23,8 @@ EAGER = 0.25  # share of what is left over that the next effect is not expected 
 MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
 SHARE = 0.05  # nor what closes less of the gap that there was at first,
 FAINT = 0.1  # of its typical size: what is smaller is no cause
-TWINS = 0.12  # and as much more if it does the same as the others: see `Search.helps`
+LIKEWISE = 0.2  # of what a cause wins, that it may win on drives from before the change
+TWINS = 0.2  # and as much more if it does the same as the others: see `Search.helps`
 
 
 @dataclass
@@ -29,6 +33,8 @@ class Candidate:
 
     fitted: Fitted
     evidence: Evidence
+    on_baseline: Tensor | None = None
+    """[M] |W e|^2 of baseline stretches, where it was looked at."""
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -64,10 +70,16 @@ class Search:
     Args:
         fitter: Fits to all stretches.
         progress: Told in plain words what is being done.
+        baseline: To stretches on which the simulator counts as right.
     """
 
-    def __init__(self, fitter: Fitter, progress: Callable[[str], None] = lambda _: None) -> None:
-        self.fitter, self.progress = fitter, progress
+    def __init__(
+        self,
+        fitter: Fitter,
+        progress: Callable[[str], None] = lambda _: None,
+        baseline: Fitter | None = None,
+    ) -> None:
+        self.fitter, self.progress, self.baseline = fitter, progress, baseline
         self.group = blocks(fitter.cut)
         self.tried: dict[tuple[str, ...], Candidate] = {}
 
@@ -107,12 +119,18 @@ class Search:
             candidate.evidence = evidence(fitter, fitted, self.group)
         return self.fit([best.fitted])[0]
 
-    def fit(self, starts: Sequence[Fitted]) -> list[Candidate]:
-        """Fits and weighs explanations; the better one of two with the same effects is kept."""
+    def fit(self, starts: Sequence[Fitted], base: Candidate | None = None) -> list[Candidate]:
+        """Fits and weighs explanations; the better one of two with the same effects is kept.
+
+        Args:
+            starts: Where each begins.
+            base: What they are to be better than, where only the better ones matter.
+        """
         if not starts:
             return []
         results = []
-        for fitted in self.fitter.fit(starts, 6):
+        worst = None if base is None else self.fitter.value(base.fitted)
+        for fitted in self.fitter.fit(starts, ITERATIONS, worst):
             candidate = Candidate(fitted, evidence(self.fitter, fitted, self.group))
             key = tuple(sorted(fitted.causes))
             before = self.tried.get(key)
@@ -126,7 +144,7 @@ class Search:
         self.progress(f"screening {len(self.fitter.library.causes)} effects")
         starts = self.screened(base, KEPT if not base.causes else EXTENDED)
         self.progress(f"fitting {len(starts)} explanations")
-        fitted = self.fit(starts)
+        fitted = self.fit(starts, base)
         helping = [c for c in fitted if self.helps(c, base)]
         return min(helping, key=self.loss, default=None)
 
@@ -161,7 +179,27 @@ class Search:
                 size(less) - size(more) > max(MATTERS, matters * (size(self.null) - 1))
                 for size in (_mean_size, _usual_size)
             )
+            and not self.stands(more, less)
         )
+
+    def stands(self, more: Candidate, less: Candidate) -> bool:
+        """Whether causes mend the baseline likewise: then they are nothing that has changed."""
+        if self.baseline is None:
+            return False
+        before, after = (self._on_baseline(c) for c in (less, more))
+        loss = self.baseline.likelihood.loss
+        there = float((loss(before) - loss(after)).mean())
+        loss = self.fitter.likelihood.loss
+        here = float((loss(less.evidence.square) - loss(more.evidence.square)).mean())
+        return there > LIKEWISE * here
+
+    def _on_baseline(self, candidate: Candidate) -> Tensor:
+        assert self.baseline is not None
+        if candidate.on_baseline is None:
+            fitted = candidate.fitted
+            white = self.baseline.evaluate([(fitted, fitted.place)])[0]
+            candidate.on_baseline = white.square().sum(-1)
+        return candidate.on_baseline
 
     def likeness(self, fitted: Fitted, others: Collection[str]) -> float:
         """Share of what the further causes of an explanation do that `others` of it do likewise.
@@ -197,19 +235,30 @@ class Search:
             for trial in self.fitter.library.trials(name, self.fitter.cut):
                 # With the base's clock, and with a right one: without the cause, the clock may
                 # have taken over a delay that is the cause's.
-                for stamp in (clock, torch.zeros_like(clock)):
+                for stamp in (clock, 0 * clock) if abs(float(clock)) > STAMPED else (clock,):
                     place = [kept, torch.tensor(trial, dtype=torch.float64), stamp]
                     rows.append((begin, torch.cat(place)))
-        whites = self.fitter.evaluate(rows)
+        thin, few = self._thinned(base.fitted)
+        whites = thin.evaluate(rows)
         best: dict[str, tuple[float, Fitted]] = {}
         for (fitted, place), white in zip(rows, whites, strict=True):
             trial = Fitted(fitted.causes, fitted.unknowns, place, white)
-            promise = self._promise(base.fitted, trial)
+            promise = self._promise(few, trial)
             name = fitted.causes[-1]
             if name not in best or promise < best[name][0]:
                 best[name] = promise, trial
         ranked = sorted(best.values(), key=lambda item: item[0])
         return [trial for _, trial in ranked[:keep]]
+
+    def _thinned(self, base: Fitted) -> tuple[Fitter, Fitted]:
+        """A fitter to `SCREENED` of the stretches at most, and the base on those."""
+        whole = self.fitter
+        count = len(whole.cut)
+        rows = torch.linspace(0, count - 1, min(count, SCREENED)).round().long()
+        cut, likely = whole.cut[rows], whole.likelihood[rows]
+        thin = Fitter(whole.player, cut, likely, whole.library, whole.temper)
+        slopes = None if base.slopes is None else base.slopes[rows]
+        return thin, replace(base, white=base.white[rows], slopes=slopes)
 
     def _promise(self, base: Fitted, trial: Fitted) -> float:
         """Loss [nats] at the best point between the base and a trial, along a straight line.

@@ -174,7 +174,7 @@ def measured_steering_lag(make: Make) -> float:
         return 0.0
     row = np.arange(first, end)
     fall = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
-    return round(max(0.0, -1.0 / fall), 4)
+    return round(max(0.0, -1.0 / float(fall)), 4)
 
 
 def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:

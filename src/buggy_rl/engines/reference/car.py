@@ -1,7 +1,8 @@
 """The reference car as a whole: what its parts do to one another in one substep."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -36,12 +37,19 @@ class Car:
         faults: What is wrong with it.
         dt: Control period [s].
         substeps: In a control period.
+        compiled: Whether PyTorch compiles a substep, for any number of cars.
     """
 
     def __init__(
-        self, values: Mapping[str, Tensor], faults: Faults, dt: float, substeps: int
+        self,
+        values: Mapping[str, Tensor],
+        faults: Faults,
+        dt: float,
+        substeps: int,
+        compiled: bool = False,
     ) -> None:
         self.values, self.faults, self.substeps = values, faults, substeps
+        self._step = _compiled_step() if compiled else Car.step
         self.substep = dt / substeps
         self.radio = Radio(faults, dt, substeps)
         self.chassis = Chassis(values, DIMENSIONS, faults)
@@ -81,7 +89,7 @@ class Car:
             if 0 < index < len(heard):
                 setting.throttle, setting.steering = heard[index]
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
-            self.step(car, setting, self.substep)
+            self._step(self, car, setting, self.substep)
 
     def step(self, car: CarState, setting: Setting, dt: float) -> None:
         """Moves `car` on by `dt` [s]."""
@@ -180,3 +188,8 @@ class Car:
         angle = slip_angle(velocity, 0.0, self.values["cg_to_front_axle"]) + needed
         weight = vx.square() / (vx.square() + GUESS_SPEED**2)
         return weight * self.steering.servo_at(angle)
+
+
+@cache
+def _compiled_step() -> Callable[[Car, CarState, Setting, float], None]:
+    return torch.compile(Car.step, dynamic=True)
