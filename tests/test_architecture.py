@@ -47,12 +47,12 @@ ALLOWED = {
     "study": JUDGEMENT | {"comparison"},
     "visual": JUDGEMENT | {"comparison", "policy_drives", "learning_curves"},
     "diagnosis": JUDGEMENT,
-    "proving": JUDGEMENT | {"diagnosis"},
+    "proving": JUDGEMENT | {"diagnosis", "visual"},
     "car": set(),
 }
 SHARED_BY_ENGINES = {"base", "actuation"}  # beside these, engines know nothing of one another
 ONLY_IN = {  # a library and the modules that may import it
-    "matplotlib": ("diagnosis.report", "visual"),
+    "matplotlib": ("diagnosis.report", "visual", "proving.pictures"),
     "mujoco": ("engines.mujoco", "visual"),
     "dm_control": ("engines.mujoco", "visual"),
 }

@@ -10,8 +10,8 @@ from buggy_rl.diagnosis.search import Candidate, Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
-SOUND = 0.23  # share of the first excess under which a name is as likely right as not,
-SOFT = 0.03  # and how sharply that changes: chosen on drives with known and unknown faults
+SOUND = 0.28  # share of the first excess under which a name is as likely right as not,
+SOFT = 0.06  # and how sharply that changes: chosen on drives with known and unknown faults
 CEILING = 0.98  # nothing is surer than this
 
 

@@ -82,6 +82,8 @@ class Fitter:
 
     def evaluate(self, rows: Sequence[tuple[Fitted, Tensor]]) -> list[Tensor]:
         """Whitened gaps [N, D] of explanations at places [P]."""
+        if not rows:
+            return []
         settings = self.library.settings([(f.unknowns, place) for f, place in rows])
         self.plays += len(rows)
         gap = self.player.play(self.cut, *settings)
@@ -155,7 +157,7 @@ class Fitter:
                     step[p] = -STEP
                 rows.append((fitted, fitted.place + step))
                 columns.append(float(step[p]))
-        whites = self.evaluate(rows) if rows else []
+        whites = self.evaluate(rows)
         position = 0
         for fitted in explanations:
             parts = []

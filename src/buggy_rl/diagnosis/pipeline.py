@@ -58,8 +58,9 @@ class DiagnosisConfig:
     """YAML column map, for tables that do not have the standard columns."""
     effects: list[str] = field(default_factory=list)
     """Effects to choose from; empty for the whole library. One's own as file.py:Class."""
-    parameters: bool = True
-    """Whether the simulator's own parameters may be what is wrong."""
+    parameters: bool | None = None
+    """Whether the simulator's own parameters may be what is wrong; if not said, they may unless
+    baseline drives show that they are right."""
     seconds: float = 1.0
     """Length of a rollout that is fitted."""
     stretches: int = 150
@@ -252,7 +253,8 @@ def diagnose(
     if baseline:
         notes += check_drives(baseline, config.seconds)
     notes += check_simulator(make, config.simulator)
-    declared = getattr(make(1), "parameters", {}) if config.parameters else {}
+    own = not baseline if config.parameters is None else config.parameters
+    declared = getattr(make(1), "parameters", {}) if own else {}
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")

@@ -33,8 +33,6 @@ class Candidate:
 
     fitted: Fitted
     evidence: Evidence
-    on_baseline: Tensor | None = None
-    """[M] |W e|^2 of baseline stretches, where it was looked at."""
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -183,23 +181,27 @@ class Search:
         )
 
     def stands(self, more: Candidate, less: Candidate) -> bool:
-        """Whether causes mend the baseline likewise: then they are nothing that has changed."""
+        """Whether causes mend the baseline likewise: then they are nothing that has changed.
+
+        There they are looked at alone: whatever else was found has not happened yet.
+        """
         if self.baseline is None:
             return False
-        before, after = (self._on_baseline(c) for c in (less, more))
+        fitted = more.fitted
+        kept = {
+            (u.cause, u.parameter.name): float(z)
+            for u, z in zip(fitted.unknowns, fitted.place, strict=True)
+            if u.cause and u.cause not in less.causes
+        }
+        alone = self.baseline.start(tuple(c for c in more.causes if c not in less.causes))
+        place = [kept.get((u.cause, u.parameter.name), 0.0) for u in alone.unknowns]
         loss = self.baseline.likelihood.loss
+        rows = [(alone, torch.zeros_like(alone.place)), (alone, torch.tensor(place).double())]
+        before, after = (w.square().sum(-1) for w in self.baseline.evaluate(rows))
         there = float((loss(before) - loss(after)).mean())
         loss = self.fitter.likelihood.loss
         here = float((loss(less.evidence.square) - loss(more.evidence.square)).mean())
         return there > LIKEWISE * here
-
-    def _on_baseline(self, candidate: Candidate) -> Tensor:
-        assert self.baseline is not None
-        if candidate.on_baseline is None:
-            fitted = candidate.fitted
-            white = self.baseline.evaluate([(fitted, fitted.place)])[0]
-            candidate.on_baseline = white.square().sum(-1)
-        return candidate.on_baseline
 
     def likeness(self, fitted: Fitted, others: Collection[str]) -> float:
         """Share of what the further causes of an explanation do that `others` of it do likewise.
@@ -285,9 +287,13 @@ class Search:
     def eliminated(self, candidate: Candidate) -> Candidate:
         """Leaves out effects that are not needed any more."""
         while len(candidate.causes) > 1:
-            starts = []
+            starts, fitted = [], []
             for left_out in candidate.causes:
                 keep = tuple(e for e in candidate.causes if e != left_out)
+                known = self.tried.get(tuple(sorted(keep)))
+                if known is not None:  # the way here led over it
+                    fitted.append(known)
+                    continue
                 places = [
                     z
                     for u, z in zip(
@@ -296,7 +302,7 @@ class Search:
                     if u.cause != left_out
                 ]
                 starts.append(self.fitter.start(keep, places))
-            fitted = self.fit(starts)
+            fitted += self.fit(starts)
             needless = [c for c in fitted if not self.helps(candidate, c)]
             if not needless:
                 return candidate

@@ -1,0 +1,53 @@
+"""Other ways to answer the same questions, each a function of what may be seen.
+
+A method takes the folder of a case and returns an answer in the form of `diagnosis.json` (contract
+3); `verdict` and `effects` are what is counted. To add one: a file here, and its line in `METHODS`.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from buggy_rl.config import load_named
+from buggy_rl.proving.case import Case
+from buggy_rl.proving.exam import write_json
+from buggy_rl.proving.sealing import Vault
+
+METHODS = {  # as the page calls it -> seen folder -> answer
+    "random guess": "buggy_rl.proving.baselines.guess:guess",
+}
+FILE = "baselines.json"
+
+
+def missing(vault: Vault, case: Case) -> list[str]:
+    """Methods that have not answered a case yet."""
+    answered = _answers(vault.said(case.id))
+    return [method for method in METHODS if method not in answered]
+
+
+def compare(vault: Vault, case: Case) -> int:
+    """Lets every method answer a case that has not yet; what one gives up on is an answer too.
+
+    Returns:
+        1, the number of cases.
+    """
+    folder = vault.said(case.id)
+    for method in missing(vault, case):
+        answer: Callable[[Path], dict[str, Any]] = load_named(METHODS[method])
+        try:
+            said = answer(vault.seen(case.id))
+        except (ValueError, ArithmeticError, RuntimeError) as error:
+            said = {"verdict": "crashed", "effects": [], "notes": [str(error)]}
+        write_json(folder / FILE, {**_answers(folder), method: said})
+    return 1
+
+
+def uncompared(vault: Vault, cases: Sequence[Case]) -> list[Case]:
+    """Cases that some method has not answered yet."""
+    return [case for case in cases if missing(vault, case)]
+
+
+def _answers(folder: Path) -> dict[str, Any]:
+    file = folder / FILE
+    return json.loads(file.read_text()) if file.exists() else {}

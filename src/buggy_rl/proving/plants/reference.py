@@ -1,0 +1,15 @@
+"""The reference car as a plant: its faults are those of the engine, textbook and unknown alike."""
+
+from collections.abc import Mapping
+
+from buggy_rl.engines.reference import ReferenceEngine
+from buggy_rl.engines.reference.faults import NEUTRAL
+
+ABILITIES = frozenset(name.partition(".")[0] for name in NEUTRAL)
+
+
+def make_reference(
+    cars: int, faults: Mapping[str, Mapping[str, float]], parameters: Mapping[str, float] | None
+) -> ReferenceEngine:
+    """Reference cars with faults; see `buggy_rl.engines.reference.faults`."""
+    return ReferenceEngine(cars, parameters=parameters, faults=faults)

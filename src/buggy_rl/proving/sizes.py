@@ -1,0 +1,102 @@
+"""How large what is concealed may be: ranges of the generator's own, nobody's prior.
+
+A library that is tuned on the ranges its riddles are drawn from has been told the answer. These
+are bounded by what a driver notices at their lower and what he would stop for at their upper end.
+"""
+
+from typing import NamedTuple
+
+
+class Range(NamedTuple):
+    """Where a size is drawn from, evenly."""
+
+    low: float
+    high: float
+    signed: bool
+    """Whether it may be of either sign."""
+    why: str
+
+
+SIZES: dict[str, dict[str, Range]] = {
+    "throttle_dead_time": {
+        "dead_time": Range(0.04, 0.12, False, "a radio of 25 Hz; two of its frames and a filter")
+    },
+    "steering_dead_time": {
+        "dead_time": Range(0.03, 0.1, False, "an analogue servo's frame and a half; DART 0.09-0.14")
+    },
+    "throttle_lag": {
+        "time_constant": Range(0.08, 0.25, False, "a controller's soft start, mild to sluggish")
+    },
+    "steering_lag": {
+        "time_constant": Range(0.05, 0.15, False, "twice the car's own servo; DART's 0.13")
+    },
+    "steering_rate_limit": {
+        "rate": Range(2.0, 4.0, False, "0.4 to 0.25 s from centre to lock: a servo at low voltage")
+    },
+    "throttle_gain": {"gain": Range(0.75, 0.9, False, "endpoint of the radio set by thumb")},
+    "steering_gain": {"gain": Range(0.75, 0.9, False, "next hole of a servo horn: 10 to 25 %")},
+    "throttle_offset": {"offset": Range(0.05, 0.12, True, "a few clicks of trim, of 1/40 each")},
+    "steering_offset": {"offset": Range(0.05, 0.15, True, "a spline tooth of the horn is 15 deg")},
+    "throttle_deadband": {"width": Range(0.04, 0.1, False, "up to two thirds of the car's own")},
+    "steering_backlash": {"width": Range(0.1, 0.25, False, "2 to 5 deg at the road wheel: worn")},
+    "steering_asymmetry": {"left_to_right": Range(0.7, 0.87, False, "DART: 0.32 over 0.40")},
+    "battery_sag": {"loss_per_minute": Range(0.15, 0.4, False, "empty in 2 to 6 minutes: worn")},
+    "aerodynamic_drag": {
+        "coefficient": Range(0.05, 0.15, False, "a sheet of 15 cm by 60 to 180 cm on 1.6 kg")
+    },
+    "rolling_resistance": {
+        "deceleration": Range(0.2, 0.5, False, "a carpet instead of a floor: 2 to 5 % of g")
+    },
+    "viscous_drag": {"rate": Range(0.12, 0.35, False, "bearings with stiff grease")},
+    "cornering_drag": {"coefficient": Range(0.08, 0.25, False, "DART: drag that grows in turns")},
+    "floor_slope": {
+        "along_x": Range(0.15, 0.4, True, "0.9 to 2.3 degrees: a garage floor's fall"),
+        "along_y": Range(0.15, 0.4, True, "likewise"),
+    },
+    "wind": {
+        "force_x": Range(0.15, 0.4, True, "a fan in the room: 2 to 3 m/s over the car"),
+        "force_y": Range(0.15, 0.4, True, "likewise"),
+    },
+    "one_sided_drag": {
+        "yaw_acceleration": Range(6.0, 14.0, True, "1 to 2 N at one wheel: a bent axle")
+    },
+    "yaw_damping": {"rate": Range(3.0, 8.0, False, "tyres that scrub: turns die in 0.1 to 0.3 s")},
+    "tire_grip": {"grip": Range(0.55, 0.8, False, "tiles or tape for rubber: DART about half")},
+    "grip_balance": {"front_to_rear": Range(0.7, 0.85, False, "a pair of worn front tyres")},
+    "grip_patch": {
+        "x": Range(0.0, 1.5, True, "where room drives come by"),
+        "y": Range(0.0, 1.5, True, "likewise"),
+        "radius": Range(1.0, 1.6, False, "a rug, a tenth to a third of the room"),
+        "grip": Range(0.3, 0.55, False, "dust or polish"),
+    },
+    "payload": {"mass_ratio": Range(1.15, 1.5, False, "a camera to a second battery with a lidar")},
+    "motor_power_limit": {
+        "power_per_mass": Range(2.0, 4.0, False, "3 to 6 W at the shaft: reached below 2 m/s")
+    },
+    "top_speed": {"speed_ratio": Range(0.45, 0.7, False, "a motor of half to two thirds the kV")},
+    "sensor_latency": {"dead_time": Range(0.02, 0.06, False, "one or two frames and transport")},
+    "sensor_lag": {"time_constant": Range(0.03, 0.08, False, "a tracker that smooths")},
+    "sensor_yaw": {"angle": Range(0.03, 0.1, True, "2 to 6 degrees: fixed by eye")},
+    "sensor_lever_arm": {
+        "x": Range(0.03, 0.08, True, "fixed another place on the car, 27 cm long"),
+        "y": Range(0.02, 0.06, True, "likewise, 14 cm wide"),
+    },
+    "speed_scale": {"ratio": Range(0.9, 0.96, False, "a camera with its scale off")},
+    "gyro_bias": {"bias": Range(0.05, 0.2, True, "3 to 11 degrees a second: not calibrated")},
+}
+UNKNOWN_SIZES: dict[str, dict[str, Range]] = {
+    "sticky_servo": {"breakaway": Range(0.15, 0.3, False, "moves when off by 3 to 6 degrees")},
+    "bump_steer": {"angle": Range(0.008, 0.016, True, "2 to 5 degrees at half a g")},
+    "wheel_wobble": {"angle": Range(0.05, 0.12, False, "3 to 7 degrees: a bent rim")},
+    "drag_brake": {"share": Range(0.15, 0.5, False, "the controller's setting")},
+    "heating_motor": {"rise": Range(0.005, 0.015, False, "half the power after a burst")},
+    "loose_differential": {"time_constant": Range(0.08, 0.2, False, "the left half comes later")},
+}
+CAMERA = {  # where a sensing effect is an error of the camera: parameter -> field of its config
+    "sensor_latency": {"dead_time": "latency"},
+    "sensor_lag": {"time_constant": "lag"},
+    "sensor_yaw": {"angle": "yaw"},
+    "sensor_lever_arm": {"x": "lever_arm_x", "y": "lever_arm_y"},
+    "speed_scale": {"ratio": "speed_scale"},
+    "gyro_bias": {"bias": "gyro_bias"},
+}

@@ -1,0 +1,82 @@
+"""Shares and medians with 95 % intervals, and how far confidence may be believed."""
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+NORMAL = 1.959964  # standard deviations of a two-sided 95 % interval
+RESAMPLES = 2000
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number with the bounds of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    count: int
+    """Cases that it is of."""
+
+
+NONE = Figure(math.nan, math.nan, math.nan, 0)
+
+
+def share(hits: Sequence[bool]) -> Figure:
+    """Share of hits with Wilson's interval.
+
+    (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)
+    """
+    count = len(hits)
+    if not count:
+        return NONE
+    p, z = sum(map(bool, hits)) / count, NORMAL
+    middle = (p + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z * math.sqrt(p * (1 - p) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
+    return Figure(p, max(0.0, middle - half), min(1.0, middle + half), count)
+
+
+def middle(values: Sequence[float]) -> Figure:
+    """Median with a bootstrap's interval; always the same resamples."""
+    return bootstrapped(values, median)
+
+
+def bootstrapped(values: Sequence, statistic) -> Figure:
+    """A statistic of a sample, and what 95 % of resamples give."""
+    if not values:
+        return NONE
+    chance = random.Random(0)
+    drawn = sorted(statistic(chance.choices(values, k=len(values))) for _ in range(RESAMPLES))
+    low, high = drawn[int(0.025 * RESAMPLES)], drawn[int(0.975 * RESAMPLES) - 1]
+    return Figure(statistic(values), low, high, len(values))
+
+
+def calibration(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float, int]]:
+    """Mean confidence, share that is right, and number, of each tenth that holds any claim."""
+    rows = []
+    for number in range(BINS):
+        inside = [c for c in claims if min(int(c[0] * BINS), BINS - 1) == number]
+        if inside:
+            said = sum(confidence for confidence, _ in inside) / len(inside)
+            rows.append((said, sum(right for _, right in inside) / len(inside), len(inside)))
+    return rows
+
+
+def calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
+    """Expected calibration error: mean over claims of |confidence - share right| of their tenth."""
+    return sum(n * abs(said - right) for said, right, n in calibration(claims)) / len(claims)
+
+
+def coverage(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
+    """Share answered and share right of those, when only the surest are answered."""
+    ranked = sorted(claims, key=lambda claim: -claim[0])
+    rows, right = [], 0
+    for count, (confidence, good) in enumerate(ranked, 1):
+        right += good
+        # Those that are equally sure are answered together.
+        if count == len(ranked) or ranked[count][0] < confidence:
+            rows.append((count / len(ranked), right / count))
+    return rows

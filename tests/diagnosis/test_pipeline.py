@@ -1,0 +1,84 @@
+"""The whole way from drives to an answer, on small drives of a single-track car."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+import yaml
+
+from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.pipeline import DiagnosisConfig, diagnose, repaired
+from buggy_rl.diagnosis.search import Search
+from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.env import make_simulator
+from tests.diagnosis.planted import fitter, planted_drives
+
+CONFIG = DiagnosisConfig(
+    simulator="single_track",
+    recordings=["made in the test"],
+    output="nowhere",
+    effects=["throttle_gain", "viscous_drag", "steering_dead_time"],
+    parameters=False,
+)
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    return planted_drives([{"throttle_gain": {"gain": 0.7}}], seconds=18.0)[0]
+
+
+@pytest.fixture(scope="module")
+def done(recordings):
+    return diagnose(CONFIG, recordings)
+
+
+def numbers(answer):
+    return {n.name: {p: v.value for p, v in n.parameters.items()} for n in answer.effects}
+
+
+def test_one_thread_and_two_give_the_same_answer(recordings, done):
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        again = diagnose(replace(CONFIG, threads=2), recordings)
+    finally:
+        torch.set_num_threads(before)
+    assert again.answer.verdict == done.answer.verdict
+    first, second = numbers(done.answer), numbers(again.answer)
+    assert list(first) == list(second) == ["throttle_gain"]
+    assert second["throttle_gain"] == pytest.approx(first["throttle_gain"], rel=1e-6)
+    assert again.answer.effects[0].confidence == pytest.approx(
+        done.answer.effects[0].confidence, rel=1e-6
+    )
+
+
+def test_the_repair_beats_retuning_and_a_network_on_what_was_held_out(done):
+    proof = done.answer.proof
+    assert proof.after[1.0] < 0.1 * proof.before[1.0]
+    assert proof.after[1.0] < proof.black_box[1.0] < proof.before[1.0]
+    # A factor of the motor's pull is not what trims of both channels and their gains can hide:
+    # they can, but no better than the cause itself.
+    assert proof.retuned[1.0] < 0.5 * proof.before[1.0]
+    assert set(proof.after) == {0.3, 1.0, 3.0}
+
+
+def test_what_an_effect_must_know_of_the_simulator_stays_in_the_repaired_one(done, tmp_path):
+    content = repaired(CONFIG.simulator, done, tmp_path)
+    # The single track's deadband of 0.05, as it shows in how it drives.
+    assert content["effects"]["throttle_gain"]["onset"] == pytest.approx(0.05, abs=0.005)
+    file = tmp_path / "repaired.yaml"
+    file.write_text(yaml.safe_dump(content))
+    assert [t.name for t in make_simulator(file, 2).transform] == ["throttle_gain"]
+
+
+def test_what_the_baseline_lacks_as_well_has_not_changed():
+    # Both cars steer too little; only the later one has drag as well.
+    standing = {"steering_gain": {"gain": 0.8}}
+    before, after = planted_drives([standing, {**standing, "viscous_drag": {"rate": 0.5}}])
+    named = ["steering_gain", "viscous_drag"]
+    fit = fitter(after, named)
+    cut = stretches(before, 1.0, 1.0)
+    baseline = Fitter(fit.player, cut, likelihood(fit.player, cut), fit.library)
+    assert set(Search(fitter(after, named)).run().best.causes) == set(named)
+    assert Search(fit, baseline=baseline).run().best.causes == ("viscous_drag",)
