@@ -1,7 +1,7 @@
 """Whether a simulator and drives are fit to be compared, said in one line where they are not."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from traceback import walk_tb
 
@@ -156,6 +156,16 @@ def check_clock(offset: float) -> list[str]:
     return [
         f"commands act {1000 * abs(offset):.0f} ms {side} than they are stamped, throttle and "
         "steering alike: the clocks of commands and motion differ, or both commands are late"
+    ]
+
+
+def check_latency(causes: Collection[str]) -> list[str]:
+    """Says what else a late sensor could be."""
+    if "sensor_latency" not in causes:
+        return []
+    return [
+        "a sensor that is late and commands that are stamped too early by as much are the same to "
+        "these drives: compare the clocks of both before anything is built on it"
     ]
 
 

@@ -13,8 +13,9 @@ from buggy_rl.effects.base import EffectParameter
 from buggy_rl.parameters import Parameter
 
 PRIOR = 3.0  # sd of a parameter in units of its size: wide, a fit is not to be pulled
+# Later by a sample and a half at most: by more, a clock is no other than a sensor that is late.
 CLOCK = EffectParameter(
-    "clock_offset", 0.0, -0.1, 0.1, "s", "Commands act later than stamped.", 0.01, 0.002
+    "clock_offset", 0.0, -0.1, 0.015, "s", "Commands act later than stamped.", 0.01, 0.002
 )
 CLOCK_PRIOR = 0.5  # in units of its size: a stamp is off by a sample at most
 OWN = "parameter:"  # begins the name of a parameter of the simulator's own

@@ -23,6 +23,7 @@ from buggy_rl.diagnosis.guard import (
     check_clock,
     check_drives,
     check_gaps,
+    check_latency,
     check_simulator,
 )
 from buggy_rl.diagnosis.library import OWN, Library
@@ -277,6 +278,7 @@ def diagnose(
         search, found = identify(case, progress, before)
         said = answer(case, search, found, progress)
     notes += short + check_clock(found.best.fitted.values()[""]["clock_offset"])
+    notes += check_latency(found.best.causes)
     said = replace(said, notes=notes, verdict="cannot_tell" if short else said.verdict)
     return Diagnosis(case, search, found, said, correction)
 

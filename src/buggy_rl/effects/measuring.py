@@ -32,6 +32,8 @@ SERVO_STEP = 0.15  # by a step of the steering so small that no servo is at its 
 SERVO_ROWS = 60  # that it has this many rows to follow
 SERVO_EFFECTS = ("steering_backlash", "steering_rate_limit")
 PULL_EFFECTS = ("throttle_gain", "battery_sag")
+YAW_EFFECTS = ("one_sided_drag", "yaw_damping")
+TYPICAL = (6.1, 9.4)  # [1/rad] stiffness over load of front and rear: DART's
 TYRE_EFFECTS = ("tire_grip", "grip_balance", "grip_patch")
 # D, C / D and c of a tyre: wide enough for a plain factor and for a slope that never bends.
 LEAST_PULL = 0.2  # [m/s^2] of any motor at over half its drive
@@ -57,7 +59,7 @@ def measured_options(
     return {
         **_drive_options(make),
         **_servo_options(make),
-        **dict.fromkeys(TYRE_EFFECTS, measured_tyres(make, dimensions)),
+        **_tyre_options(make, dimensions),
     }
 
 
@@ -75,6 +77,12 @@ def _servo_options(make: Make) -> dict[str, dict[str, Any]]:
     return dict.fromkeys(SERVO_EFFECTS, lag)
 
 
+def _tyre_options(make: Make, dimensions: VehicleDimensions) -> dict[str, dict[str, Any]]:
+    tyres = measured_tyres(make, dimensions)
+    stiffness = {"stiffness": tyres["stiffness"]}
+    return dict.fromkeys(TYRE_EFFECTS, tyres) | dict.fromkeys(YAW_EFFECTS, stiffness)
+
+
 def measurable_options(make: Make) -> tuple[dict[str, dict[str, Any]], list[str]]:
     """Options as far as a simulator shows them, and in words what it does not show.
 
@@ -84,9 +92,10 @@ def measurable_options(make: Make) -> tuple[dict[str, dict[str, Any]], list[str]
     parts = {
         "drive": lambda: _drive_options(make),
         "servo": lambda: _servo_options(make),
-        "tyres": lambda: dict.fromkeys(TYRE_EFFECTS, measured_tyres(make, VehicleDimensions())),
+        "tyres": lambda: _tyre_options(make, VehicleDimensions()),
     }
-    options: dict[str, dict[str, Any]] = {}
+    # What is not measured is the defaults of the effects' classes, but for this.
+    options: dict[str, dict[str, Any]] = {n: {"stiffness": [*TYPICAL]} for n in YAW_EFFECTS}
     failures = []
     for part, measured in parts.items():
         try:

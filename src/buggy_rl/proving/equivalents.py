@@ -36,9 +36,6 @@ REFERENCE: dict[str, dict[str, Equivalent]] = {
         name: Equivalent(_times(1 / ROLLING_MASS), "the push has to spin the wheels up too")
         for name in ("force_x", "force_y")
     },
-    "one_sided_drag": {
-        "yaw_acceleration": Equivalent(_times(0.7), "a bent axle, about the sensor's place")
-    },
 }
 
 
