@@ -4,6 +4,7 @@
     python scripts/diagnose.py simulator=my.py:make recordings=[new/] baseline=[old/] output=runs/d
 
 Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simulator), report.html.
+Interrupted, it goes on where it stopped when it is started again.
 """
 
 from pathlib import Path
@@ -13,7 +14,7 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Diagnoses and writes."""
-    config = from_command_line(__doc__, "buggy_rl.diagnosis.pipeline:DiagnosisConfig")
+    config = from_command_line(__doc__, "buggy_rl.diagnosis.question:DiagnosisConfig")
 
     import json
 
@@ -22,8 +23,10 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.diagnosis.correction import FILE
-    from buggy_rl.diagnosis.pipeline import diagnose, repaired
+    from buggy_rl.diagnosis.pipeline import diagnose
+    from buggy_rl.diagnosis.repair import repaired
     from buggy_rl.diagnosis.report import report
+    from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(config.threads)
@@ -42,14 +45,15 @@ def main() -> None:
     folder = Path(config.output)
     save_run(config, folder)
     with tqdm(bar_format="{elapsed} {desc}") as bar:
-        done = diagnose(config, recordings, bar.set_description_str, baseline)
+        done = diagnose(config, recordings, bar.set_description_str, baseline, folder / STAGES)
         answer = done.answer
         bar.set_description_str("drawing the report")
         page = report(done.case, done.search, done.found, answer)
     for note in answer.notes:
         tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
-    content = repaired(config.simulator, done, folder)
+    options = done.case.player.options
+    content = repaired(config.simulator, answer, folder, done.correction, options)
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))

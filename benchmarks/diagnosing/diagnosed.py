@@ -6,7 +6,8 @@ from pathlib import Path
 
 import yaml
 
-from buggy_rl.diagnosis.pipeline import DiagnosisConfig, diagnose
+from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.effects import EFFECTS
 from buggy_rl.env import make_simulator
 from diagnosing.drives import CHANGED, OFF, RIGHT, load

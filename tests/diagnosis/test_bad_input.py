@@ -5,7 +5,7 @@ import torch
 from torchrl.envs import ExcludeTransform, TransformedEnv
 
 from buggy_rl import keys
-from buggy_rl.diagnosis import guard
+from buggy_rl.diagnosis import guard, trial
 from buggy_rl.diagnosis.rollouts import Player
 from buggy_rl.diagnosis.stretches import stretches
 from buggy_rl.engines import make_engine
@@ -94,20 +94,20 @@ FAULTS = {
 @pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.__name__)
 def test_a_faulty_simulator_is_refused_by_name_in_one_line(kind):
     with pytest.raises(ValueError, match=FAULTS[kind]) as told:
-        guard.check_simulator(kind, "my.py:make")
+        trial.check_simulator(kind, "my.py:make")
     assert "simulator my.py:make" in str(told.value)
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("name", ["single_track", "kinematic"])
 def test_a_sound_simulator_passes_without_a_note(name):
-    assert guard.check_simulator(lambda cars: make_engine(name, cars), name) == []
+    assert trial.check_simulator(lambda cars: make_engine(name, cars), name) == []
 
 
 def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
     with pytest.raises(ValueError, match="moves alike whatever the commands"):
-        guard.check_simulator(lambda cars: make_engine("hold", cars), "hold")
-    notes = guard.check_simulator(Half, "half")
+        trial.check_simulator(lambda cars: make_engine("hold", cars), "hold")
+    notes = trial.check_simulator(Half, "half")
     assert notes == [
         "simulator half moves alike whatever the steering: effects on it cannot be told"
     ]
@@ -115,19 +115,19 @@ def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
 
 def test_what_is_no_simulator_or_of_another_size_is_refused():
     with pytest.raises(ValueError, match=r"simulator x is a dict: .* EnvBase"):
-        guard.check_simulator(lambda cars: {}, "x")  # type: ignore[arg-type, return-value]
+        trial.check_simulator(lambda cars: {}, "x")  # type: ignore[arg-type, return-value]
     with pytest.raises(ValueError, match=r"batch size \[1\] where \[5\] was asked"):
-        guard.check_simulator(lambda cars: make_engine("hold", 1), "x")
+        trial.check_simulator(lambda cars: make_engine("hold", 1), "x")
     with pytest.raises(ValueError, match=r"control period 0.02 s: must be 0.01 s"):
-        guard.check_simulator(lambda cars: make_engine("hold", cars, dt=0.02), "x")
+        trial.check_simulator(lambda cars: make_engine("hold", cars, dt=0.02), "x")
     with pytest.raises(ValueError, match="cannot be built for 5 cars: ValueError: no engine"):
-        guard.check_simulator(lambda cars: make_engine("teleport", cars), "x")
+        trial.check_simulator(lambda cars: make_engine("teleport", cars), "x")
 
     def blind(cars):
         return TransformedEnv(make_engine("kinematic", cars), ExcludeTransform(keys.POSE))
 
     with pytest.raises(ValueError, match=r"simulator x: .* gives no 'pose'; it must give"):
-        guard.check_simulator(blind, "x")
+        trial.check_simulator(blind, "x")
 
 
 def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
@@ -135,10 +135,10 @@ def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
     drive.data[keys.ACTION][200:, 0] = 1.0
     cut = stretches([drive], 1.0, 1.0)
     words = "simulator mine: step raised ZeroDivisionError"
-    with pytest.raises(ValueError, match=words) as told, guard.blaming("mine"):
+    with pytest.raises(ValueError, match=words) as told, trial.blaming("mine"):
         Player(Crashing).play(cut, {})
     assert isinstance(told.value.__cause__, ZeroDivisionError)
-    with pytest.raises(KeyError, match="ours"), guard.blaming("mine"):
+    with pytest.raises(KeyError, match="ours"), trial.blaming("mine"):
         raise KeyError("ours")
 
 

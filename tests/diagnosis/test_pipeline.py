@@ -6,9 +6,12 @@ import pytest
 import torch
 import yaml
 
+from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.likelihood import likelihood
-from buggy_rl.diagnosis.pipeline import DiagnosisConfig, diagnose, repaired
+from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.diagnosis.repair import repaired
 from buggy_rl.diagnosis.search import Search
 from buggy_rl.diagnosis.stretches import stretches
 from buggy_rl.env import make_simulator
@@ -37,6 +40,7 @@ def numbers(answer):
     return {n.name: {p: v.value for p, v in n.parameters.items()} for n in answer.effects}
 
 
+@pytest.mark.slow  # beside other work, two threads wait for one another for minutes
 def test_one_thread_and_two_give_the_same_answer(recordings, done):
     before = torch.get_num_threads()
     try:
@@ -53,6 +57,23 @@ def test_one_thread_and_two_give_the_same_answer(recordings, done):
     )
 
 
+def test_an_interrupted_diagnosis_goes_on_where_it_stopped(recordings, done, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    kept = tmp_path / "stages"
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline, "stated", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            diagnose(CONFIG, recordings, kept=kept)
+    monkeypatch.setattr(pipeline, "identified", interrupted)  # it is not asked again
+    again = diagnose(CONFIG, recordings, kept=kept)
+    assert numbers(again.answer) == numbers(done.answer)
+    # Another question is not answered by what was kept.
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(replace(CONFIG, seconds=0.9), recordings, kept=kept)
+
+
 def test_the_repair_beats_retuning_and_a_network_on_what_was_held_out(done):
     proof = done.answer.proof
     assert proof.after[1.0] < 0.1 * proof.before[1.0]
@@ -64,7 +85,7 @@ def test_the_repair_beats_retuning_and_a_network_on_what_was_held_out(done):
 
 
 def test_what_an_effect_must_know_of_the_simulator_stays_in_the_repaired_one(done, tmp_path):
-    content = repaired(CONFIG.simulator, done, tmp_path)
+    content = repaired(CONFIG.simulator, done.answer, tmp_path, options=done.case.player.options)
     # The single track's deadband of 0.05, as it shows in how it drives.
     assert content["effects"]["throttle_gain"]["onset"] == pytest.approx(0.05, abs=0.005)
     file = tmp_path / "repaired.yaml"

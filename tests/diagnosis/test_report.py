@@ -12,10 +12,11 @@ from torchrl.envs import TransformedEnv
 from buggy_rl.camera import Camera, CameraConfig
 from buggy_rl.diagnosis.adequacy import remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value
+from buggy_rl.diagnosis.case import prepared
 from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.locate import Region, locate
-from buggy_rl.diagnosis.pipeline import DiagnosisConfig, prepared
+from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.diagnosis.report import causes, report, sections, wording
 from buggy_rl.diagnosis.report.errors import errors
 from buggy_rl.diagnosis.report.markup import Bar, Markup, bars, escaped, tag

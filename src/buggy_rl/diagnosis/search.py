@@ -81,6 +81,13 @@ class Search:
         self.group = blocks(fitter.cut)
         self.tried: dict[tuple[str, ...], Candidate] = {}
 
+    @classmethod
+    def after(cls, fitter: Fitter, found: Found) -> "Search":
+        """One that has come to what was found."""
+        search = cls(fitter)
+        search.null, search.tried, fitter.temper = found.null, found.tried, found.temper
+        return search
+
     def run(self) -> Found:
         """Finds the best explanation and all rivals that came close."""
         self.null = best = self.fit([self.fitter.start(())])[0]

@@ -80,7 +80,7 @@ def _servo_options(make: Make) -> dict[str, dict[str, Any]]:
 def _tyre_options(make: Make, dimensions: VehicleDimensions) -> dict[str, dict[str, Any]]:
     tyres = measured_tyres(make, dimensions)
     stiffness = {"stiffness": tyres["stiffness"]}
-    return dict.fromkeys(TYRE_EFFECTS, tyres) | dict.fromkeys(YAW_EFFECTS, stiffness)
+    return {name: tyres for name in TYRE_EFFECTS} | {name: stiffness for name in YAW_EFFECTS}
 
 
 def measurable_options(make: Make) -> tuple[dict[str, dict[str, Any]], list[str]]:

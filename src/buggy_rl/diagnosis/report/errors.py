@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.locate import SHORT, features
-from buggy_rl.diagnosis.pipeline import Case
 
 LARGE = 50.0  # times the noise, as which a change of a gap counts at most
 

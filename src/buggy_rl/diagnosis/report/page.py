@@ -3,7 +3,7 @@
 import matplotlib
 
 from buggy_rl.diagnosis.answer import Answer
-from buggy_rl.diagnosis.pipeline import Case
+from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.report import causes, sections
 from buggy_rl.diagnosis.report.markup import Markup, joined, tag
 from buggy_rl.diagnosis.report.style import PAGE, SETTINGS

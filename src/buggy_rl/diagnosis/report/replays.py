@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import CAP
-from buggy_rl.diagnosis.pipeline import Case
+from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.search import Found
 from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.evaluation import WARM_UP

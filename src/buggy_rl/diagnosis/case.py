@@ -1,0 +1,48 @@
+"""A question cut into what is computed with."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from buggy_rl.diagnosis.library import Library
+from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
+from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.stretches import Stretches, stretches
+from buggy_rl.recordings import Recording
+
+
+@dataclass
+class Case:
+    """Drives and simulator of a question, ready to be compared."""
+
+    player: Player
+    cut: Stretches
+    likelihood: Likelihood
+    library: Library
+    names: list[str]
+    recordings: Sequence[Recording]
+
+
+def prepared(
+    player: Player,
+    recordings: Sequence[Recording],
+    library: Library,
+    config: DiagnosisConfig,
+    extra: Tensor | None = None,
+) -> Case:
+    """Cuts drives and weighs their noise."""
+    cut = stretches_of(recordings, config)
+    weighed = likelihood(player, cut, extra=extra)
+    return Case(player, cut, weighed, library, [r.name for r in recordings], recordings)
+
+
+def stretches_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Stretches:
+    """As many stretches of drives as are asked for, spread evenly."""
+    cut = stretches(recordings, config.seconds, config.seconds)
+    if len(cut) > config.stretches:
+        rows = torch.linspace(0, len(cut) - 1, config.stretches).round().long()
+        cut = cut[rows]
+    return cut

@@ -1,0 +1,110 @@
+"""What is said of what was found."""
+
+from collections.abc import Callable, Sequence
+
+from buggy_rl.diagnosis.adequacy import NOTHING, Remaining, misfit, remaining
+from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences
+from buggy_rl.diagnosis.excitation import suggestions, weak
+from buggy_rl.diagnosis.library import OWN
+from buggy_rl.diagnosis.locate import locate
+from buggy_rl.diagnosis.proof import prove
+from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.effects import effect_class
+
+UNDECIDED = 0.5  # confidence below which an answer is no answer
+NORMAL = 1.96  # standard deviations of a 95 % interval
+
+
+def stated(
+    case: Case, search: Search, found: Found, progress: Callable[[str], None] = lambda _: None
+) -> Answer:
+    """The answer, with what speaks for it."""
+    progress("locating the error")
+    located = locate(case.player, case.cut, case.likelihood.noise, case.names)
+    instants = case.player.instants(case.cut)
+    rest = remaining(case.cut, instants, found.null.fitted.white, found.best.fitted.white)
+    sure = confidences(search, found, rest.share)
+    progress("proving it on what was held out")
+    proof = _proof(case, found)
+    named = [_named(case, found, c, sure[c]) for c in found.best.causes]
+    named.sort(key=lambda n: -n.held_out_gain)
+    verdict = _verdict(found, rest, named)
+    undecided = []
+    for item in named:
+        for rival in item.confused_with:
+            others = tuple(sorted({*found.best.causes} - {item.name} | {rival}))
+            if others in found.tried:
+                undecided.append((found.best.fitted, found.tried[others].fitted))
+    progress("looking for what to drive next")
+    suggest = suggestions(
+        case.player, case.library, undecided[:3], case.likelihood.noise, case.cut.dt
+    )
+    return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
+
+
+def _verdict(found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
+    if misfit(found.null.held_out) - 1 < NOTHING and not named:
+        return "no_mismatch"
+    if not named or rest.share > SOUND:
+        return "unknown_physics" if rest.excess > NOTHING else "no_mismatch"
+    if max(n.confidence for n in named) < UNDECIDED:
+        return "cannot_tell"
+    if all(n.kind == "parameter" for n in named):
+        return "wrong_parameters"
+    return "missing_physics"
+
+
+def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
+    fitted = found.best.fitted
+    spread = found.best.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
+    values: dict[str, Value] = {}
+    bound = []
+    for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
+        if unknown.cause != cause:
+            continue
+        p = unknown.parameter
+        ends = sorted(p.value_at(z + k * NORMAL * sd) for k in (-1, 0, 1))
+        values[p.name] = Value(float(p.value_at(z)), float(ends[0]), float(ends[-1]), p.unit)
+        if min(abs(p.value_at(z) - p.lower), abs(p.value_at(z) - p.upper)) < 1e-6 * p.size:
+            bound.append(p.name)
+    numbers = {name: v.value for name, v in values.items()}
+    own = cause.startswith(OWN)
+    kind = "parameter" if own else effect_class(cause).kind
+    p = case.library.numbers(cause)[0]
+    return Named(
+        name=cause,
+        kind=kind,
+        equation="" if own else effect_class(cause).equation,
+        sentence=sentence(cause, numbers, p.unit, p.value),
+        parameters=values,
+        confidence=sure.sure,
+        held_out_gain=_gain(found, cause),
+        confused_with=sure.rivals,
+        at_bound=tuple(bound),
+    )
+
+
+def _gain(found: Found, cause: str) -> float:
+    """Share of the gap that comes back without a cause, on what was held out."""
+    key = tuple(sorted(set(found.best.causes) - {cause}))
+    without = found.tried.get(key, found.null)
+    before, after = misfit(without.held_out) - 1, misfit(found.best.held_out) - 1
+    return max(0.0, before - after) / max(before, 1e-9)
+
+
+def _proof(case: Case, found: Found) -> Proof:
+    best = found.best.fitted
+    errors = prove(case.player, case.recordings, case.cut, case.likelihood, case.library, best)
+    floor = 2 * float(case.likelihood.noise[:2].square().sum())
+    return Proof(
+        before=errors["before"],
+        after=errors["after"],
+        retuned=errors.get("retuned", {}),
+        noise_floor={h: floor for h in errors["before"]},
+        black_box=errors["black_box"],
+        misfit_before=misfit(found.null.held_out),
+        misfit_after=misfit(found.best.held_out),
+        held_out=True,
+    )

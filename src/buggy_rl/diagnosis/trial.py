@@ -1,0 +1,216 @@
+"""Whether a simulator does what one must, tried out before it is used (contract 2)."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from traceback import walk_tb
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase, TransformedEnv
+
+from buggy_rl import keys
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
+CARS = 5  # that are tried out: one for each of these commands, full drive to both sides included
+COMMANDS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+TRIAL = 100  # rows (1 s) of them
+SPEED = 1.5  # [m/s] at which they are set down
+FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
+EDIT = 0.5  # share of an edit that must be felt
+PERIOD = 0.2  # share by which a control period may seem off: a car also speeds up in it
+
+
+def check_simulator(make: Callable[[int], EnvBase], name: str) -> list[str]:
+    """Tries a simulator out before it is used (contract 2).
+
+    Args:
+        make: Builds it for a number of cars.
+        name: What the user calls it.
+
+    Returns:
+        Notes on what can be lived with.
+
+    Raises:
+        ValueError: It cannot be used; the message names it, what was found and what to do.
+    """
+    env = _built(make, name)
+    state = _set_down(env, name)
+    _check_step(env, name, state)
+    return _check_commands(env, name, state)
+
+
+@contextmanager
+def blaming(name: str) -> Iterator[None]:
+    """Names the simulator where one of its own steps or resets fails; other errors pass.
+
+    Raises:
+        ValueError: It raised; the error it raised is the cause.
+    """
+    try:
+        yield
+    except Exception as error:
+        for frame, _ in walk_tb(error.__traceback__):
+            env = frame.f_locals.get("self")
+            own = isinstance(env, EnvBase) and not isinstance(env, TransformedEnv)
+            if own and frame.f_code.co_name in ("_step", "_reset"):
+                raise ValueError(
+                    f"simulator {name}: {frame.f_code.co_name.strip('_')} raised "
+                    f"{_words(error)}; run it alone with the same commands to find out why"
+                ) from error
+        raise
+
+
+def _words(error: BaseException) -> str:
+    line = (str(error).splitlines() or [""])[0]
+    return f"{type(error).__name__}: {line}" if line else type(error).__name__
+
+
+def _built(make: Callable[[int], EnvBase], name: str) -> EnvBase:
+    try:
+        env = make(CARS)
+    except Exception as error:
+        raise ValueError(
+            f"simulator {name} cannot be built for {CARS} cars: {_words(error)}"
+        ) from error
+    if not isinstance(env, EnvBase):
+        raise ValueError(
+            f"simulator {name} is a {type(env).__name__}: its factory must return a TorchRL EnvBase"
+        )
+    if env.batch_size != torch.Size([CARS]):
+        raise ValueError(
+            f"simulator {name} has batch size {list(env.batch_size)} where [{CARS}] was asked for: "
+            "factory(batch_size, device) must build that many cars"
+        )
+    dt = getattr(env, "dt", CONTROL_PERIOD)
+    if abs(dt - CONTROL_PERIOD) > 1e-9:
+        raise ValueError(f"simulator {name} has control period {dt} s: must be {CONTROL_PERIOD} s")
+    return env
+
+
+def _set_down(env: EnvBase, name: str) -> TensorDictBase:
+    """Cars as a reset with pose and velocity leaves them."""
+    pose = torch.tensor([2.0, -1.0, 0.0]).expand(CARS, 3)  # heading along x
+    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
+    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    state = _reset(env, name, given)
+    for key in (keys.POSE, keys.VELOCITY):
+        _check_shape(state.get(key, None), key, name, "reset")
+        off = (state[key] - given[key]).abs().max()
+        if not float(off) < 1e-3:
+            raise ValueError(
+                f"simulator {name} ignores the {key} that reset was given: {given[key][0].tolist()}"
+                f" became {[round(v, 3) for v in state[key][0].tolist()]}; start there"
+            )
+    action = env.action_spec.shape if keys.ACTION in env.action_keys else None
+    if action is None or action != torch.Size([CARS, SIZES[keys.ACTION]]):
+        raise ValueError(
+            f"simulator {name} has no 'action' of shape [{CARS}, 2] (throttle, steering): it has "
+            f"{', '.join(map(str, env.action_keys))} of shape {list(env.action_spec.shape)}"
+        )
+    return state
+
+
+def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None:
+    expected = [CARS, SIZES[key]]
+    if value is None:
+        raise ValueError(f"simulator {name}: {source} gives no {key!r}; it must give {expected}")
+    if list(value.shape) != expected:
+        raise ValueError(
+            f"simulator {name}: {source} gives {key!r} of shape {list(value.shape)}, expected "
+            f"{expected}"
+        )
+
+
+def _check_step(env: EnvBase, name: str, state: TensorDictBase) -> None:
+    """Two steps from one state, and steps from edited ones."""
+    gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
+    one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
+    for key in (keys.POSE, keys.VELOCITY):
+        _check_shape(one.get(key, None), key, name, "a step")
+        if not torch.equal(one[key].nan_to_num(), two[key].nan_to_num()):
+            raise ValueError(
+                f"simulator {name}: two steps from one TensorDict differ in {key!r} by "
+                f"{float((one[key] - two[key]).abs().max()):.3g}; keep its whole state in the "
+                "TensorDict, noise included"
+            )
+    _check_edit(env, name, one, gentle)
+    _check_period(env, name, state, one)
+
+
+def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> None:
+    following = _step(env, name, state, action)
+    for key, channel, size in ((keys.VELOCITY, 0, 1.0), (keys.POSE, 0, 5.0)):
+        edited = state.clone()
+        edited[key] = state[key] + size * torch.eye(3)[channel]
+        felt = _step(env, name, edited, action)[key] - following[key]
+        share = float(felt[:, channel].min()) / size
+        if share < EDIT:
+            raise ValueError(
+                f"simulator {name} does not honour an edited {key}: {size:g} more was "
+                f"{size * share:.2g} more after one step; begin each step with the {key} it is "
+                "given"
+            )
+
+
+def _check_period(env: EnvBase, name: str, before: TensorDictBase, after: TensorDictBase) -> None:
+    """How far a step goes at a known speed says how long it is."""
+    moved, vx = torch.stack(
+        [
+            (after.get(keys.POSE) - before.get(keys.POSE))[:, 0],
+            0.5 * (after.get(keys.VELOCITY) + before.get(keys.VELOCITY))[:, 0],
+        ]
+    )
+    period = float((moved / vx).quantile(0.5))
+    if abs(period - CONTROL_PERIOD) > PERIOD * CONTROL_PERIOD:
+        raise ValueError(
+            f"simulator {name} seems to have a control period of {period:.3g} s, by how far a step "
+            f"moves it at {SPEED} m/s; it must be {CONTROL_PERIOD} s"
+        )
+
+
+def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
+    """A second of each command: numbers, no running away, and different motions."""
+    action = torch.tensor(COMMANDS)
+    for row in range(TRIAL):
+        state = _step(env, name, state, action)
+        rate = state[keys.VELOCITY]
+        fine = (rate.abs() < FASTEST).all(-1) & torch.isfinite(state[keys.POSE]).all(-1)
+        if not bool(fine.all()):
+            car = int(fine.int().argmin())
+            what = "runs away" if bool(rate[car].isfinite().all()) else "returns NaN"
+            raise ValueError(
+                f"simulator {name} {what} {(row + 1) * CONTROL_PERIOD:.2f} s after {SPEED} m/s "
+                f"under throttle {COMMANDS[car][0]:g}, steering {COMMANDS[car][1]:g}: velocity "
+                f"{[round(v, 1) for v in rate[car].tolist()]}"
+            )
+    driven = state[keys.VELOCITY]
+    alike = [float((driven[a] - driven[b]).abs().max()) < 1e-3 for a, b in ((1, 2), (3, 4))]
+    if all(alike):
+        raise ValueError(
+            f"simulator {name} moves alike whatever the commands: neither 'action' changes its "
+            "velocity within a second; nothing can be said of a simulator that does not listen"
+        )
+    return [
+        f"simulator {name} moves alike whatever the {command}: effects on it cannot be told"
+        for command, same in zip(("throttle", "steering"), alike, strict=True)
+        if same
+    ]
+
+
+def _reset(env: EnvBase, name: str, given: TensorDictBase) -> TensorDictBase:
+    try:
+        return env.reset(given.clone())
+    except Exception as error:
+        raise ValueError(
+            f"simulator {name}: a reset with pose and velocity raised {_words(error)}"
+        ) from error
+
+
+@torch.no_grad()
+def _step(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> TensorDictBase:
+    try:
+        return env.step(state.clone().set(keys.ACTION, action.clone()))["next"]
+    except Exception as error:
+        raise ValueError(f"simulator {name}: a step raised {_words(error)}") from error
