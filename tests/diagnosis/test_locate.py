@@ -1,7 +1,8 @@
+import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.adequacy import CAP, misfit, remaining, typical
+from buggy_rl.diagnosis.adequacy import CAP, NOTHING, misfit, remaining, tolerance, typical
 from buggy_rl.diagnosis.answer import described
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.rollouts import Player
@@ -128,3 +129,11 @@ def test_features_do_not_depend_on_the_drives_clock():
     late = toy_drive("late", 400, 0)
     late.data[keys.TIME] += 1000.0
     assert stretches([late], 1.0, 1.0).elapsed.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_new_drives_may_be_as_wrong_as_old_ones_differ():
+    # Blocks with means 0.8 and 1.2: 1 + 3 * 0.2828 / sqrt(9), less 1.
+    old = torch.tensor([0.64, 0.64, 1.44, 1.44])
+    assert tolerance(old, torch.tensor([0, 0, 1, 1]), 9) == pytest.approx(0.2828, rel=1e-3)
+    # Where all is noise, no less than what counts as nothing.
+    assert tolerance(torch.full((4,), 0.9), torch.tensor([0, 0, 1, 1]), 9) == NOTHING

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.locate import features
@@ -41,16 +42,35 @@ def misfit(square: Tensor) -> float:
     return float(square.clamp_max(CAP).sqrt().mean())
 
 
+def tolerance(square: Tensor, group: Tensor, others: int) -> float:
+    """Excess within which new drives are as right as those on which a simulator counts as right.
+
+    What a simulator gets wrong differs from drive to drive: three standard errors of the mean over
+    `others` blocks, by the spread between the blocks of the old drives.
+
+    Args:
+        square: [N] |W e|^2 / D of the old drives' stretches.
+        group: [N] their blocks.
+        others: Blocks of the new drives.
+    """
+    root = square.clamp_max(CAP).sqrt()
+    means = torch.stack([root[group == g].mean() for g in group.unique()])
+    spread = float(means.std()) if len(means) > 1 else 0.0
+    return max(NOTHING, float(means.mean()) - 1 + 3 * spread / others**0.5)
+
+
 def typical(square: Tensor) -> float:
     """Median of |W e|^2 / D of stretches [N]."""
     return float(square.median())
 
 
-def remaining(cut: Stretches, instants: Tensor, before: Tensor, after: Tensor) -> Remaining:
+def remaining(
+    cut: Stretches, instants: Tensor, before: Tensor, after: Tensor, nothing: float = NOTHING
+) -> Remaining:
     """Looks at whitened gaps [N, D] before and after an explanation.
 
     Whitened gaps are compared row by row with what was driven: the share of their square that
-    bins of a feature explain, over what as many random bins would.
+    bins of a feature explain, over what as many random bins would. An excess of `nothing` is none.
     """
     first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
     count = len(after)
@@ -74,7 +94,7 @@ def remaining(cut: Stretches, instants: Tensor, before: Tensor, after: Tensor) -
     along = float((now * then).mean() / (now.square().mean() + 1e-12))
     return Remaining(
         excess=last,
-        share=last / max(first, last) if last > NOTHING else 0.0,
+        share=last / max(first, last) if last > nothing else 0.0,
         channel={n: float(v) / total for n, v in zip(names, over.tolist(), strict=True)},
         depends_on=depends,
         memory=along > 0.3,

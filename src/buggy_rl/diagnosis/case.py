@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.adequacy import NOTHING
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
 from buggy_rl.diagnosis.question import DiagnosisConfig
@@ -24,6 +25,8 @@ class Case:
     library: Library
     names: list[str]
     recordings: Sequence[Recording]
+    nothing: float = NOTHING
+    """Excess over the noise that is none."""
 
 
 def prepared(

@@ -7,9 +7,11 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
+from buggy_rl.diagnosis.adequacy import tolerance
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.case import Case, prepared, stretches_of
 from buggy_rl.diagnosis.correction import Correction, correct
+from buggy_rl.diagnosis.evidence import blocks
 from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.guard import (
     check_blocks,
@@ -49,20 +51,26 @@ class Diagnosis:
 def identified(
     case: Case,
     progress: Callable[[str], None] = lambda _: None,
-    baseline: Stretches | None = None,
+    baseline: Fitter | None = None,
 ) -> tuple[Found, Likelihood]:
-    """Names what is missing; what baseline stretches lack as well is not.
+    """Names what is missing; what the baseline lacks as well is not.
 
     Returns:
         What was found, and how the gaps were weighed at last.
     """
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
-    before = None
-    if baseline is not None:
-        weighed = likelihood(case.player, baseline, extra=case.likelihood.extra)
-        before = Fitter(case.player, baseline, weighed, case.library)
-    found = Search(fitter, progress, before).run()
+    found = Search(fitter, progress, baseline).run()
     return found, fitter.likelihood
+
+
+def right_before(case: Case, baseline: Stretches) -> Fitter:
+    """The case's simulator on the drives on which it counts as right, and how right it is there."""
+    weighed = likelihood(case.player, baseline, extra=case.likelihood.extra)
+    before = Fitter(case.player, baseline, weighed, case.library)
+    square = before.fit([before.start(())], 0)[0].square / weighed.readings
+    others = len(blocks(case.cut).unique())
+    case.nothing = tolerance(square, blocks(baseline), others)
+    return before
 
 
 def diagnose(
@@ -124,7 +132,8 @@ def diagnose(
         gap = player.play(case.cut, {})[0]
         instants = player.instants(case.cut)
         notes += check_gaps(gap, case.cut, instants, case.names, config.simulator)
-        found, case.likelihood = stages.done("search", lambda: identified(case, progress, before))
+        right = None if before is None else right_before(case, before)
+        found, case.likelihood = stages.done("search", lambda: identified(case, progress, right))
         search = Search.after(Fitter(player, case.cut, case.likelihood, library), found)
         said = stages.done("answer", lambda: stated(case, search, found, progress))
     notes += short + check_clock(found.best.fitted.values()[""]["clock_offset"])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from buggy_rl.diagnosis.adequacy import NOTHING, Remaining, misfit, remaining
+from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences
@@ -24,13 +24,14 @@ def stated(
     progress("locating the error")
     located = locate(case.player, case.cut, case.likelihood.noise, case.names)
     instants = case.player.instants(case.cut)
-    rest = remaining(case.cut, instants, found.null.fitted.white, found.best.fitted.white)
+    whites = found.null.fitted.white, found.best.fitted.white
+    rest = remaining(case.cut, instants, *whites, case.nothing)
     sure = confidences(search, found, rest.share)
     progress("proving it on what was held out")
     proof = _proof(case, found)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
     named.sort(key=lambda n: -n.held_out_gain)
-    verdict = _verdict(found, rest, named)
+    verdict = _verdict(case, found, rest, named)
     undecided = []
     for item in named:
         for rival in item.confused_with:
@@ -44,11 +45,11 @@ def stated(
     return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
 
 
-def _verdict(found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
-    if misfit(found.null.held_out) - 1 < NOTHING and not named:
+def _verdict(case: Case, found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
+    if misfit(found.null.held_out) - 1 < case.nothing and not named:
         return "no_mismatch"
     if not named or rest.share > SOUND:
-        return "unknown_physics" if rest.excess > NOTHING else "no_mismatch"
+        return "unknown_physics" if rest.excess > case.nothing else "no_mismatch"
     if max(n.confidence for n in named) < UNDECIDED:
         return "cannot_tell"
     if all(n.kind == "parameter" for n in named):
