@@ -14,7 +14,7 @@ from buggy_rl.diagnosis.stretches import Stretches
 STEP = 0.02  # of a finite difference, in units of a parameter's size
 TRIED = 2  # iterations after which it shows who is hopeless:
 HOPELESS = 0.3  # who has not gained this share of what the best has gained
-DAMPINGS = (1e-3, 0.3, 10.0)
+DAMPINGS = (1e-6, 0.1, 10.0)  # the first goes all the way along a ridge
 
 
 @dataclass
