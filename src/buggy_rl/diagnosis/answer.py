@@ -13,6 +13,7 @@ Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
 ]
 SCHEMA = 1
+NORMAL = 1.96  # standard deviations of a 95 % interval
 
 
 @dataclass(frozen=True)

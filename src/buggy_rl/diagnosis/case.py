@@ -27,6 +27,13 @@ class Case:
     recordings: Sequence[Recording]
     nothing: float = NOTHING
     """Excess over the noise that is none."""
+    retuned_from: Player | None = None
+    """Plays into the simulator as it was given, where it has been re-tuned since."""
+
+    @property
+    def given(self) -> Player:
+        """Plays into the simulator as it was given."""
+        return self.retuned_from or self.player
 
 
 def prepared(

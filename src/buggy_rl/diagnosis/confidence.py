@@ -34,7 +34,7 @@ def confidences(search: Search, found: Found, unexplained: float) -> dict[str, C
         found: What it found.
         unexplained: Share of the first excess that remains.
     """
-    soundness = 1 / (1 + math.exp(min((unexplained - SOUND) / SOFT, 50.0)))
+    sound = soundness(unexplained)
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
@@ -44,10 +44,15 @@ def confidences(search: Search, found: Found, unexplained: float) -> dict[str, C
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
         result[cause] = Confidence(
-            min(CEILING, own) * soundness,
+            min(CEILING, own) * sound,
             {n: p for n, p in sorted(share.items(), key=lambda i: -i[1]) if p > CLOSE and n},
         )
     return result
+
+
+def soundness(unexplained: float) -> float:
+    """How likely a name is right, by the share of the first excess that remains under it."""
+    return 1 / (1 + math.exp(min((unexplained - SOUND) / SOFT, 50.0)))
 
 
 def _in_its_place(

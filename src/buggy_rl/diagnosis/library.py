@@ -40,20 +40,23 @@ class Library:
     Args:
         effects: Names, also one's own as file.py:Class; all of `EFFECTS` by default.
         parameters: What the simulator declares.
+        own: Whether those may be a cause.
     """
 
     def __init__(
         self,
         effects: Sequence[str] | None = None,
         parameters: Mapping[str, Parameter] | None = None,
+        own: bool = True,
     ) -> None:
+        self.own = own
         self.effects = list(EFFECTS if effects is None else effects)
         self.parameters = {name: _own(p) for name, p in (parameters or {}).items()}
 
     @property
     def causes(self) -> list[str]:
         """All names."""
-        return [*self.effects, *(OWN + name for name in self.parameters)]
+        return [*self.effects, *(OWN + name for name in self.parameters if self.own)]
 
     def numbers(self, cause: str) -> tuple[EffectParameter, ...]:
         """What is unknown of a cause."""

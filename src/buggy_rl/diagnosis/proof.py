@@ -34,6 +34,7 @@ def prove(
     likelihood: Likelihood,
     library: Library,
     best: Fitted,
+    given: Player | None = None,
 ) -> dict[str, Errors]:
     """Errors of rollouts over drives, or blocks of drives, that nothing was fitted to.
 
@@ -44,6 +45,7 @@ def prove(
         likelihood: Of their gaps.
         library: Of the causes.
         best: The explanation; fitted anew for each part that is held out.
+        given: Plays into the simulator as it was given, where `player`'s was re-tuned.
 
     Returns:
         `before`: as given. `after`: with the causes. `retuned`: with the simulator's own
@@ -60,24 +62,24 @@ def prove(
     fold = folds(cut)
     number = int(fold.max()) + 1
     aside = [torch.nonzero(fold == n).flatten() for n in range(number)]
-    own = tuple(OWN + name for name in library.parameters)
+    own = tuple(OWN + name for name in library.parameters if library.own)
     retuned = own or tuple(
         name for name in TRIMS if name in library.effects and effect_class(name).parameters
     )
-    empty = library.unknowns(())
-    null = Fitted((), empty, torch.zeros(len(empty), dtype=torch.float64), torch.empty(0))
     sets = {
-        "before": [null] * number,
         "after": _refits(player, cut, likelihood, library, best, aside),
     }
     if retuned:
         begin = Fitter(player, cut, likelihood, library).start(retuned)
         sets["retuned"] = _refits(player, cut, likelihood, library, begin, aside)
-    result: dict[str, Errors] = {name: {} for name in (*sets, "black_box")}
+    result: dict[str, Errors] = {name: {} for name in ("before", *sets, "black_box")}
     networks = _networks(player, cut, aside)
     for part in cuts:
         owner = _owners(part, cut, fold)
         rows = [torch.nonzero(owner == n).flatten() for n in range(number)]
+        held = torch.cat(rows)
+        square = (given or player).play(part[held], {})[0, ..., :2].square().sum(-1)
+        result["before"] |= _by_horizon(square, player.instants(part), part.dt)
         flat = [fitted for fits in sets.values() for fitted in fits]
         settings = library.settings([(f.unknowns, f.place) for f in flat])
         square = player.play(part, *settings)[..., :2].square().sum(-1)  # (C, N, K)

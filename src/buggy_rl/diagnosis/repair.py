@@ -1,6 +1,7 @@
 """The simulator as it is given back."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ def repaired(
     folder: Path,
     correction: Correction | None = None,
     options: Options | None = None,
+    tuned: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """The simulator with what was found in it, as a simulator file has it.
 
@@ -26,18 +28,19 @@ def repaired(
         folder: Of the file.
         correction: Of what it got wrong before anything changed.
         options: What its effects had to know of it.
+        tuned: All its own parameters, where it was re-tuned.
     """
     content: dict[str, Any] = {"engine": simulator}
     if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
         content["engine"] = os.path.relpath(simulator, folder)
-    effects, parameters = {}, {}
+    effects, parameters = {}, dict(tuned or {})
     if correction is not None and correction.effect is not None:
         strength = float(correction.effect.values["strength"])
         effects[correction.effect.name] = {"strength": strength, "model": FILE}
     for named in answer.effects:
         values = {name: value.value for name, value in named.parameters.items()}
         if named.kind == "parameter":
-            parameters.update(values)
+            parameters = {**values, **parameters}
         else:
             effects[named.name] = {**values, **(options or {}).get(named.name, {})}
     if parameters:

@@ -1,11 +1,14 @@
 """What is said of what was found."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
-from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, Verdict, sentence
+from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, Verdict, sentence
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences
+from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences, soundness
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
@@ -14,22 +17,36 @@ from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.effects import effect_class
 
 UNDECIDED = 0.5  # confidence below which an answer is no answer
-NORMAL = 1.96  # standard deviations of a 95 % interval
 
 
 def stated(
-    case: Case, search: Search, found: Found, progress: Callable[[str], None] = lambda _: None
+    case: Case,
+    search: Search,
+    found: Found,
+    progress: Callable[[str], None] = lambda _: None,
+    wrong: Sequence[Named] = (),
 ) -> Answer:
-    """The answer, with what speaks for it."""
+    """The answer, with what speaks for it.
+
+    Args:
+        case: Drives and simulator.
+        search: That has come to what was found.
+        found: What it found.
+        progress: Told in plain words what is being done.
+        wrong: Parameters that the simulator was re-tuned by.
+    """
     progress("locating the error")
-    located = locate(case.player, case.cut, case.likelihood.noise, case.names)
+    located = locate(case.given, case.cut, case.likelihood.noise, case.names)
     instants = case.player.instants(case.cut)
-    whites = found.null.fitted.white, found.best.fitted.white
-    rest = remaining(case.cut, instants, *whites, case.nothing)
+    before = found.null.fitted.white
+    if case.retuned_from is not None:
+        before = case.likelihood.white(case.given.play(case.cut, {}))[0]
+    rest = remaining(case.cut, instants, before, found.best.fitted.white, case.nothing)
     sure = confidences(search, found, rest.share)
     progress("proving it on what was held out")
-    proof = _proof(case, found)
+    proof = _proof(case, found, before)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
+    named += _retuned(case, found, before, wrong, soundness(rest.share))
     named.sort(key=lambda n: -n.held_out_gain)
     verdict = _verdict(case, found, rest, named)
     undecided = []
@@ -95,9 +112,23 @@ def _gain(found: Found, cause: str) -> float:
     return max(0.0, before - after) / max(before, 1e-9)
 
 
-def _proof(case: Case, found: Found) -> Proof:
+def _retuned(
+    case: Case, found: Found, before: Tensor, wrong: Sequence[Named], sound: float
+) -> list[Named]:
+    """Parameters that were off, with what all of them close together."""
+    first, last = (
+        misfit(square) - 1
+        for square in (before.square().mean(-1), found.null.fitted.white.square().mean(-1))
+    )
+    gain = max(0.0, first - last) / max(first, 1e-9)
+    return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
+
+
+def _proof(case: Case, found: Found, before: Tensor) -> Proof:
     best = found.best.fitted
-    errors = prove(case.player, case.recordings, case.cut, case.likelihood, case.library, best)
+    errors = prove(
+        case.player, case.recordings, case.cut, case.likelihood, case.library, best, case.given
+    )
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
     return Proof(
         before=errors["before"],
@@ -105,7 +136,7 @@ def _proof(case: Case, found: Found) -> Proof:
         retuned=errors.get("retuned", {}),
         noise_floor={h: floor for h in errors["before"]},
         black_box=errors["black_box"],
-        misfit_before=misfit(found.null.held_out),
+        misfit_before=misfit(before.square().mean(-1)),
         misfit_after=misfit(found.best.held_out),
         held_out=True,
     )

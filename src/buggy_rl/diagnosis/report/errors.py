@@ -29,7 +29,7 @@ class Errors:
 def errors(case: Case) -> Errors:
     """Of the simulator as given, on all stretches; charged as `locate` does."""
     cut = case.cut
-    player = replace(case.player, every=max(1, round(SHORT / cut.dt / 3)))
+    player = replace(case.given, every=max(1, round(SHORT / cut.dt / 3)))
     gap = player.play(cut, {})[0].double()[..., 3:]  # (N, K, 3)
     change = torch.cat([torch.zeros_like(gap[:, :1]), gap], 1).diff(dim=1)
     change = (change / case.likelihood.noise[3:]).nan_to_num(LARGE).clamp(-LARGE, LARGE)

@@ -41,12 +41,11 @@ def replays(case: Case, found: Found) -> list[Replay]:
     """Plays the chosen stretches again."""
     chosen = _chosen(case, found)
     cut = case.cut[torch.tensor([row for row, _ in chosen])]
-    player = replace(case.player, every=1)
-    own = case.library.unknowns(())
-    rows = [(own, torch.zeros(len(own), dtype=torch.float64))]
-    if found.best.causes:
-        rows.append((found.best.fitted.unknowns, found.best.fitted.place))
-    gap = player.play(cut, *case.library.settings(rows))  # (1 or 2, n, K, 6)
+    gaps = [replace(case.given, every=1).play(cut, {})]
+    if found.best.causes or case.retuned_from is not None:
+        row = (found.best.fitted.unknowns, found.best.fitted.place)
+        gaps.append(replace(case.player, every=1).play(cut, *case.library.settings([row])))
+    gap = torch.cat(gaps)  # (1 or 2, n, K, 6)
     measured = _seen_from_start(cut)  # (n, K, 6)
     read = measured + gap
     return [

@@ -2,7 +2,7 @@
 
 import math
 
-from buggy_rl.diagnosis.answer import Answer, described
+from buggy_rl.diagnosis.answer import NORMAL, Answer, described
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.error_figures import map_figure, situation_figure
@@ -22,7 +22,6 @@ from buggy_rl.diagnosis.report.replay_figure import replay_figure
 from buggy_rl.diagnosis.report.replays import replays
 from buggy_rl.diagnosis.report.style import inline
 from buggy_rl.diagnosis.search import Found, Search
-from buggy_rl.diagnosis.statement import NORMAL
 from buggy_rl.evaluation import WARM_UP
 
 WORST = 5  # intervals that are listed

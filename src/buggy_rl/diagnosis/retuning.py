@@ -1,0 +1,64 @@
+"""The other null: the simulator with all its own parameters fitted, before physics is missed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from buggy_rl.diagnosis.answer import NORMAL, Named, Value, sentence
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.confidence import CEILING
+from buggy_rl.diagnosis.evidence import blocks, evidence
+from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.library import OWN
+from buggy_rl.diagnosis.search import EAGER, Candidate
+
+ROUNDS, ITERATIONS = 3, 4  # of the fit: between them it learns how much a nat counts
+MOVED = 0.1  # of its typical size, by which a parameter must have moved to be wrong,
+CERTAIN = 3.0  # and standard deviations of it
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """A simulator whose own parameters were fitted to the drives."""
+
+    values: dict[str, float]
+    """All of them."""
+    wrong: list[Named]
+    """Those that have certainly moved, the farthest first; their gain is still open."""
+
+
+def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Retuned:
+    """Fits all parameters that the simulator declares, about what they are."""
+    progress(f"re-tuning {len(case.library.parameters)} parameters of the simulator's own")
+    fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
+    own = [OWN + name for name in case.library.parameters]
+    best = fitter.fit([fitter.start(own)], 0)[0]
+    for _ in range(ROUNDS):
+        square = best.square / case.likelihood.readings
+        fitter.temper = max(1.0, EAGER * float(square.median()))
+        best = fitter.fit([best], ITERATIONS)[0]
+    candidate = Candidate(best, evidence(fitter, best, blocks(case.cut)))
+    values = {n: v for cause, ps in best.values().items() if cause for n, v in ps.items()}
+    return Retuned(values, _wrong(candidate))
+
+
+def _wrong(candidate: Candidate) -> list[Named]:
+    """Parameters that have certainly moved."""
+    fitted = candidate.fitted
+    spread = candidate.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
+    found: list[tuple[float, Named]] = []
+    for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
+        if not unknown.cause or abs(z) < max(MOVED, CERTAIN * sd):
+            continue
+        p = unknown.parameter
+        low, value, high = (float(p.value_at(z + k * NORMAL * sd)) for k in (-1, 0, 1))
+        named = Named(
+            name=unknown.cause,
+            kind="parameter",
+            equation="",
+            sentence=sentence(unknown.cause, {p.name: value}, p.unit, float(p.value)),
+            parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
+            confidence=CEILING,
+            held_out_gain=0.0,
+        )
+        found.append((abs(z), named))
+    return [named for _, named in sorted(found, key=lambda item: -item[0])]
