@@ -13,7 +13,7 @@ from buggy_rl.diagnosis.search import EAGER, Candidate
 
 ROUNDS, ITERATIONS = 3, 4  # of the fit: between them it learns how much a nat counts
 MOVED = 0.1  # of its typical size, by which a parameter must have moved to be wrong,
-CERTAIN = 3.0  # and standard deviations of it
+CERTAIN = 2.0  # and standard deviations of it: one in twenty that is right is called wrong
 
 
 @dataclass(frozen=True)
