@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -27,6 +29,15 @@ def test_an_effect_that_is_not_in_the_library_is_not_mended_by_one_that_is(drive
     found = searched(drives["draggy"], ["steering_dead_time", "gyro_bias"])
     assert found.best.causes == ()
     assert found.temper > 1.5  # and it knows that what it has is no good explanation
+
+
+@pytest.mark.parametrize(("name", "expected"), [("nothing", ()), ("late", ("steering_dead_time",))])
+def test_a_candidate_that_means_nothing_is_not_named(drives, name, expected):
+    decoy = f"{Path(__file__).parent / 'decoy.py'}:Decoy"
+    found = searched(drives[name], [*FEW, decoy])
+    assert found.best.causes == expected
+    # It was in the running: with three free numbers it follows a part of any gap.
+    assert (decoy,) in found.tried
 
 
 def test_the_same_drives_give_the_same_fit(late):
