@@ -1,7 +1,7 @@
 """Which effects explain the drives: rivals screened, fitted, compared, combined, eliminated."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -10,13 +10,12 @@ from buggy_rl.diagnosis.adequacy import misfit, typical
 from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.screening import screened
 
 ITERATIONS = 6  # of a fit
-SCREENED = 44  # stretches, spread evenly, on which effects are screened
 POLISHED = 3  # times that the best is fitted on at most
 KEPT = 12  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
-STAMPED = 0.05  # of the clock's typical offset: less is none
 MOST = 4  # effects of one explanation
 LOST = 0.3  # of the nats won in some blocks that may be lost in others
 NATS = 6.0  # by which it must help at least, for each of its parameters
@@ -160,7 +159,7 @@ class Search:
     def extended(self, base: Candidate) -> Candidate | None:
         """The base with the effect that helps most; None when none helps enough."""
         self.progress(f"screening {len(self.fitter.library.causes)} effects")
-        starts = self.screened(base, KEPT if not base.causes else EXTENDED)
+        starts = screened(self.fitter, base.fitted, KEPT if not base.causes else EXTENDED)
         self.progress(f"fitting {len(starts)} explanations")
         fitted = self.fit(starts, base)
         helping = [c for c in fitted if self.helps(c, base)]
@@ -245,64 +244,6 @@ class Search:
         share = torch.linalg.lstsq(columns, added.unsqueeze(-1), driver="gelsd").solution
         explained = (columns @ share).square().sum() / added.square().sum().clamp_min(1e-12)
         return float(explained.clamp(0.0, 1.0))
-
-    def screened(self, base: Candidate, keep: int) -> list[Fitted]:
-        """The most promising starts: the base and one more effect each, at its best trial size."""
-        rows: list[tuple[Fitted, Tensor]] = []
-        for name in self.fitter.library.causes:
-            if name in base.causes:
-                continue
-            begin = self.fitter.start((*base.causes, name))
-            kept, clock = base.fitted.place[:-1], base.fitted.place[-1:]
-            for trial in self.fitter.library.trials(name, self.fitter.cut):
-                # With the base's clock, and with a right one: without the cause, the clock may
-                # have taken over a delay that is the cause's.
-                for stamp in (clock, 0 * clock) if abs(float(clock)) > STAMPED else (clock,):
-                    place = [kept, torch.tensor(trial, dtype=torch.float64), stamp]
-                    rows.append((begin, torch.cat(place)))
-        thin, few = self._thinned(base.fitted)
-        whites = thin.evaluate(rows)
-        best: dict[str, tuple[float, Fitted]] = {}
-        for (fitted, place), white in zip(rows, whites, strict=True):
-            trial = Fitted(fitted.causes, fitted.unknowns, place, white)
-            promise = self._promise(few, trial)
-            name = fitted.causes[-1]
-            if name not in best or promise < best[name][0]:
-                best[name] = promise, trial
-        ranked = sorted(best.values(), key=lambda item: item[0])
-        return [trial for _, trial in ranked[:keep]]
-
-    def _thinned(self, base: Fitted) -> tuple[Fitter, Fitted]:
-        """A fitter to `SCREENED` of the stretches at most, and the base on those."""
-        whole = self.fitter
-        count = len(whole.cut)
-        rows = torch.linspace(0, count - 1, min(count, SCREENED)).round().long()
-        cut, likely = whole.cut[rows], whole.likelihood[rows]
-        thin = Fitter(whole.player, cut, likely, whole.library, whole.temper)
-        slopes = None if base.slopes is None else base.slopes[rows]
-        return thin, replace(base, white=base.white[rows], slopes=slopes)
-
-    def _promise(self, base: Fitted, trial: Fitted) -> float:
-        """Loss [nats] at the best point between the base and a trial, along a straight line.
-
-        Gaps move by t (w_trial - w_base) with t in 0..1.5, projected off what the base's own
-        parameters could have absorbed.
-        """
-        move = trial.white - base.white  # (N, D)
-        weight = self.fitter.likelihood.weight(base.square, self.fitter.temper).unsqueeze(-1)
-        if base.slopes is not None:
-            slopes = base.slopes  # (N, D, P)
-            normal = torch.einsum("ndp,ndq,ne->pq", slopes, slopes, weight)
-            normal = normal + 1e-9 * torch.eye(len(normal), dtype=normal.dtype)
-            along = torch.einsum("ndp,nd,ne->p", slopes, move, weight)
-            move = move - slopes @ torch.linalg.solve(normal, along)
-        curve = float((weight * move.square()).sum())
-        share = -float((weight * move * base.white).sum()) / max(curve, 1e-12)
-        share = min(max(share, 0.0), 1.5)
-        square = (base.white + share * move).square().sum(-1)
-        direct = self.fitter.likelihood.loss(trial.square, self.fitter.temper).sum()
-        line = self.fitter.likelihood.loss(square, self.fitter.temper).sum()
-        return float(torch.minimum(direct, line))
 
     def eliminated(self, candidate: Candidate) -> Candidate:
         """Leaves out effects that are not needed any more."""

@@ -7,13 +7,13 @@ from typing import Any
 
 import torch
 import yaml
-from torch import Tensor
 
 from buggy_rl.diagnosis.correction import correct
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import likelihood
 from buggy_rl.diagnosis.rollouts import Player
+from buggy_rl.diagnosis.screening import screened
 from buggy_rl.diagnosis.stretches import Stretches, stretches
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.measuring import measurable_options
@@ -99,33 +99,10 @@ def _truth(fitter: Fitter, case: Case) -> Fitted:
 
 def _rivals(fitter: Fitter, null: Fitted, truth: Fitted, most: int) -> dict[str, float]:
     """Nats by which the truth beats other single effects; only the closest are fitted."""
-    clock = null.place[-1:]
-    rows: list[tuple[Fitted, Tensor]] = []
-    for name in fitter.library.causes:
-        if name not in truth.causes:
-            begin = fitter.start((name,))
-            for trial in fitter.library.trials(name, fitter.cut):
-                rows.append((begin, torch.cat([torch.tensor(trial).double(), clock])))
-    best: dict[str, tuple[float, Fitted]] = {}
-    for (begin, place), white in zip(rows, fitter.evaluate(rows), strict=True):
-        tried = Fitted(begin.causes, begin.unknowns, place, white)
-        promise = _promise(fitter, null, tried)
-        name = begin.causes[0]
-        if name not in best or promise < best[name][0]:
-            best[name] = promise, fitter.start(begin.causes, place.tolist())
-    starts = [start for _, start in sorted(best.values(), key=lambda item: item[0])[:most]]
+    promising = screened(fitter, null, most + 1)
+    starts = [start for start in promising if start.causes != truth.causes][:most]
     own = _loss(fitter, truth)
     return {f.causes[0]: _loss(fitter, f) - own for f in fitter.fit(starts, ITERATIONS)}
-
-
-def _promise(fitter: Fitter, null: Fitted, tried: Fitted) -> float:
-    """Loss at the best place on the straight way from nothing to a trial size, to first order."""
-    move = tried.white - null.white
-    weight = fitter.likelihood.weight(null.square, fitter.temper).unsqueeze(-1)
-    curve = float((weight * move.square()).sum())
-    share = -float((weight * move * null.white).sum()) / max(curve, 1e-12)
-    square = (null.white + min(max(share, 0.0), 1.5) * move).square().sum(-1)
-    return float(fitter.likelihood.loss(square, fitter.temper).sum())
 
 
 def _measured(
