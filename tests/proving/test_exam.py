@@ -76,11 +76,13 @@ def test_what_is_answered_is_not_asked_again(tool, tmp_path):
 
 
 EXAM = """
+import signal
 import sys
 from pathlib import Path
 from buggy_rl.proving.exam import Examiner
 tool, root = Path(sys.argv[1]), Path(sys.argv[2])
 folders = [(root / "cases" / str(n), root / "answers" / str(n)) for n in range(3)]
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored below a shell's background
 for outcome in Examiner(tool, workers=1).run(folders):
     print(outcome["status"], flush=True)
 """

@@ -24,9 +24,9 @@ class CommandEffect(Effect):
     channel: ClassVar[int]
     """0 throttle, 1 steering."""
 
+    @abstractmethod
     def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         """What the engine gets for the command [n] of the cars that feel the effect."""
-        raise NotImplementedError
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if not self.active:

@@ -1,5 +1,6 @@
 """A drive that differs from the one asked for; drive = (throttle + 1) / 2 in 0..1."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,9 +22,9 @@ class DriveEffect(CommandEffect):
 
     channel = 0
 
+    @abstractmethod
     def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
         """f, of drives [n]."""
-        raise NotImplementedError
 
     def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         return 2 * self._driven(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
@@ -48,9 +49,9 @@ class PullEffect(DriveEffect):
     def options(self) -> dict[str, Any]:
         return super().options | ({"onset": self.onset} if self.onset else {})
 
+    @abstractmethod
     def _more(self, tensordict: TensorDictBase) -> Tensor:
         """The change g - 1 of the cars that feel the effect."""
-        raise NotImplementedError
 
     def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
         return drive + self._more(tensordict) * (drive - self.onset).clamp_min(0.0)
