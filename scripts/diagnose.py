@@ -7,6 +7,7 @@ Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simul
 Interrupted, it goes on where it stopped when it is started again.
 """
 
+import shutil
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
@@ -58,6 +59,7 @@ def main() -> None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "report.html").write_text(page, encoding="utf-8")
+    shutil.rmtree(folder / STAGES)  # the answer is written: nothing is left to go on with
     print("\n".join(answer.lines()))
     names = ("report.html", "diagnosis.json", "repaired.yaml")
     print(f"written: {', '.join(str(folder / name) for name in names)}")

@@ -146,8 +146,9 @@ class Answer:
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
         p = self.proof
         if 1.0 in p.before and 1.0 in p.after:
+            held_out = "that were held out" if p.held_out else "of the very drives it was fitted to"
             result.append(
-                f"1 s rollouts that were held out: {1000 * math.sqrt(p.before[1.0]):.0f} mm off "
+                f"1 s rollouts {held_out}: {1000 * math.sqrt(p.before[1.0]):.0f} mm off "
                 f"before, {1000 * math.sqrt(p.after[1.0]):.0f} mm after."
             )
         if self.suggest:

@@ -118,9 +118,7 @@ def _refits(
     """The explanation fitted anew to all that is not held out, for each part that is."""
     result = []
     for rows in aside:
-        kept = torch.ones(len(cut), dtype=torch.bool)
-        kept[rows] = False
-        rest = torch.nonzero(kept if bool(kept.any()) else ~kept).flatten()
+        rest = _rest(cut, rows)
         fitter = Fitter(player, cut[rest], likelihood[rest], library)
         start = fitter.start(fitted.causes, fitted.place.tolist())
         result.append(fitter.fit([start], ITERATIONS)[0])
@@ -132,12 +130,17 @@ def _networks(player: Player, cut: Stretches, aside: Sequence[Tensor]) -> list[P
     inputs, lacking = lacking_acceleration(player, cut)
     result = []
     for rows in aside:
-        kept = torch.ones(len(cut), dtype=torch.bool)
-        kept[rows] = False
-        kept = kept if bool(kept.any()) else ~kept
-        effect = ResidualAcceleration(model=trained(inputs[kept], lacking[kept], 0), strength=1.0)
+        rest = _rest(cut, rows)
+        effect = ResidualAcceleration(model=trained(inputs[rest], lacking[rest], 0), strength=1.0)
         result.append(replace(player, standing=(*player.standing, effect)))
     return result
+
+
+def _rest(cut: Stretches, aside: Tensor) -> Tensor:
+    """Rows that are not set aside; of a single block, which is no proof, all."""
+    kept = torch.ones(len(cut), dtype=torch.bool)
+    kept[aside] = False
+    return torch.nonzero(kept if bool(kept.any()) else ~kept).flatten()
 
 
 def _owners(part: Stretches, cut: Stretches, fold: Tensor) -> Tensor:

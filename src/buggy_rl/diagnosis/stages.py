@@ -48,13 +48,6 @@ class Stages:
         part.replace(file)  # whole or not at all
         return result
 
-    def clear(self) -> None:
-        """Throws them away, once the answer is written."""
-        if self.folder is not None and self.folder.is_dir():
-            for file in self.folder.iterdir():
-                file.unlink()
-            self.folder.rmdir()
-
 
 def _key(config: DiagnosisConfig, drives: Sequence[Recording]) -> str:
     """Of the question, the drives, the simulator's files and the package itself."""

@@ -12,7 +12,7 @@ from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences, soundn
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
-from buggy_rl.diagnosis.proof import prove
+from buggy_rl.diagnosis.proof import folds, prove
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.effects import effect_class
 
@@ -138,5 +138,5 @@ def _proof(case: Case, found: Found, before: Tensor) -> Proof:
         black_box=errors["black_box"],
         misfit_before=misfit(before.square().mean(-1)),
         misfit_after=misfit(found.best.held_out),
-        held_out=True,
+        held_out=len(folds(case.cut).unique()) > 1,
     )

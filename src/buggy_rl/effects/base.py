@@ -7,6 +7,7 @@ computed and put back, so that dozens of effects can be stacked of which each ca
 """
 
 import numbers
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self, TypeVar
@@ -94,9 +95,9 @@ class Effect(Transform):
         self._adopt({name: torch.tensor(value) for name, value in chosen.items()})
 
     @classmethod
+    @abstractmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         """The effect in plain words, numbers in everyday units."""
-        raise NotImplementedError(f"{cls.__name__} does not say what it means")
 
     @property
     def values(self) -> dict[str, Tensor]:

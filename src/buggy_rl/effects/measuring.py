@@ -151,6 +151,8 @@ def measured_onset(make: Make) -> float:
         if top < LEAST_PULL:
             raise ValueError(f"at {speed:g} m/s no drive up to {ONSETS[1]:g} makes it faster")
         rising = (pull > 0.1 * top) & (pull < 0.6 * top)
+        if int(rising.sum()) < 2:
+            raise ValueError(f"at {speed:g} m/s its pull jumps: there is no line to an onset")
         slope, level = np.polyfit(drives[rising].numpy(), pull[rising].numpy(), 1)
         found.append(-level / slope)
     low, high = ONSET_SPEEDS
@@ -183,7 +185,9 @@ def measured_steering_lag(make: Make) -> float:
         return 0.0
     row = np.arange(first, end)
     fall = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
-    return round(max(0.0, -1.0 / float(fall)), 4)
+    if -fall * SERVO_ROWS * dt < 1:
+        raise ValueError(f"its wheels have not come to rest {SERVO_ROWS * dt:g} s after a step")
+    return round(-1.0 / float(fall), 4)
 
 
 def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:
