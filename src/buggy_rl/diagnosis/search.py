@@ -9,11 +9,13 @@ from torch import Tensor
 from buggy_rl.diagnosis.adequacy import misfit, typical
 from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.library import bounded
 from buggy_rl.diagnosis.likelihood import likelihood
 from buggy_rl.diagnosis.screening import screened
 
 ITERATIONS = 6  # of a fit
 POLISHED = 3  # times that the best is fitted on at most
+SHAKEN = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)  # of a size: how far around it is looked once more
 KEPT = 12  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
 MOST = 4  # effects of one explanation
@@ -126,15 +128,33 @@ class Search:
             # What it leaves is nearer to noise than what was there before: each nat counts for
             # more, and along a ridge, such as a dead time's and a clock's, there is a way to go.
             fitter.temper = max(1.0, EAGER * best.typical)
-            # Half a sample of clock and half of a dead time are smoother than a whole one: there
-            # is a valley there that a fit does not leave by itself.
-            place = best.fitted.place.clone()
-            place[-1] = 0.0
-            right = self.fitter.start(best.causes, place.tolist())
-            before, best = self.loss(best), self.fit([best.fitted, right])[-1]
+            before = self.loss(best)
+            best = self.fit([best.fitted, *self.shaken(best.fitted)])[-1]
             if before - self.loss(best) < NATS:
                 break
         return best
+
+    def shaken(self, fitted: Fitted) -> list[Fitted]:
+        """The best place nearby that a slope does not show, if there is one.
+
+        Half a sample of clock and half of a dead time are smoother than a whole one, and a
+        throttle that is in part within the motor's deadband does nothing: fits come to rest in
+        valleys and on steps that are not the end of the way.
+        """
+        places = [fitted.place.clone()]
+        places[0][-1] = 0.0  # a right clock
+        for index in range(len(fitted.place) - 1):
+            for far in SHAKEN:
+                places.append(fitted.place.clone())
+                places[-1][index] += far
+        rows = [(fitted, bounded(fitted.unknowns, place)) for place in places]
+        trials = [
+            Fitted(fitted.causes, fitted.unknowns, place, white)
+            for (_, place), white in zip(rows, self.fitter.evaluate(rows), strict=True)
+        ]
+        found = min(trials, key=self.fitter.value)
+        better = self.fitter.value(found) < self.fitter.value(fitted)
+        return [found] if better else [trials[0]]
 
     def fit(self, starts: Sequence[Fitted], base: Candidate | None = None) -> list[Candidate]:
         """Fits and weighs explanations; the better one of two with the same effects is kept.

@@ -76,7 +76,8 @@ def _verdict(case: Case, found: Found, rest: Remaining, named: Sequence[Named]) 
 
 def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
     fitted = found.best.fitted
-    spread = found.best.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
+    by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
+    spread = (by_chance + (_mistaken(case, found, cause) * fitted.place / NORMAL).square()).sqrt()
     values: dict[str, Value] = {}
     bound = []
     for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
@@ -106,10 +107,25 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
 
 def _gain(found: Found, cause: str) -> float:
     """Share of the gap that comes back without a cause, on what was held out."""
-    key = tuple(sorted(set(found.best.causes) - {cause}))
-    without = found.tried.get(key, found.null)
-    before, after = misfit(without.held_out) - 1, misfit(found.best.held_out) - 1
+    before, after = _without(found, cause), misfit(found.best.held_out) - 1
     return max(0.0, before - after) / max(before, 1e-9)
+
+
+def _without(found: Found, cause: str) -> float:
+    """Excess over the noise without a cause."""
+    key = tuple(sorted(set(found.best.causes) - {cause}))
+    return misfit(found.tried.get(key, found.null).held_out) - 1
+
+
+def _mistaken(case: Case, found: Found, cause: str) -> float:
+    """Share by which a cause's numbers may be off because an equation is not the car's own.
+
+    If all that remains (or that may be wrong unseen) were more of this cause, or less, its numbers
+    would be off by what remains over what it closes.
+    """
+    rest = max(misfit(found.best.held_out) - 1, case.nothing)
+    closed = _without(found, cause) - (misfit(found.best.held_out) - 1)
+    return min(1.0, rest / max(closed, 1e-9))
 
 
 def _retuned(
