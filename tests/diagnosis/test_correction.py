@@ -2,6 +2,7 @@ import pytest
 import torch
 
 from buggy_rl.camera import Camera, CameraConfig
+from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.correction import (
     correct,
     lacking_acceleration,
@@ -103,6 +104,20 @@ def test_a_correction_closes_what_the_simulator_gets_wrong(wrong, another):
         for player in (Player(simulator), found.player(Player(simulator)))
     )
     assert after - 1 < 0.5 * (before - 1)
+
+
+def test_what_is_held_out_of_the_baseline_foretells_new_drives(wrong, another):
+    found = correct(Player(simulator), wrong)
+    player = found.player(Player(simulator))
+
+    def size(cut):
+        weighed = likelihood(player, cut, extra=found.covariance)
+        square = weighed.white(player.play(cut, {}))[0].square().sum(-1)
+        return misfit(square / weighed.readings)
+
+    assert found.held_out.shape == (len(wrong),)
+    assert misfit(found.held_out) > size(wrong)  # the covariance was made from these
+    assert misfit(found.held_out) == pytest.approx(size(another), rel=0.15)
 
 
 def test_a_simulator_that_is_right_gets_no_covariance_that_matters(right):

@@ -1,5 +1,8 @@
+from dataclasses import dataclass, field
+
 import pytest
 import torch
+from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.diagnosis.adequacy import CAP, NOTHING, misfit, remaining, tolerance, typical
@@ -13,13 +16,17 @@ from tests.drives import toy_drive
 NOISE = torch.tensor([0.001, 0.001, 0.002, 0.01, 0.01, 0.01])
 
 
+@dataclass(frozen=True)
 class Held(Player):
-    """A simulator that is right but for a planted gap [N, K, 6]."""
+    """A simulator that is right but for a planted gap [N, K, 6], read every tenth row."""
 
-    planted = torch.empty(0)
+    planted: Tensor = field(default_factory=lambda: torch.empty(0))
 
     def play(self, cut, effects, parameters=None, offset=None, shift=None):
         return self.planted.unsqueeze(0)
+
+    def instants(self, cut):
+        return torch.arange(10, cut.horizon + 1, 10)
 
 
 def planted_where(cut, channel, inside):
@@ -27,39 +34,29 @@ def planted_where(cut, channel, inside):
     generator = torch.Generator().manual_seed(0)
     gap = torch.randn(*inside.shape, 6, generator=generator) * NOISE
     gap[..., channel] += (10 * float(NOISE[channel]) * inside).cumsum(1)
-    player = Held(lambda cars: make_engine("hold", cars))
-    object.__setattr__(player, "planted", gap)
-    return player
+    return Held(lambda cars: make_engine("hold", cars), planted=gap)
 
 
 def drives():
     return [toy_drive(name, 1500, seed) for seed, name in enumerate(("first", "second"))]
 
 
-def located(channel, inside, cut, monkeypatch):
+def located(channel, inside, cut):
     player = planted_where(cut, channel, inside(cut))
-    monkeypatch.setattr("buggy_rl.diagnosis.locate.Player", lambda make, every: Fine(player))
     return locate(player, cut, NOISE, ["first", "second"])
-
-
-class Fine:
-    """What `locate` plays: every tenth row, whatever it asked for."""
-
-    def __init__(self, player):
-        self.play, self.instants = player.play, player.instants
 
 
 def rows_of(cut):
     return 30 + torch.arange(10, cut.horizon + 1, 10)
 
 
-def test_an_error_is_found_in_its_channel_and_region(monkeypatch):
+def test_an_error_is_found_in_its_channel_and_region():
     cut = stretches(drives(), 1.0, 1.0)
 
     def hard_left(cut):
         return cut.action[:, rows_of(cut), 1] > 0.4
 
-    found = located(5, hard_left, cut, monkeypatch)
+    found = located(5, hard_left, cut)
     assert found.channel_share["yaw_rate"] > 0.9
     worst = found.regions[0]
     assert "steering" in worst.where
@@ -67,7 +64,7 @@ def test_an_error_is_found_in_its_channel_and_region(monkeypatch):
     assert worst.error_share > 2 * worst.data_share
 
 
-def test_an_error_is_found_in_its_time(monkeypatch):
+def test_an_error_is_found_in_its_time():
     cut = stretches(drives(), 1.0, 1.0)
 
     def one_moment(cut):
@@ -75,7 +72,7 @@ def test_an_error_is_found_in_its_time(monkeypatch):
         inside[(cut.drive == 1) & (cut.row == 500)] = 1.0
         return inside
 
-    found = located(3, one_moment, cut, monkeypatch)
+    found = located(3, one_moment, cut)
     assert found.channel_share["vx"] > 0.9
     first = found.intervals[0]
     assert first.recording == "second"

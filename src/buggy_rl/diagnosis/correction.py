@@ -79,6 +79,8 @@ class Correction:
     """Misfit of held-out baseline stretches without it."""
     after: float
     """Misfit with it."""
+    held_out: Tensor
+    """[N] |W e|^2 / D of the baseline stretches, network and covariance from the other thirds."""
 
     def player(self, player: Player) -> Player:
         """Plays into the corrected simulator."""
@@ -127,12 +129,26 @@ def correct(
     effect = None
     if best:
         effect = ResidualAcceleration(model=trained(inputs, lacking, seed), strength=best)
+    gap = torch.cat(gaps[best])[order.argsort()]
+    sensed = sensed_covariance(player, cut)
     return Correction(
         effect=effect,
-        covariance=standing_misfit(torch.cat(gaps[best]), sensed_covariance(player, cut)),
+        covariance=standing_misfit(gap, sensed),
         before=misfit(square[0.0] / weighed.readings),
         after=misfit(square[best] / weighed.readings),
+        held_out=_held_out(player, cut, gap, sensed, fold),
     )
+
+
+def _held_out(player: Player, cut: Stretches, gap: Tensor, sensed: Tensor, fold: Tensor) -> Tensor:
+    """|W e|^2 / D [N] of gaps, each third weighed with what the others get wrong."""
+    square = torch.zeros(len(gap), dtype=torch.float64)
+    for aside in fold.unique():
+        rows = fold == aside
+        extra = standing_misfit(gap[~rows], sensed)
+        weighed = likelihood(player, cut[rows], extra=extra)
+        square[rows] = weighed.white(gap[rows][None])[0].square().sum(-1) / weighed.readings
+    return square
 
 
 @torch.no_grad()

@@ -1,7 +1,7 @@
 """Where a simulator and drives part: which channel, when, after which command, in which region."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.evaluation import CHANNELS, WARM_UP
 
 SHORT = 0.3  # [s] within which an error stays where it began
+LARGE = 50.0  # times the noise, as which a change of a gap counts at most
 BINS = 6  # of each feature, with equal shares of the data
 OVERDUE = 1.6  # a region's share of the error over its share of the data, to be worth a mention
 ENOUGH = 0.04  # share of the data that a region must hold
@@ -82,28 +83,38 @@ def features(cut: Stretches, instants: Tensor) -> dict[str, Tensor]:
     }
 
 
-def locate(
-    player: Player, cut: Stretches, noise: Tensor, names: Sequence[str], effects=None
-) -> Located:
+def charged(player: Player, cut: Stretches, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Errors of short rollouts, each instant charged its own.
+
+    How far a velocity's gap changed since the instant before, in units of the noise: so an error
+    is charged where it arises, not where it has grown to.
+
+    Args:
+        player: Plays into the simulator.
+        cut: Stretches of drives.
+        noise: [6] of a reading.
+
+    Returns:
+        Changes [N, K, 3] of vx, vy and yaw_rate, and the rows [K] after the start they are at.
+    """
+    fine = replace(player, every=max(1, round(SHORT / cut.dt / 3)))
+    gap = fine.play(cut, {})[0].double()[..., 3:]  # (N, K, 3)
+    change = torch.cat([torch.zeros_like(gap[:, :1]), gap], 1).diff(dim=1) / noise[3:]
+    return change.nan_to_num(LARGE).clamp(-LARGE, LARGE), fine.instants(cut)
+
+
+def locate(player: Player, cut: Stretches, noise: Tensor, names: Sequence[str]) -> Located:
     """Looks for the excess error of short rollouts.
 
-    Error of a channel is the change of its gap from one instant to the next, squared, in units of
-    the noise, less what noise alone makes: so it is charged where it arises, not where it has
-    grown to.
+    Error of a channel is the square of what `charged` tells, less what noise alone makes.
 
     Args:
         player: Plays into the simulator.
         cut: Stretches of drives.
         noise: [6] of a reading.
         names: Of the drives.
-        effects: What the simulator has already, one value each.
     """
-    fine = Player(player.make, max(1, round(SHORT / cut.dt / 3)))
-    gap = fine.play(cut, effects or {})[0].double()  # (N, K, 6)
-    instants = fine.instants(cut)
-    first = torch.zeros_like(gap[:, :1])
-    change = torch.cat([first, gap], 1).diff(dim=1)[..., 3:] / noise[3:]  # (N, K, 3)
-    change = change.nan_to_num(1e3).clamp(-1e3, 1e3)
+    change, instants = charged(player, cut, noise)
     excess = (change.square() - 2.0).clamp_min(0.0)  # two readings' noise
     of_channel = (excess.mean((0, 1)) - LEFT_BY_NOISE).clamp_min(0.0)  # (3,)
     total = float(of_channel.sum()) or 1.0

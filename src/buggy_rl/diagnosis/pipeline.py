@@ -69,13 +69,9 @@ def identified(
 
 
 def right_before(case: Case, baseline: Stretches) -> Fitter:
-    """The case's simulator on the drives on which it counts as right, and how right it is there."""
+    """The case's simulator on the drives on which it counts as right."""
     weighed = likelihood(case.player, baseline, extra=case.likelihood.extra)
-    before = Fitter(case.player, baseline, weighed, case.library)
-    square = before.fit([before.start(())], 0)[0].square / weighed.readings
-    others = len(blocks(case.cut).unique())
-    case.nothing = tolerance(square, blocks(baseline), others)
-    return before
+    return Fitter(case.player, baseline, weighed, case.library)
 
 
 def diagnose(
@@ -128,7 +124,11 @@ def diagnose(
         gap = player.play(case.cut, {})[0]
         instants = player.instants(case.cut)
         notes += check_gaps(gap, case.cut, instants, case.names, config.simulator)
-        right = None if before is None else right_before(case, before)
+        right = None
+        if before is not None and correction is not None:
+            right = right_before(case, before)
+            others = len(blocks(case.cut).unique())
+            case.nothing = tolerance(correction.held_out, blocks(before), others)
         found, case.likelihood = stages.done("search", lambda: identified(case, progress, right))
         search = Search.after(Fitter(player, case.cut, case.likelihood, library), found)
         said = stages.done("answer", lambda: stated(case, search, found, progress))

@@ -1,14 +1,11 @@
 """Where and in what situation a simulator errs: short rollouts, each instant charged its own."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.locate import SHORT, features
-
-LARGE = 50.0  # times the noise, as which a change of a gap counts at most
+from buggy_rl.diagnosis.locate import charged, features
 
 
 @dataclass(frozen=True)
@@ -28,12 +25,8 @@ class Errors:
 
 def errors(case: Case) -> Errors:
     """Of the simulator as given, on all stretches; charged as `locate` does."""
-    cut = case.cut
-    player = replace(case.given, every=max(1, round(SHORT / cut.dt / 3)))
-    gap = player.play(cut, {})[0].double()[..., 3:]  # (N, K, 3)
-    change = torch.cat([torch.zeros_like(gap[:, :1]), gap], 1).diff(dim=1)
-    change = (change / case.likelihood.noise[3:]).nan_to_num(LARGE).clamp(-LARGE, LARGE)
+    change, instants = charged(case.given, case.cut, case.likelihood.noise)
     size = (change.square().mean(-1) / 2).sqrt()  # a difference of two readings has twice the noise
-    seen = features(cut, player.instants(cut))
+    seen = features(case.cut, instants)
     columns = {n: seen[n].flatten().numpy() for n in ("x", "y", "vx", "steering")}
     return Errors(size=size.flatten().numpy(), **columns)
