@@ -122,6 +122,11 @@ def test_a_spin_counts_as_no_more_than_the_cap():
     assert typical(square) == 1.0
 
 
+def test_where_all_is_beyond_the_cap_size_still_counts():
+    assert misfit(torch.full((5,), 900.0)) == 30.0
+    assert misfit(torch.full((5,), 400.0)) == 20.0
+
+
 def test_features_do_not_depend_on_the_drives_clock():
     late = toy_drive("late", 400, 0)
     late.data[keys.TIME] += 1000.0

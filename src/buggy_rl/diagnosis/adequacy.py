@@ -34,12 +34,13 @@ class Remaining:
 def misfit(square: Tensor) -> float:
     """Mean of |W e| / sqrt(D) of stretches, each counted as sqrt(`CAP`) at most: 1 is noise alone.
 
-    Where a car spins, no two rollouts agree, and how far apart they end says nothing.
+    Where a car spins, no two rollouts agree, and how far apart they end says nothing. Where most
+    stretches are beyond the cap, nothing spins: then it is what is usual among them.
 
     Args:
         square: [N] |W e|^2 / D.
     """
-    return float(square.clamp_max(CAP).sqrt().mean())
+    return max(float(square.clamp_max(CAP).sqrt().mean()), float(square.median().sqrt()))
 
 
 def tolerance(square: Tensor, group: Tensor, others: int) -> float:

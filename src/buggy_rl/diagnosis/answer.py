@@ -136,6 +136,8 @@ class Answer:
             "no_mismatch": "Simulator and drives agree as well as the sensor can tell.",
             "cannot_tell": "These drives cannot tell what is missing.",
         }[self.verdict]
+        if self.verdict == "unknown_physics" and self.effects:
+            first = f"Part of what is missing has a name, {self.remaining.share:.0%} has none."
         result = [first]
         if self.verdict != "no_mismatch":
             result.append(f"It shows most in {words[share[0]]} ({share[1]:.0%} of the error).")

@@ -1,6 +1,5 @@
 """How sure an answer is: rivals weighed against one another, calibrated on cases made for that."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,8 +9,9 @@ from buggy_rl.diagnosis.search import Candidate, Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
-SOUND = 0.28  # share of the first excess under which a name is as likely right as not,
-SOFT = 0.06  # and how sharply that changes: chosen on drives with known and unknown faults
+SOUND = 0.28  # share of the first excess above which what is missing has no name
+EVEN = 1.3  # share that a cause closes over what remains, at which it is as likely right as not,
+SHARP = 2.0  # and how sharply that changes: chosen on drives with known and unknown faults
 CEILING = 0.98  # nothing is surer than this
 
 
@@ -23,18 +23,20 @@ class Confidence:
     rivals: dict[str, float]
 
 
-def confidences(search: Search, found: Found, unexplained: float) -> dict[str, Confidence]:
+def confidences(
+    search: Search, found: Found, closed: Mapping[str, float], remains: float
+) -> dict[str, Confidence]:
     """Of each cause: its share among all that could stand in its place.
 
-    p_i ~ exp(-SHARPNESS loss_i) over explanations that differ in this cause alone; a name under
+    p_i ~ exp(-SHARPNESS loss_i) over explanations that differ in this cause alone; a name beside
     which much is left unexplained is less sure, whatever its rivals.
 
     Args:
         search: That found them.
         found: What it found.
-        unexplained: Share of the first excess that remains.
+        closed: Cause -> share of the first excess that it closes.
+        remains: Share that nothing closes.
     """
-    sound = soundness(unexplained)
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
@@ -44,15 +46,19 @@ def confidences(search: Search, found: Found, unexplained: float) -> dict[str, C
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
         result[cause] = Confidence(
-            min(CEILING, own) * sound,
+            min(CEILING, own) * soundness(closed[cause], remains),
             {n: p for n, p in sorted(share.items(), key=lambda i: -i[1]) if p > CLOSE and n},
         )
     return result
 
 
-def soundness(unexplained: float) -> float:
-    """How likely a name is right, by the share of the first excess that remains under it."""
-    return 1 / (1 + math.exp(min((unexplained - SOUND) / SOFT, 50.0)))
+def soundness(closed: float, remains: float) -> float:
+    """How likely a name is right, by the shares of the first excess that it closes and leaves.
+
+    r^SHARP / (r^SHARP + EVEN^SHARP), r = closed / remains.
+    """
+    own, even = closed**SHARP, (EVEN * remains) ** SHARP
+    return own / (own + even) if own + even > 0 else 0.0
 
 
 def _in_its_place(

@@ -82,6 +82,14 @@ class Correction:
     held_out: Tensor
     """[N] |W e|^2 / D of the baseline stretches, network and covariance from the other thirds."""
 
+    @property
+    def note(self) -> str:
+        """What was done about the baseline, in plain words."""
+        was = f"on the baseline drives the simulator is off by {self.before:.2g} times the noise"
+        if self.effect is None:
+            return f"{was}; no correction that was learned there helps: so much is its own"
+        return f"{was}, with a correction learned there by {self.after:.2g}: so much is its own"
+
     def player(self, player: Player) -> Player:
         """Plays into the corrected simulator."""
         return player if self.effect is None else replace(player, standing=(self.effect,))

@@ -118,6 +118,7 @@ def diagnose(
         if before is not None:
             correction = stages.done("correction", lambda: correct(player, before, 0, progress))
             player = correction.player(player)
+            notes.append(correction.note)
         extra = None if correction is None else correction.covariance
         case = prepared(player, recordings, library, config, extra)
         short = check_blocks(case.cut)

@@ -42,11 +42,12 @@ def stated(
     if case.retuned_from is not None:
         before = case.likelihood.white(case.given.play(case.cut, {}))[0]
     rest = remaining(case.cut, instants, before, found.best.fitted.white, case.nothing)
-    sure = confidences(search, found, rest.share)
+    closed = {cause: _gain(found, cause) for cause in found.best.causes}
+    sure = confidences(search, found, closed, rest.share)
     progress("proving it on what was held out")
     proof = _proof(case, found, before)
-    named = [_named(case, found, c, sure[c]) for c in found.best.causes]
-    named += _retuned(case, found, before, wrong, soundness(rest.share))
+    named = [_named(case, found, c, sure[c], closed[c]) for c in found.best.causes]
+    named += _retuned(found, before, wrong, rest.share)
     named.sort(key=lambda n: -n.held_out_gain)
     verdict = _verdict(case, found, rest, named)
     undecided = []
@@ -74,7 +75,7 @@ def _verdict(case: Case, found: Found, rest: Remaining, named: Sequence[Named]) 
     return "missing_physics"
 
 
-def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
+def _named(case: Case, found: Found, cause: str, sure: Confidence, closed: float) -> Named:
     fitted = found.best.fitted
     by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
     spread = (by_chance + (_mistaken(case, found, cause) * fitted.place / NORMAL).square()).sqrt()
@@ -99,7 +100,7 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         sentence=sentence(cause, numbers, p.unit, p.value),
         parameters=values,
         confidence=sure.sure,
-        held_out_gain=_gain(found, cause),
+        held_out_gain=closed,
         confused_with=sure.rivals,
         at_bound=tuple(bound),
     )
@@ -128,15 +129,14 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
     return min(1.0, rest / max(closed, 1e-9))
 
 
-def _retuned(
-    case: Case, found: Found, before: Tensor, wrong: Sequence[Named], sound: float
-) -> list[Named]:
+def _retuned(found: Found, before: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
     """Parameters that were off, with what all of them close together."""
     first, last = (
         misfit(square) - 1
         for square in (before.square().mean(-1), found.null.fitted.white.square().mean(-1))
     )
     gain = max(0.0, first - last) / max(first, 1e-9)
+    sound = soundness(gain, remains)
     return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
 
 
