@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.adequacy import CAP, NOTHING, misfit, remaining, tolerance, typical
+from buggy_rl.diagnosis.adequacy import CAP, NOTHING, Usual, misfit, remaining, typical, usual
 from buggy_rl.diagnosis.answer import described
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.rollouts import Player
@@ -134,8 +134,24 @@ def test_features_do_not_depend_on_the_drives_clock():
 
 
 def test_new_drives_may_be_as_wrong_as_old_ones_differ():
-    # Blocks with means 0.8 and 1.2: 1 + 3 * 0.2828 / sqrt(9), less 1.
+    # Blocks with means 0.8 and 1.2: spread 0.2828, over sqrt(9).
     old = torch.tensor([0.64, 0.64, 1.44, 1.44])
-    assert tolerance(old, torch.tensor([0, 0, 1, 1]), 9) == pytest.approx(0.2828, rel=1e-3)
+    found = usual(old, torch.tensor([0, 0, 1, 1]), 9)
+    assert found.mean == pytest.approx(0.0, abs=1e-6)
+    assert found.error == pytest.approx(0.2828 / 3, rel=1e-3)
+    assert found.most == pytest.approx(0.2828, rel=1e-3)
     # Where all is noise, no less than what counts as nothing.
-    assert tolerance(torch.full((4,), 0.9), torch.tensor([0, 0, 1, 1]), 9) == NOTHING
+    assert usual(torch.full((4,), 0.9), torch.tensor([0, 0, 1, 1]), 9).most == NOTHING
+
+
+def test_what_is_usual_is_no_excess_but_not_closed_either():
+    cut = stretches(drives(), 1.0, 0.5)
+    usually = Usual(mean=0.2, error=0.1)
+    # Excess 1 at first and 0.4 at last: within 0.2 + 3 * 0.1, but (0.4 - 0.2) / (1 - 0.2) open.
+    rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.4 * flat(cut), usually)
+    assert rest.share == 0.0
+    assert rest.unclosed == pytest.approx(0.25, rel=1e-3)
+
+
+def flat(cut):
+    return torch.ones(len(cut), 60, dtype=torch.float64)

@@ -29,6 +29,8 @@ class Remaining:
     """What it grows with, most telling first."""
     memory: bool
     """Whether gaps go on from instant to instant as a hidden state's would."""
+    unclosed: float = 0.0
+    """Share of the excess beyond the usual that remains, whether that is much or little."""
 
 
 def misfit(square: Tensor) -> float:
@@ -43,21 +45,32 @@ def misfit(square: Tensor) -> float:
     return max(float(square.clamp_max(CAP).sqrt().mean()), float(square.median().sqrt()))
 
 
-def tolerance(square: Tensor, group: Tensor, others: int) -> float:
-    """Excess within which new drives are as right as those on which a simulator counts as right.
+@dataclass(frozen=True)
+class Usual:
+    """Excess over the noise that a simulator has on drives on which it counts as right."""
 
-    What a simulator gets wrong differs from drive to drive: three standard errors of the mean over
-    `others` blocks, by the spread between the blocks of the old drives.
+    mean: float = 0.0
+    error: float = 0.0
+    """Standard error of the mean over as many blocks as the new drives have."""
+
+    @property
+    def most(self) -> float:
+        """Excess within which new drives are as right as those."""
+        return max(NOTHING, self.mean + 3 * self.error)
+
+
+def usual(square: Tensor, group: Tensor, others: int) -> Usual:
+    """What a simulator gets wrong differs from drive to drive: by the spread between blocks.
 
     Args:
-        square: [N] |W e|^2 / D of the old drives' stretches.
+        square: [N] |W e|^2 / D of stretches of drives on which the simulator counts as right.
         group: [N] their blocks.
         others: Blocks of the new drives.
     """
     root = square.clamp_max(CAP).sqrt()
     means = torch.stack([root[group == g].mean() for g in group.unique()])
     spread = float(means.std()) if len(means) > 1 else 0.0
-    return max(NOTHING, float(means.mean()) - 1 + 3 * spread / others**0.5)
+    return Usual(max(0.0, float(means.mean()) - 1), spread / others**0.5)
 
 
 def typical(square: Tensor) -> float:
@@ -66,20 +79,21 @@ def typical(square: Tensor) -> float:
 
 
 def remaining(
-    cut: Stretches, instants: Tensor, before: Tensor, after: Tensor, nothing: float = NOTHING
+    cut: Stretches, instants: Tensor, before: Tensor, after: Tensor, usually: Usual = Usual()
 ) -> Remaining:
     """Looks at whitened gaps [N, D] before and after an explanation.
 
     Whitened gaps are compared row by row with what was driven: the share of their square that
-    bins of a feature explain, over what as many random bins would. An excess of `nothing` is none.
+    bins of a feature explain, over what as many random bins would. An excess that is usual is none.
     """
     first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
+    over = last - usually.mean
     count = len(after)
     readings = after.view(count, -1, 6)  # (N, K, 6)
     square = readings.square().clamp_max(25.0)
-    over = (square.mean((0, 1)) - 1).clamp_min(0.0)
+    of_channel = (square.mean((0, 1)) - 1).clamp_min(0.0)
     names = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
-    total = float(over.sum()) or 1.0
+    total = float(of_channel.sum()) or 1.0
     told = {}
     target = square.sum(-1).flatten().numpy()
     spread = target.var() or 1.0
@@ -95,8 +109,9 @@ def remaining(
     along = float((now * then).mean() / (now.square().mean() + 1e-12))
     return Remaining(
         excess=last,
-        share=last / max(first, last) if last > nothing else 0.0,
-        channel={n: float(v) / total for n, v in zip(names, over.tolist(), strict=True)},
+        share=last / max(first, last) if last > usually.most else 0.0,
+        channel={n: float(v) / total for n, v in zip(names, of_channel.tolist(), strict=True)},
         depends_on=depends,
         memory=along > 0.3,
+        unclosed=over / max(first - usually.mean, over) if over > 0 else 0.0,
     )

@@ -1,12 +1,12 @@
 """A question cut into what is computed with."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import NOTHING
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
 from buggy_rl.diagnosis.question import DiagnosisConfig
@@ -25,8 +25,8 @@ class Case:
     library: Library
     names: list[str]
     recordings: Sequence[Recording]
-    nothing: float = NOTHING
-    """Excess over the noise that is none."""
+    usual: Usual = field(default_factory=Usual)
+    """Excess over the noise that is no sign of anything."""
     retuned_from: Player | None = None
     """Plays into the simulator as it was given, where it has been re-tuned since."""
 

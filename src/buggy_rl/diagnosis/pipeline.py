@@ -8,7 +8,7 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.adequacy import tolerance
+from buggy_rl.diagnosis.adequacy import usual
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.case import Case, prepared, stretches_of
 from buggy_rl.diagnosis.confidence import SOUND
@@ -64,7 +64,7 @@ def identified(
         What was found, and how the gaps were weighed at last.
     """
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
-    found = Search(fitter, progress, baseline).run()
+    found = Search(fitter, progress, baseline, case.usual.error).run()
     return found, fitter.likelihood
 
 
@@ -129,7 +129,7 @@ def diagnose(
         if before is not None and correction is not None:
             right = right_before(case, before)
             others = len(blocks(case.cut).unique())
-            case.nothing = tolerance(correction.held_out, blocks(before), others)
+            case.usual = usual(correction.held_out, blocks(before), others)
         found, case.likelihood = stages.done("search", lambda: identified(case, progress, right))
         search = Search.after(Fitter(player, case.cut, case.likelihood, library), found)
         said = stages.done("answer", lambda: stated(case, search, found, progress))

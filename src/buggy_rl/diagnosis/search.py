@@ -71,6 +71,8 @@ class Search:
         fitter: Fits to all stretches.
         progress: Told in plain words what is being done.
         baseline: To stretches on which the simulator counts as right.
+        matters: What closes no more than this of the gap does not matter [of the noise]: so much
+            do drives differ by themselves.
     """
 
     def __init__(
@@ -78,8 +80,10 @@ class Search:
         fitter: Fitter,
         progress: Callable[[str], None] = lambda _: None,
         baseline: Fitter | None = None,
+        matters: float = 0.0,
     ) -> None:
         self.fitter, self.progress, self.baseline = fitter, progress, baseline
+        self.matters = max(MATTERS, matters)
         self.group = blocks(fitter.cut)
         self.tried: dict[tuple[str, ...], Candidate] = {}
 
@@ -213,7 +217,7 @@ class Search:
             and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
             and any(
-                size(less) - size(more) > max(MATTERS, matters * (size(self.null) - 1))
+                size(less) - size(more) > max(self.matters, matters * (size(self.null) - 1))
                 for size in (_mean_size, _usual_size)
             )
             and not self.stands(more, less)

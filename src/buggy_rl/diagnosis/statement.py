@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import Remaining, misfit, remaining
+from buggy_rl.diagnosis.adequacy import NOTHING, Remaining, misfit, remaining
 from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, Verdict, sentence
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences, soundness
@@ -41,13 +41,13 @@ def stated(
     before = found.null.fitted.white
     if case.retuned_from is not None:
         before = case.likelihood.white(case.given.play(case.cut, {}))[0]
-    rest = remaining(case.cut, instants, before, found.best.fitted.white, case.nothing)
+    rest = remaining(case.cut, instants, before, found.best.fitted.white, case.usual)
     closed = {cause: _gain(found, cause) for cause in found.best.causes}
-    sure = confidences(search, found, closed, rest.share)
+    sure = confidences(search, found, closed, rest.unclosed)
     progress("proving it on what was held out")
     proof = _proof(case, found, before)
     named = [_named(case, found, c, sure[c], closed[c]) for c in found.best.causes]
-    named += _retuned(found, before, wrong, rest.share)
+    named += _retuned(found, before, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
     verdict = _verdict(case, found, rest, named)
     undecided = []
@@ -64,10 +64,10 @@ def stated(
 
 
 def _verdict(case: Case, found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
-    if misfit(found.null.held_out) - 1 < case.nothing and not named:
+    if misfit(found.null.held_out) - 1 < case.usual.most and not named:
         return "no_mismatch"
     if not named or rest.share > SOUND:
-        return "unknown_physics" if rest.excess > case.nothing else "no_mismatch"
+        return "unknown_physics" if rest.excess > case.usual.most else "no_mismatch"
     if max(n.confidence for n in named) < UNDECIDED:
         return "cannot_tell"
     if all(n.kind == "parameter" for n in named):
@@ -121,12 +121,13 @@ def _without(found: Found, cause: str) -> float:
 def _mistaken(case: Case, found: Found, cause: str) -> float:
     """Share by which a cause's numbers may be off because an equation is not the car's own.
 
-    If all that remains (or that may be wrong unseen) were more of this cause, or less, its numbers
-    would be off by what remains over what it closes.
+    If all that remains beyond the usual, and what drives differ by themselves, were more of this
+    cause, or less, its numbers would be off by that over what the cause closes.
     """
-    rest = max(misfit(found.best.held_out) - 1, case.nothing)
-    closed = _without(found, cause) - (misfit(found.best.held_out) - 1)
-    return min(1.0, rest / max(closed, 1e-9))
+    excess = misfit(found.best.held_out) - 1
+    rest = max(0.0, excess - case.usual.mean) + 2 * case.usual.error
+    closed = _without(found, cause) - excess
+    return min(1.0, max(rest, NOTHING) / max(closed, 1e-9))
 
 
 def _retuned(found: Found, before: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
