@@ -1,12 +1,17 @@
 """What a right number is."""
 
 import pytest
+import torch
+from tensordict import TensorDict
 
+from buggy_rl import keys
 from buggy_rl.effects import effect_class
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.equivalents import REFERENCE, ROLLING_MASS, error, expected
 from buggy_rl.proving.names import GROUPS, NEAR, SAME, alike, meant
+from buggy_rl.proving.plants import PLANTS, make_plant
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 
 def test_a_slope_moves_the_wheels_too():
@@ -16,6 +21,32 @@ def test_a_slope_moves_the_wheels_too():
     slope = Case(1, "reference", "mujoco_fitted", concealed={
         "floor_slope": {"along_x": 0.3, "along_y": -0.2}})  # fmt: skip
     assert expected(slope, "floor_slope")["along_x"] == pytest.approx(0.3 / share, rel=1e-3)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_power_at_the_shaft_arrives_as_acceleration_of_car_and_wheels(plant):
+    # What full throttle gives over coasting, times the speed, is the power over all that moves.
+    limit, speed = 3.0, torch.tensor([2.0, 3.0])
+    faults = {"motor_power_limit": {"power_per_mass": limit}}
+    given = gained(plant, faults, speed, 0.4) - gained(plant, {}, speed, -1.0)
+    case = Case(1, plant, "mujoco_fitted", concealed=faults)
+    right = expected(case, "motor_power_limit")["power_per_mass"]
+    assert given * speed == pytest.approx([right, right], rel=0.04)
+
+
+def gained(plant, faults, speed, throttle):
+    """Acceleration [n] at speeds [n] after delays have settled."""
+    car = make_plant(plant, len(speed), faults)
+    held = torch.stack([speed, 0 * speed, 0 * speed], -1)
+    pose = torch.zeros_like(held)
+    state = car.reset(TensorDict({keys.POSE: pose, keys.VELOCITY: held}, [len(speed)]))
+    action = torch.tensor([[throttle, 0.0]]).expand(len(speed), 2)
+    for row in range(63):
+        if row <= 60:
+            state[keys.VELOCITY] = held
+        state[keys.ACTION] = action
+        state = car.step(state)["next"]
+    return (state[keys.VELOCITY][:, 0] - speed) / (3 * CONTROL_PERIOD)
 
 
 def test_what_the_textbook_and_the_car_have_in_common_is_left_alone():

@@ -22,16 +22,20 @@ def _times(factor: float) -> Callable[[float], float]:
     return lambda value: factor * value
 
 
+def _spinning(share: float) -> dict[str, dict[str, Equivalent]]:
+    """What has wheels and rotor to move as well, for a share of the mass that is the car's."""
+    slope = Equivalent(_times(share), "gravity has to spin the wheels up too")
+    power = Equivalent(_times(share), "power at the shaft has to spin the wheels up too")
+    return {
+        "floor_slope": {"along_x": slope, "along_y": slope},
+        "motor_power_limit": {"power_per_mass": power},
+    }
+
+
 # Of the reference car. Shares of mass: wheels and rotor add 11.8 % to what a force has to move.
 ROLLING_MASS = 1.1176
 REFERENCE: dict[str, dict[str, Equivalent]] = {
-    "motor_power_limit": {
-        "power_per_mass": Equivalent(_times(0.5), "at the shaft: half arrives as acceleration")
-    },
-    "floor_slope": {
-        name: Equivalent(_times(1 / ROLLING_MASS), "gravity has to spin the wheels up too")
-        for name in ("along_x", "along_y")
-    },
+    **_spinning(1 / ROLLING_MASS),
     "wind": {
         name: Equivalent(_times(1 / ROLLING_MASS), "the push has to spin the wheels up too")
         for name in ("force_x", "force_y")
@@ -39,15 +43,10 @@ REFERENCE: dict[str, dict[str, Equivalent]] = {
 }
 
 
-def _sloped(share: float) -> dict[str, dict[str, Equivalent]]:
-    slope = Equivalent(_times(share), "gravity has to spin the wheels up too")
-    return {"floor_slope": {"along_x": slope, "along_y": slope}}
-
-
 TABLES: dict[str, Mapping[str, Mapping[str, Equivalent]]] = {
     "reference": REFERENCE,
-    "mujoco": _sloped(0.92),  # their wheels and rotors, as the plants' docstrings have it
-    "commonroad": _sloped(0.90),
+    "mujoco": _spinning(0.92),  # their wheels and rotors, as the plants' docstrings have it
+    "commonroad": _spinning(0.90),
 }
 
 
