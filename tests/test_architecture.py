@@ -48,11 +48,12 @@ ALLOWED = {
     "visual": JUDGEMENT | {"comparison", "policy_drives", "learning_curves"},
     "diagnosis": JUDGEMENT,
     "proving": JUDGEMENT | {"diagnosis", "visual"},
+    "transfer": JUDGEMENT | {"courses", "driving", "policy_tables", "proving", "visual"},
     "car": set(),
 }
 SHARED_BY_ENGINES = {"base", "actuation"}  # beside these, engines know nothing of one another
 ONLY_IN = {  # a library and the modules that may import it
-    "matplotlib": ("diagnosis.report", "visual", "proving.pictures"),
+    "matplotlib": ("diagnosis.report", "visual", "proving.pictures", "transfer.pictures"),
     "mujoco": ("engines.mujoco", "visual"),
     "dm_control": ("engines.mujoco", "visual"),
 }

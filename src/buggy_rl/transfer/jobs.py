@@ -1,0 +1,78 @@
+"""The scripts that a study has to run: diagnoses, models, policies."""
+
+from functools import partial
+from pathlib import Path
+
+from buggy_rl.transfer.job import Job
+from buggy_rl.transfer.plan import Trained, TransferConfig
+
+CHECKPOINT = "checkpoint.pt"
+LOGGED = Path("csv") / "scalars" / "reward.csv"  # steps, value: grows as a policy is trained
+
+
+def diagnoses(config: TransferConfig, scripts: Path) -> list[Job]:
+    """What has changed in each car since the simulator was right."""
+    jobs = []
+    for car in config.cars if "repaired" in config.arms else ():
+        folder = config.car(car) / "diagnosis"
+        options = (
+            f"simulator={config.simulator}",
+            f"recordings=[{config.car(car) / 'recordings'}]",
+            f"baseline=[{config.car(car) / 'baseline'}]",
+            *config.diagnosis,
+            f"output={folder}",
+        )
+        jobs.append(Job(f"diagnosis, {car}", folder, (str(scripts / "diagnose.py"), *options)))
+    return jobs
+
+
+def models(config: TransferConfig, scripts: Path) -> list[Job]:
+    """A model of each car from the same drives.
+
+    The script wants a drive to judge by, which no training sees: it is one of the car before.
+    """
+    jobs = []
+    for car in config.cars if "learned" in config.arms else ():
+        folder, drives = config.car(car) / "learned", config.car(car)
+        options = (
+            f"data.recordings=[{drives / 'recordings'},{drives / 'baseline' / 'before_0.csv'}]",
+            "data.held_out=[before_0]",
+            f"data.validation=[drive_{config.drives - 1}]",
+            *config.model,
+            f"output={folder}",
+        )
+        jobs.append(Job(f"model, {car}", folder, (str(scripts / "train_models.py"), *options)))
+    return jobs
+
+
+def trainings(config: TransferConfig, scripts: Path) -> list[Job]:
+    """A policy for each arm, car and seed, all by the same settings."""
+    return [_training(config, policy, scripts) for policy in config.policies()]
+
+
+def _training(config: TransferConfig, policy: Trained, scripts: Path) -> Job:
+    folder = config.folder(policy)
+    options = (
+        *config.policy,
+        f"engine.simulator={config.simulator_of(policy.arm, policy.car)}",
+        f"ppo.steps={config.steps}",
+        f"seed={policy.seed}",
+        f"ppo.seed={policy.seed}",
+        f"output={folder}",
+    )
+    return Job(
+        ", ".join(str(part) for part in policy if part != ""),
+        folder,
+        (str(scripts / "train_policy.py"), *options),
+        config.steps,
+        CHECKPOINT,
+        partial(share_trained, folder, config.steps),
+    )
+
+
+def share_trained(folder: Path, steps: int) -> float:
+    """How much of its training a policy has behind it, by its log."""
+    file = folder / LOGGED
+    if not file.exists() or not (lines := file.read_text().splitlines()):
+        return 0.0
+    return min(int(float(lines[-1].partition(",")[0])) / steps, 1.0)

@@ -1,0 +1,67 @@
+"""The commands of the study, read by the configs of the scripts that they call."""
+
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.config import build, plain
+from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.policy_run import PolicyRunConfig
+from buggy_rl.study import StudyConfig, model_file, model_runs
+from buggy_rl.transfer.jobs import LOGGED, diagnoses, models, share_trained, trainings
+from buggy_rl.transfer.plan import ARMS, TransferConfig
+
+CARS = {"late": {"steering_dead_time": {"dead_time": 0.08}}}
+
+
+@pytest.fixture
+def config(monkeypatch, repository) -> TransferConfig:
+    monkeypatch.chdir(repository)
+    return TransferConfig("out", cars=CARS, seeds=[5], steps=1000)
+
+
+def options(job) -> list[str]:
+    return list(job.command[1:])
+
+
+def test_the_four_trainings_differ_in_the_engine_alone(config):
+    runs = [plain(build(PolicyRunConfig, options(j))) for j in trainings(config, Path("scripts"))]
+    engines = [run.pop("engine")["simulator"] for run in runs]
+    outputs = [run.pop("output") for run in runs]
+    assert len(set(engines)) == len(set(outputs)) == len(ARMS)
+    assert all(run == runs[0] for run in runs)
+    assert (runs[0]["ppo"]["steps"], runs[0]["ppo"]["seed"], runs[0]["seed"]) == (1000, 5, 5)
+
+
+def test_the_diagnosis_is_told_drives_and_simulator_and_nothing_of_what_is_concealed(config):
+    (job,) = diagnoses(config, Path("scripts"))
+    asked = build(DiagnosisConfig, options(job))
+    assert asked.simulator == config.simulator
+    assert asked.recordings == ["out/cars/late/recordings"]
+    assert asked.baseline == ["out/cars/late/baseline"]
+    assert f"{asked.output}/repaired.yaml" == config.simulator_of("repaired", "late")
+    assert not any("dead_time" in part for part in job.command)
+
+
+def test_the_learned_model_lies_where_the_policy_looks_for_it(config):
+    (job,) = models(config, Path("scripts"))
+    study = build(StudyConfig, options(job))
+    ((name, model, training),) = model_runs(study)
+    assert str(model_file(study, name)) == config.simulator_of("learned", "late")
+    assert (model.kind, training.loss) == ("mlp", "rollout")
+    # The drive that only judges is not one of the two minutes.
+    assert study.data.held_out == ["before_0"]
+    assert study.data.validation == ["drive_3"]
+
+
+def test_arms_that_are_not_wanted_cost_nothing(config):
+    lean = TransferConfig("out", cars=CARS, arms=["unrepaired", "randomised"])
+    assert diagnoses(lean, Path("scripts")) == []
+    assert models(lean, Path("scripts")) == []
+
+
+def test_how_far_a_training_is_stands_in_its_log(tmp_path):
+    assert share_trained(tmp_path, 1000) == 0.0
+    (tmp_path / LOGGED).parent.mkdir(parents=True)
+    (tmp_path / LOGGED).write_text("100,0.5\n250,0.7\n")
+    assert share_trained(tmp_path, 1000) == 0.25
