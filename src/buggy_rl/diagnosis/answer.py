@@ -134,7 +134,7 @@ class Answer:
             "wrong_parameters": "The simulator's parameters are off; no physics is missing.",
             "unknown_physics": "Something is missing that is not in the library.",
             "no_mismatch": "Simulator and drives agree as well as the sensor can tell.",
-            "cannot_tell": "These drives cannot tell what is missing.",
+            "cannot_tell": "These drives cannot tell for sure what is missing.",
         }[self.verdict]
         if self.verdict == "unknown_physics" and self.effects:
             first = f"Part of what is missing has a name, {self.remaining.share:.0%} has none."

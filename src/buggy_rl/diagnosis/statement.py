@@ -5,18 +5,17 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import NOTHING, Remaining, misfit, remaining
-from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, Verdict, sentence
+from buggy_rl.diagnosis.adequacy import NOTHING, misfit, remaining
+from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, sentence
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import SOUND, Confidence, confidences, soundness
+from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.proof import folds, prove
 from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
-
-UNDECIDED = 0.5  # confidence below which an answer is no answer
 
 
 def stated(
@@ -49,7 +48,8 @@ def stated(
     named = [_named(case, found, c, sure[c], closed[c]) for c in found.best.causes]
     named += _retuned(found, before, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
-    verdict = _verdict(case, found, rest, named)
+    given = misfit(found.null.held_out) - 1
+    verdict = verdict_of(given, rest, named, case.usual)
     undecided = []
     for item in named:
         for rival in item.confused_with:
@@ -61,18 +61,6 @@ def stated(
         case.player, case.library, undecided[:3], case.likelihood.noise, case.cut.dt
     )
     return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
-
-
-def _verdict(case: Case, found: Found, rest: Remaining, named: Sequence[Named]) -> Verdict:
-    if misfit(found.null.held_out) - 1 < case.usual.most and not named:
-        return "no_mismatch"
-    if not named or rest.share > SOUND:
-        return "unknown_physics" if rest.excess > case.usual.most else "no_mismatch"
-    if max(n.confidence for n in named) < UNDECIDED:
-        return "cannot_tell"
-    if all(n.kind == "parameter" for n in named):
-        return "wrong_parameters"
-    return "missing_physics"
 
 
 def _named(case: Case, found: Found, cause: str, sure: Confidence, closed: float) -> Named:

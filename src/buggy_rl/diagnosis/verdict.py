@@ -1,0 +1,31 @@
+"""What kind of answer it is."""
+
+from collections.abc import Sequence
+
+from buggy_rl.diagnosis.adequacy import Remaining, Usual
+from buggy_rl.diagnosis.answer import Named, Verdict
+from buggy_rl.diagnosis.confidence import SOUND
+
+UNDECIDED = 0.5  # confidence below which an answer is no answer,
+RIVALLED = 0.1  # and probability of its rivals above which it is not the only one
+
+
+def verdict_of(given: float, rest: Remaining, named: Sequence[Named], usual: Usual) -> Verdict:
+    """The verdict.
+
+    Args:
+        given: Excess of the simulator as given over the noise.
+        rest: What no cause closes.
+        named: Causes, the weightiest first.
+        usual: Excess of drives on which the simulator counts as right.
+    """
+    if given < usual.most and not named:
+        return "no_mismatch"
+    if not named or rest.share > SOUND:
+        return "unknown_physics" if rest.excess > usual.most else "no_mismatch"
+    unsure = max(n.confidence for n in named) < UNDECIDED
+    if unsure or sum(named[0].confused_with.values()) > RIVALLED:
+        return "cannot_tell"
+    if all(n.kind == "parameter" for n in named):
+        return "wrong_parameters"
+    return "missing_physics"

@@ -1,0 +1,43 @@
+import pytest
+
+from buggy_rl.diagnosis.adequacy import Remaining, Usual
+from buggy_rl.diagnosis.answer import Named
+from buggy_rl.diagnosis.verdict import verdict_of
+
+
+def cause(name="steering_lag", kind="actuation", sure=0.97, **rivals):
+    return Named(name, kind, "", "", {}, sure, 0.9, rivals)
+
+
+def rest(excess=0.0, share=0.0):
+    return Remaining(excess, share, {"vx": 1.0}, [], False)
+
+
+GRIP = cause("parameter:grip_front", "parameter")
+
+
+@pytest.mark.parametrize(
+    ("given", "left", "named", "verdict"),
+    [
+        (0.02, rest(0.02), [], "no_mismatch"),
+        (1.0, rest(1.0, 1.0), [], "unknown_physics"),
+        (1.0, rest(0.0), [cause()], "missing_physics"),
+        (1.0, rest(0.0), [GRIP], "wrong_parameters"),
+        (1.0, rest(0.0), [GRIP, cause()], "missing_physics"),
+        (1.0, rest(0.5, 0.5), [cause()], "unknown_physics"),
+        (1.0, rest(0.0), [cause(sure=0.3)], "cannot_tell"),
+        (1.0, rest(0.0), [cause(sure=0.85, steering_dead_time=0.12)], "cannot_tell"),
+        (1.0, rest(0.0), [cause(sure=0.95, steering_dead_time=0.04)], "missing_physics"),
+        # A second cause that has a rival does not put the first in doubt.
+        (1.0, rest(0.0), [cause(), cause("wind", "motion", 0.6, floor_slope=0.4)],
+         "missing_physics"),
+    ],
+)  # fmt: skip
+def test_verdicts(given, left, named, verdict):
+    assert verdict_of(given, left, named, Usual()) == verdict
+
+
+def test_what_is_usual_on_the_baseline_is_no_mismatch():
+    usually = Usual(mean=0.2, error=0.1)
+    assert verdict_of(0.4, rest(0.4), [], usually) == "no_mismatch"
+    assert verdict_of(0.6, rest(0.6, 1.0), [], usually) == "unknown_physics"
