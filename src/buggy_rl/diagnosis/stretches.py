@@ -11,6 +11,7 @@ from buggy_rl import keys
 from buggy_rl.dataset import filtered, local_parabola, windows
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.recordings import Recording
+from buggy_rl.vehicle import rotate
 
 AHEAD = 30  # rows known beyond a stretch's start, for sensors that report late
 EARLIER = 300  # rows before a stretch that tell where play in a linkage lies
@@ -49,6 +50,15 @@ class Stretches:
     def horizon(self) -> int:
         """Rows that a rollout covers."""
         return self.pose.shape[1] - WARM_UP - 1
+
+    @property
+    def seen_from_start(self) -> Tensor:
+        """Measured motion [N, H, 6] of the rollouts, places from where they start, x ahead."""
+        start = self.smooth_pose[:, WARM_UP : WARM_UP + 1]
+        pose, velocity = self.pose[:, WARM_UP + 1 :], self.velocity[:, WARM_UP + 1 :]
+        way = pose[..., :2] - start[..., :2]
+        place = rotate(way, -start[..., 2].expand(way.shape[:-1]))
+        return torch.cat([place, pose[..., 2:] - start[..., 2:], velocity], -1)
 
     def __getitem__(self, index: Tensor) -> "Stretches":
         parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}

@@ -4,14 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import CAP
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.search import Found
 from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.evaluation import WARM_UP
-from buggy_rl.vehicle import rotate
 
 TELLING = 2  # stretches on which the explanation shows most; one more is an ordinary one
 
@@ -46,7 +44,7 @@ def replays(case: Case, found: Found) -> list[Replay]:
         row = (found.best.fitted.unknowns, found.best.fitted.place)
         gaps.append(replace(case.player, every=1).play(cut, *case.library.settings([row])))
     gap = torch.cat(gaps)  # (1 or 2, n, K, 6)
-    measured = _seen_from_start(cut)  # (n, K, 6)
+    measured = cut.seen_from_start  # (n, K, 6)
     read = measured + gap
     return [
         Replay(
@@ -84,11 +82,3 @@ def _apart(cut: Stretches, one: int, other: int) -> bool:
     """Whether two stretches do not touch."""
     between = abs(int(cut.row[one]) - int(cut.row[other]))
     return int(cut.drive[one]) != int(cut.drive[other]) or between > 2 * cut.horizon
-
-
-def _seen_from_start(cut: Stretches) -> Tensor:
-    """Measured motion [N, K, 6] in the frame in which gaps are given."""
-    start = cut.smooth_pose[:, WARM_UP : WARM_UP + 1]
-    pose, velocity = cut.pose[:, WARM_UP + 1 :], cut.velocity[:, WARM_UP + 1 :]
-    place = rotate(pose[..., :2] - start[..., :2], -start[..., 2].expand(pose.shape[:-1]))
-    return torch.cat([place, pose[..., 2:] - start[..., 2:], velocity], -1)
