@@ -54,7 +54,7 @@ ALLOWED = {
 SHARED_BY_ENGINES = {"base", "actuation"}  # beside these, engines know nothing of one another
 ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("diagnosis.report", "visual", "proving.pictures", "transfer.pictures"),
-    "mujoco": ("engines.mujoco", "visual"),
+    "mujoco": ("engines.mujoco", "visual", "proving.baselines.sysid"),
     "dm_control": ("engines.mujoco", "visual"),
 }
 

@@ -3,14 +3,15 @@ from pathlib import Path
 import pytest
 import torch
 
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.search import Search
 from tests.diagnosis.planted import fitter
 
 FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
 
 
-def searched(recordings, effects):
-    return Search(fitter(recordings, effects)).run()
+def searched(recordings, effects, usual=None):
+    return Search(fitter(recordings, effects), usual=usual).run()
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,18 @@ def searched(recordings, effects):
 )
 def test_it_finds_what_was_planted_and_nothing_else(drives, name, expected):
     assert tuple(sorted(searched(drives[name], FEW).best.causes)) == expected
+
+
+def test_where_a_simulator_is_as_right_as_ever_a_part_of_the_gap_is_no_news(drives):
+    def named(effect, usual):
+        return searched(drives["two"], [effect], usual).best.causes
+
+    # Of two causes the drag makes half the gap, and the steering far less.
+    as_ever = Usual(mean=100.0, error=0.0)
+    assert named("steering_gain", None) == ("steering_gain",)
+    assert named("steering_gain", as_ever) == ()
+    assert named("viscous_drag", as_ever) == ("viscous_drag",)
+    assert searched(drives["late"], FEW, as_ever).best.causes == ("steering_dead_time",)
 
 
 def test_an_effect_that_is_not_in_the_library_is_not_mended_by_one_that_is(drives):

@@ -5,6 +5,7 @@ from collections import Counter
 
 import pytest
 
+from buggy_rl.config import load_named
 from buggy_rl.effects import EFFECTS
 from buggy_rl.proving import baselines
 from buggy_rl.proving.baselines import compare, missing, uncompared
@@ -29,6 +30,7 @@ def broken(seen):
 
 
 def test_every_method_answers_once_and_a_failure_is_an_answer(vault, monkeypatch):
+    monkeypatch.setattr(baselines, "METHODS", {"random guess": baselines.METHODS["random guess"]})
     monkeypatch.setitem(baselines.METHODS, "broken", "tests.proving.test_baselines:broken")
     assert uncompared(vault, [CASE]) == [CASE]
     assert compare(vault, CASE) == 1
@@ -39,6 +41,19 @@ def test_every_method_answers_once_and_a_failure_is_an_answer(vault, monkeypatch
     assert said["broken"]["notes"] == ["no root found"]
     monkeypatch.setitem(baselines.METHODS, "later", "tests.proving.test_baselines:broken")
     assert missing(vault, CASE) == ["later"]
+
+
+def test_all_methods_that_the_issue_asks_for_are_there():
+    assert set(baselines.METHODS) == {
+        "random guess",
+        "re-tuning alone",
+        "mujoco.sysid",
+        "sparse regression",
+        "largest cross-correlation",
+        "black-box residual",
+    }
+    for name in baselines.METHODS.values():
+        assert callable(load_named(name))
 
 
 def test_guesses_are_spread_over_the_library_and_repeat(vault):

@@ -64,7 +64,7 @@ def identified(
         What was found, and how the gaps were weighed at last.
     """
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
-    found = Search(fitter, progress, baseline, case.usual.error).run()
+    found = Search(fitter, progress, baseline, case.usual).run()
     return found, fitter.likelihood
 
 

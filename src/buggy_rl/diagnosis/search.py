@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import misfit, typical
+from buggy_rl.diagnosis.adequacy import Usual, misfit, typical
 from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import bounded
@@ -25,6 +25,7 @@ EAGER = 0.25  # share of what is left over that the next effect is not expected 
 MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
 SHARE = 0.05  # nor what closes less of the gap that there was at first,
 FAINT = 0.1  # of its typical size: what is smaller is no cause
+UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
 LIKEWISE = 0.2  # of what a cause wins, that it may win on drives from before the change
 TWINS = 0.2  # and as much more if it does the same as the others: see `Search.helps`
 
@@ -71,8 +72,7 @@ class Search:
         fitter: Fits to all stretches.
         progress: Told in plain words what is being done.
         baseline: To stretches on which the simulator counts as right.
-        matters: What closes no more than this of the gap does not matter [of the noise]: so much
-            do drives differ by themselves.
+        usual: Excess of drives on which the simulator counts as right.
     """
 
     def __init__(
@@ -80,10 +80,10 @@ class Search:
         fitter: Fitter,
         progress: Callable[[str], None] = lambda _: None,
         baseline: Fitter | None = None,
-        matters: float = 0.0,
+        usual: Usual | None = None,
     ) -> None:
         self.fitter, self.progress, self.baseline = fitter, progress, baseline
-        self.matters = max(MATTERS, matters)
+        self.usual = usual or Usual()
         self.group = blocks(fitter.cut)
         self.tried: dict[tuple[str, ...], Candidate] = {}
 
@@ -196,7 +196,8 @@ class Search:
         they do not help; and close a part of the gap that was there at first that matters. What
         does much the same as the other causes must close more of it: an equation that is nearly
         right leaves a gap that resembles what it describes, and a lag that is not quite of first
-        order is not a lag and a dead time.
+        order is not a lag and a dead time. Where the simulator is as right as on its baseline, half
+        of what gap there is.
         """
         gain = advantage(
             self.fitter.likelihood,
@@ -206,7 +207,9 @@ class Search:
             self.group,
         )
         added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        matters = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
+        share = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
+        if size(self.null) < self.usual.most:
+            share = max(share, UNASKED)
         coordinates = [
             abs(z)
             for u, z in zip(more.fitted.unknowns, more.fitted.place.tolist(), strict=True)
@@ -217,8 +220,9 @@ class Search:
             and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
             and any(
-                size(less) - size(more) > max(self.matters, matters * (size(self.null) - 1))
-                for size in (_mean_size, _usual_size)
+                measure(less) - measure(more)
+                > max(MATTERS, self.usual.error, share * measure(self.null))
+                for measure in (size, _usual_size)
             )
             and not self.stands(more, less)
         )
@@ -295,11 +299,11 @@ class Search:
         return candidate
 
 
-def _mean_size(candidate: Candidate) -> float:
-    """Of gaps on what was held out, over the noise's."""
-    return misfit(candidate.held_out)
+def size(candidate: Candidate) -> float:
+    """Excess of gaps on what was held out, over the noise's."""
+    return misfit(candidate.held_out) - 1
 
 
 def _usual_size(candidate: Candidate) -> float:
     """Likewise, where most stretches are so far off that the mean is at its cap."""
-    return candidate.typical**0.5
+    return candidate.typical**0.5 - 1

@@ -16,6 +16,11 @@ from buggy_rl.proving.sealing import Vault
 
 METHODS = {  # as the page calls it -> seen folder -> answer
     "random guess": "buggy_rl.proving.baselines.guess:guess",
+    "re-tuning alone": "buggy_rl.proving.baselines.retune:retune",
+    "mujoco.sysid": "buggy_rl.proving.baselines.sysid:identified",
+    "sparse regression": "buggy_rl.proving.baselines.sindy:sindy",
+    "largest cross-correlation": "buggy_rl.proving.baselines.correlation:correlation",
+    "black-box residual": "buggy_rl.proving.baselines.black_box:black_box",
 }
 FILE = "baselines.json"
 

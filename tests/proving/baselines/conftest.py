@@ -1,0 +1,20 @@
+"""Short drives of single-track cars, one batch of them for all tests."""
+
+import pytest
+
+from tests.diagnosis.planted import planted_drives
+
+PLANTED = {
+    "nothing": {},
+    "before": {},
+    "offset": {"steering_offset": {"offset": 0.15}},
+    "draggy": {"viscous_drag": {"rate": 0.8}},
+    "weak": {"parameter": {"drive_force": 7.0}},
+}
+
+
+@pytest.fixture(scope="session")
+def drives():
+    """What is planted -> two drives of 13 s."""
+    made = planted_drives(list(PLANTED.values()), cars=2, seconds=13.0, seed=3)
+    return dict(zip(PLANTED, made, strict=True))
