@@ -4,8 +4,8 @@
     python benchmarks/diagnosis.py parts=[speed] simulators=[reference,mujoco] rounds=3
     python benchmarks/diagnosis.py parts=[sysid] parameter=mass truth=1.95
 
-speed: two drives of the reference car with a concealed steering dead time, every effect and every
-parameter to choose from. scale: time against the length of the drives and the number of effects.
+speed: two drives of the reference car with a concealed steering dead time, every effect to choose
+from. scale: time against the length of the drives and the number of effects.
 sysid: a MuJoCo car with one parameter off. Drives are made in the run; each measurement runs in a
 process of its own. Run it on a quiet machine.
 """
@@ -95,7 +95,7 @@ def others_than_reference(config: Config) -> bool:
     """Whether a simulator is another car than the one that was driven: it gets baseline drives."""
     names = config.simulators if "speed" in config.parts else []
     names = [*names, config.scale_simulator] if "scale" in config.parts else names
-    return any(name != "reference" for name in names)
+    return any(not name.startswith("reference") for name in names)
 
 
 def measurements(config: Config, folder: str) -> Iterator[Job]:

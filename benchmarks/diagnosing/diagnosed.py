@@ -19,14 +19,14 @@ OWN = "parameter:"  # begins the name of a parameter that the simulator declares
 
 def diagnosis_row(job: Job) -> Row:
     """Time, stages and answer of a diagnosis of the reference car's concealed dead time."""
-    baseline = job.name != "reference"
+    baseline = not job.name.startswith("reference")
     config = DiagnosisConfig(
         simulator=simulator(job),
         recordings=[str(job.file(CHANGED))],
         baseline=[str(job.file(RIGHT))] if baseline else [],
         output=job.folder,
         effects=choice(job.candidates),
-        parameters=not job.candidates,
+        parameters=False,  # a black box: effects alone
         threads=job.config.threads,
     )
     return {
@@ -110,13 +110,17 @@ def by_stage(begun: Sequence[tuple[float, str]], end: float) -> dict[str, float]
 
 
 def simulator(job: Job, name: str = "") -> str:
-    """What a diagnosis is given: a learned model's file, MuJoCo with its threads in a file."""
+    """What a diagnosis is given: a model's file, or an engine's with its options."""
     name = name or job.name
     if name == "learned":
         return job.config.model or str(job.file("model.pt"))
-    if name != "mujoco":
+    options = {
+        "mujoco": ("mujoco", {"nthread": job.config.threads}),
+        "reference_compiled": ("reference", {"compiled": True}),
+    }
+    if name not in options:
         return name
-    file: Path = job.file(f"mujoco_{job.config.threads}.yaml")
-    content = {"engine": "mujoco", "options": {"nthread": job.config.threads}}
-    file.write_text(yaml.safe_dump(content))
+    engine, chosen = options[name]
+    file: Path = job.file(f"{name}_{job.config.threads}.yaml")
+    file.write_text(yaml.safe_dump({"engine": engine, "options": chosen}))
     return str(file)

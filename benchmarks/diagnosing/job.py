@@ -14,9 +14,15 @@ class Config:
     parts: list[str] = field(default_factory=lambda: ["speed", "scale", "sysid"])
     """speed: whole diagnoses by simulator; scale: against length and candidates; sysid: peers."""
     simulators: list[str] = field(
-        default_factory=lambda: ["reference", "single_track", "learned", "mujoco"]
+        default_factory=lambda: [
+            "reference",
+            "reference_compiled",
+            "single_track",
+            "learned",
+            "mujoco",
+        ]
     )
-    """Of speed: an engine's name, a .pt, a .yaml. All but `reference` get baseline drives."""
+    """Of speed: an engine's name, a .pt, a .yaml. All but the reference car get baseline drives."""
     model: str = ""
     """The .pt of `learned`; empty trains a small one on drives made in the run."""
     epochs: int = 15
@@ -29,7 +35,7 @@ class Config:
     """Of scale: both drives together [s]."""
     candidates: list[int] = field(default_factory=lambda: [8, 16, 33])
     """Of scale: effects to choose from, the concealed one among them."""
-    scale_simulator: str = "reference"
+    scale_simulator: str = "reference_compiled"
     """Of scale."""
     peers: list[str] = field(
         default_factory=lambda: ["diagnosis", "fit", "fit_all", "sysid", "sysid_all"]
@@ -65,7 +71,7 @@ class Job:
     seconds: float = 0.0
     """Of both drives together."""
     candidates: int = 0
-    """Effects to choose from; 0 for the whole library and the simulator's own parameters."""
+    """Effects to choose from; 0 for the whole library."""
 
     def file(self, name: str) -> Path:
         """A file in its folder."""
