@@ -4,6 +4,8 @@ import torch
 from buggy_rl.camera import Camera, CameraConfig
 from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.correction import (
+    SHRUNK,
+    best_shrinkage,
     correct,
     lacking_acceleration,
     sensed_covariance,
@@ -60,7 +62,7 @@ def test_what_the_sensor_alone_explains_leaves_nothing_standing(right):
     noise = torch.randn(20_000, len(sensed), dtype=torch.float64)
     gap = (noise @ torch.linalg.cholesky(sensed).mT).unflatten(1, (-1, 6))
     # The largest eigenvalue of a sample of n is (1 + sqrt(D / n))^2 = 1.08 for D = 30, n = 20 000.
-    over_sensed = torch.linalg.solve(sensed, standing_misfit(gap, sensed))
+    over_sensed = torch.linalg.solve(sensed, standing_misfit(gap, sensed, 0.2))
     assert float(torch.linalg.eigvals(over_sensed).real.max()) < 0.1
 
 
@@ -71,7 +73,7 @@ def test_a_standing_error_is_found_at_its_size():
     u = torch.full((12,), 12**-0.5, dtype=torch.float64)
     gap = torch.randn(20_000, 12, dtype=torch.float64)
     gap += 3 * torch.randn(20_000, 1, dtype=torch.float64) * u
-    got = standing_misfit(gap.unflatten(1, (2, 6)), torch.eye(12, dtype=torch.float64))
+    got = standing_misfit(gap.unflatten(1, (2, 6)), torch.eye(12, dtype=torch.float64), 0.2)
     # Along u: 0.8 (1 + 9) + 0.2 (1 + 9 / 12) - 1 = 7.35; across nothing but 0.2 * 0.75 = 0.15.
     assert float(u @ got @ u) == pytest.approx(7.35, rel=0.05)
     across = torch.eye(12, dtype=torch.float64) - torch.outer(u, u)
@@ -82,9 +84,20 @@ def test_one_spin_among_many_stretches_counts_as_no_more_than_its_cap():
     torch.manual_seed(0)
     gap = torch.randn(1000, 1, 6)
     gap[0] = 900.0
-    got = standing_misfit(gap, torch.eye(6, dtype=torch.float64))
+    got = standing_misfit(gap, torch.eye(6, dtype=torch.float64), 0.2)
     # It adds 25 * 6 / 1000 = 0.15 to the trace, not 6 * 900^2 / 1000 = 4860.
     assert float(got.diagonal().sum()) < 0.5
+
+
+def test_what_goes_together_is_believed_of_many_stretches_and_not_of_a_few():
+    generator = torch.Generator().manual_seed(0)
+    common, own = (torch.randn(900, n, generator=generator, dtype=torch.float64) for n in (1, 12))
+    sensed, fold = torch.eye(12, dtype=torch.float64), torch.arange(900) % 3
+    together = (2 * common + own).unflatten(1, (2, 6))
+    assert best_shrinkage(together, sensed, fold) == min(SHRUNK)
+    # Twelve numbers that have nothing to do with one another seem to, in eight stretches.
+    apart = (3 * own).unflatten(1, (2, 6))
+    assert best_shrinkage(apart[:12], sensed, fold[:12]) == max(SHRUNK)
 
 
 def test_steps_lack_the_acceleration_of_the_missing_drag(wrong):
@@ -117,6 +130,8 @@ def test_what_is_held_out_of_the_baseline_foretells_new_drives(wrong, another):
 
     assert found.held_out.shape == (len(wrong),)
     assert misfit(found.held_out) > size(wrong)  # the covariance was made from these
+    crossed = found.weighed.white(player.play(wrong, {}))[0].square().mean(-1)
+    assert misfit(crossed) > size(wrong)  # and not that by which they are weighed against others
     assert misfit(found.held_out) == pytest.approx(size(another), rel=0.15)
 
 

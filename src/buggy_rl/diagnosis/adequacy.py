@@ -30,7 +30,7 @@ class Remaining:
     memory: bool
     """Whether gaps go on from instant to instant as a hidden state's would."""
     unclosed: float = 0.0
-    """Share of the excess beyond the usual that remains, whether that is much or little."""
+    """Share of the excess beyond the usual that remains, or may, however little that is."""
 
 
 def misfit(square: Tensor) -> float:
@@ -87,7 +87,8 @@ def remaining(
     bins of a feature explain, over what as many random bins would. An excess that is usual is none.
     """
     first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
-    over = last - usually.mean
+    # What drives differ by themselves may be more of what remains, or less.
+    over = max(0.0, last - usually.mean, 2 * usually.error)
     count = len(after)
     readings = after.view(count, -1, 6)  # (N, K, 6)
     square = readings.square().clamp_max(25.0)

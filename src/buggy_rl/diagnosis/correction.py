@@ -13,7 +13,7 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.evidence import BLOCK, blocks
-from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.likelihood import HEAVY, Likelihood, likelihood
 from buggy_rl.diagnosis.rollouts import Player, explained
 from buggy_rl.diagnosis.stretches import START_SHARE, Stretches, sensor_noise
 from buggy_rl.effects.motion.base import Motion
@@ -21,7 +21,7 @@ from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, res
 from buggy_rl.evaluation import WARM_UP
 from buggy_rl.vehicle import VehicleDimensions, shift_velocity
 
-SHRUNK = 0.2  # share of the standing covariance taken from its diagonal
+SHRUNK = (0.1, 0.2, 0.4, 0.7)  # shares of the standing covariance taken from its diagonal: tried
 FILE = "correction.pt"  # a correction's network, beside repaired.yaml
 FOLDS = 3  # parts of the drives, each foretold from the others
 STRENGTHS = (0.0, 0.5, 1.0)
@@ -32,7 +32,7 @@ STEPS, BATCH = 500, 24  # updates, and stretches in each
 LEARNING_RATE, DECAY = 5e-3, 1e-2
 
 
-def standing_misfit(gap: Tensor, sensed: Tensor) -> Tensor:
+def standing_misfit(gap: Tensor, sensed: Tensor, shrunk: float) -> Tensor:
     """Covariance of what a simulator gets wrong where nothing has changed.
 
     S = mean of w e e^T over the stretches, w = min(1, SPIN D / |W e|^2) so that spins count little;
@@ -42,19 +42,42 @@ def standing_misfit(gap: Tensor, sensed: Tensor) -> Tensor:
     Args:
         gap: [N, K, 6] of baseline stretches that nothing was trained on.
         sensed: [D, D] covariance B of the sensor's noise and of the error of the start.
+        shrunk: Share of S that is taken from its diagonal.
 
     Returns:
         [D, D] float64, D = K * 6, as `likelihood` takes it for `extra`.
     """
-    flat = gap.flatten(1).double().nan_to_num(1e3, 1e3, -1e3).clamp(-1e3, 1e3)
+    flat = _flat(gap)
     factor = torch.linalg.cholesky(sensed)
     white = torch.linalg.solve_triangular(factor, flat.mT, upper=False).mT  # (N, D)
     weight = (SPIN / white.square().mean(-1)).clamp_max(1.0)
     square = torch.einsum("ni,nj,n->ij", white, white, weight) / len(white)
-    shrunk = torch.lerp(square, torch.diag(square.diagonal()), SHRUNK)
-    values, vectors = torch.linalg.eigh(shrunk)
+    rounder = torch.lerp(square, torch.diag(square.diagonal()), shrunk)
+    values, vectors = torch.linalg.eigh(rounder)
     over = factor @ vectors
     return (over * (values - 1).clamp_min(0.0)) @ over.mT
+
+
+def best_shrinkage(gap: Tensor, sensed: Tensor, fold: Tensor) -> float:
+    """The one of `SHRUNK` under which each third of the gaps is likeliest, weighed by the others.
+
+    A stretch has as many numbers as there are stretches: their covariance as it is would say that
+    what these did not show cannot be.
+    """
+    flat, heavy = _flat(gap), HEAVY * sensed.shape[-1]
+    worse = dict.fromkeys(SHRUNK, 0.0)
+    for shrunk in SHRUNK:
+        for aside in fold.unique():
+            rows = fold == aside
+            factor = torch.linalg.cholesky(sensed + standing_misfit(gap[~rows], sensed, shrunk))
+            white = torch.linalg.solve_triangular(factor, flat[rows].mT, upper=False)
+            lost = 0.5 * heavy * torch.log1p(white.square().sum(0) / heavy)
+            worse[shrunk] += float((lost + factor.diagonal().log().sum()).sum())
+    return min(SHRUNK, key=lambda shrunk: worse[shrunk])
+
+
+def _flat(gap: Tensor) -> Tensor:
+    return gap.flatten(1).double().nan_to_num(1e3, 1e3, -1e3).clamp(-1e3, 1e3)
 
 
 def sensed_covariance(player: Player, cut: Stretches) -> Tensor:
@@ -81,6 +104,8 @@ class Correction:
     """Misfit with it."""
     held_out: Tensor
     """[N] |W e|^2 / D of the baseline stretches, network and covariance from the other thirds."""
+    weighed: Likelihood
+    """Of the baseline stretches, the covariance from the other thirds."""
 
     @property
     def note(self) -> str:
@@ -139,24 +164,31 @@ def correct(
         effect = ResidualAcceleration(model=trained(inputs, lacking, seed), strength=best)
     gap = torch.cat(gaps[best])[order.argsort()]
     sensed = sensed_covariance(player, cut)
+    shrunk = best_shrinkage(gap, sensed, fold)
+    crossed = _crossed(player, cut, gap, sensed, shrunk, fold)
     return Correction(
         effect=effect,
-        covariance=standing_misfit(gap, sensed),
+        covariance=standing_misfit(gap, sensed, shrunk),
         before=misfit(square[0.0] / weighed.readings),
         after=misfit(square[best] / weighed.readings),
-        held_out=_held_out(player, cut, gap, sensed, fold),
+        held_out=crossed.white(gap[None])[0].square().sum(-1) / crossed.readings,
+        weighed=crossed,
     )
 
 
-def _held_out(player: Player, cut: Stretches, gap: Tensor, sensed: Tensor, fold: Tensor) -> Tensor:
-    """|W e|^2 / D [N] of gaps, each third weighed with what the others get wrong."""
-    square = torch.zeros(len(gap), dtype=torch.float64)
+def _crossed(
+    player: Player, cut: Stretches, gap: Tensor, sensed: Tensor, shrunk: float, fold: Tensor
+) -> Likelihood:
+    """Weighs each third of the stretches by what the others get wrong."""
+    noise, whitening = sensor_noise(cut), None
     for aside in fold.unique():
         rows = fold == aside
-        extra = standing_misfit(gap[~rows], sensed)
-        weighed = likelihood(player, cut[rows], extra=extra)
-        square[rows] = weighed.white(gap[rows][None])[0].square().sum(-1) / weighed.readings
-    return square
+        extra = standing_misfit(gap[~rows], sensed, shrunk)
+        part = likelihood(player, cut[rows], extra=extra).whitening
+        whitening = part.new_zeros(len(gap), *part.shape[1:]) if whitening is None else whitening
+        whitening[rows] = part
+    assert whitening is not None
+    return Likelihood(whitening, noise)
 
 
 @torch.no_grad()

@@ -23,14 +23,13 @@ from buggy_rl.diagnosis.guard import (
     check_latency,
 )
 from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
+from buggy_rl.diagnosis.likelihood import Likelihood
 from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.diagnosis.retuning import retuned
 from buggy_rl.diagnosis.rollouts import Player, effects_of
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import stated
-from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.diagnosis.trial import blaming, check_simulator
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.measuring import measurable_options
@@ -66,12 +65,6 @@ def identified(
     fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
     found = Search(fitter, progress, baseline, case.usual).run()
     return found, fitter.likelihood
-
-
-def right_before(case: Case, baseline: Stretches) -> Fitter:
-    """The case's simulator on the drives on which it counts as right."""
-    weighed = likelihood(case.player, baseline, extra=case.likelihood.extra)
-    return Fitter(case.player, baseline, weighed, case.library)
 
 
 def diagnose(
@@ -127,7 +120,7 @@ def diagnose(
         notes += check_gaps(gap, case.cut, instants, case.names, config.simulator)
         right = None
         if before is not None and correction is not None:
-            right = right_before(case, before)
+            right = Fitter(player, before, correction.weighed, library)
             others = len(blocks(case.cut).unique())
             case.usual = usual(correction.held_out, blocks(before), others)
         found, case.likelihood = stages.done("search", lambda: identified(case, progress, right))
