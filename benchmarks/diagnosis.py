@@ -122,7 +122,7 @@ def bar(jobs: list[Job], what: str) -> Iterable[Job]:
 
 def run(job: Job) -> Row:
     """The row of a job, or one that says why there is none."""
-    threads = {"OMP_NUM_THREADS": str(job.config.threads), "OMP_WAIT_POLICY": "PASSIVE"}
+    threads = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
     command = [sys.executable, __file__, "--job", json.dumps(asdict(job))]
     result = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True)
     marked = [line for line in result.stdout.splitlines() if line.startswith("row ")]
@@ -140,7 +140,7 @@ def work(job: Job) -> None:
     """Does a job in this process and prints one line of JSON."""
     import torch
 
-    torch.set_num_threads(job.config.threads)
+    torch.set_num_threads(1)
     row: dict[str, Any] = worker(job)(job) or {}
     row["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print("row", json.dumps(row), flush=True)

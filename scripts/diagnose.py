@@ -30,7 +30,7 @@ def main() -> None:
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.recordings import load_recordings
 
-    torch.set_num_threads(config.threads)
+    torch.set_num_threads(1)
     recordings, refusals = load_recordings(config.recordings, config.columns or None)
     for refusal in refusals:
         tqdm.write(f"refused: {refusal}")

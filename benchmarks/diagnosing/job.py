@@ -46,7 +46,7 @@ class Config:
     truth: float = 6.0
     """Its value there."""
     threads: int = 2
-    """Of torch, and of MuJoCo's batch."""
+    """Of MuJoCo's batch; PyTorch has one, which is faster for steps as small as these."""
     rounds: int = 1
     """How often everything is measured, each time in new processes; tables show medians."""
     seed: int = 0

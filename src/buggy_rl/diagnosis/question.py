@@ -29,4 +29,5 @@ class DiagnosisConfig:
     stretches: int = 150
     """Most of them, spread evenly over the drives."""
     threads: int = 1
-    """Threads of PyTorch."""
+    """On which MuJoCo steps its cars. PyTorch has one: on two, steps as small as these take twice
+    as long."""
