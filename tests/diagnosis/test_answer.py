@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -160,3 +161,18 @@ def test_what_remains_is_described_and_never_named():
 def test_a_parameter_of_the_simulators_own_is_said_in_words():
     words = sentence("parameter:drive_force", {"drive_force": 4.0}, "N", 6.5)
     assert words == "the simulator's drive force is 4 N, not 6.5"
+
+
+def test_of_many_causes_five_are_said_and_the_others_named():
+    answer = an_answer()
+    many = [replace(answer.effects[0], name=f"cause_{i}") for i in range(7)]
+    lines = replace(answer, effects=many).lines()
+    assert sum("[cause_" in line for line in lines) == 5
+    assert "And cause_5, cause_6: see the report." in lines
+
+
+def test_a_ratio_has_no_unit():
+    said = sentence("parameter:throttle_deadband", {"throttle_deadband": 0.1}, "-", 0.05)
+    assert said == "the simulator's throttle deadband is 0.1, not 0.05"
+    said = sentence("parameter:mass", {"mass": 2.0}, "kg", 1.6)
+    assert said == "the simulator's mass is 2 kg, not 1.6"

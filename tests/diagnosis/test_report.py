@@ -235,6 +235,31 @@ def test_every_verdict_says_what_it_means(diagnosis, verdict):
     assert "93% sure" in text
 
 
+def test_of_a_simulator_that_was_re_tuned_the_page_tells_what_it_had(diagnosis):
+    case, _, _, said = diagnosis
+    given = case.player.make(1).parameters["mass"].value
+
+    def tuned(cars):
+        return make_engine("single_track", cars, parameters={"mass": 2 * given})
+
+    own = {"mass": tuned(1).parameters["mass"]}
+    again = replace(
+        case,
+        player=replace(case.player, make=tuned),
+        library=Library(case.library.effects, own, own=False),
+        retuned_from=case.player,
+    )
+    assert case.as_given is case.library
+    assert again.as_given.numbers("parameter:mass")[0].value == given
+    value = Value(2 * given, 1.9 * given, 2.1 * given, "kg")
+    mass = replace(
+        said.effects[0], name="parameter:mass", kind="parameter", parameters={"mass": value}
+    )
+    text = Page(causes.named(again.as_given, [mass], retuned=True)).text
+    assert f"{given:.3g} kg" in text
+    assert "of the gap together" in text
+
+
 @pytest.mark.parametrize("verdict", ["no_mismatch", "unknown_physics"])
 def test_where_nothing_is_named_the_page_names_nothing(diagnosis, verdict):
     case, search, found, said = diagnosis

@@ -13,6 +13,7 @@ Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
 ]
 SCHEMA = 1
+SPOKEN = 5  # causes of which a sentence is said on the terminal
 NORMAL = 1.96  # standard deviations of a 95 % interval
 
 
@@ -141,11 +142,13 @@ class Answer:
         result = [first]
         if self.verdict != "no_mismatch":
             result.append(f"It shows most in {words[share[0]]} ({share[1]:.0%} of the error).")
-        for e in self.effects:
+        for e in self.effects[:SPOKEN]:
             rivals = [f"{n} ({p:.0%})" for n, p in e.confused_with.items()]
             other = f"; could also be {', '.join(rivals)}" if rivals else ""
             sentence = e.sentence[:1].upper() + e.sentence[1:]
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
+        if more := [e.name for e in self.effects[SPOKEN:]]:
+            result.append(f"And {', '.join(more)}: see the report.")
         p = self.proof
         if 1.0 in p.before and 1.0 in p.after:
             held_out = "that were held out" if p.held_out else "of the very drives it was fitted to"
@@ -197,7 +200,6 @@ def sentence(cause: str, values: Mapping[str, float], unit: str = "", was: float
     """A cause in plain words."""
     if ":" in cause and cause.startswith("parameter:"):
         name = cause.partition(":")[2]
-        return (
-            f"the simulator's {name.replace('_', ' ')} is {values[name]:.3g} {unit}, not {was:.3g}"
-        )
+        value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
+        return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
     return effect_class(cause).sentence(values)

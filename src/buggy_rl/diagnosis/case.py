@@ -35,6 +35,14 @@ class Case:
         """Plays into the simulator as it was given."""
         return self.retuned_from or self.player
 
+    @property
+    def as_given(self) -> Library:
+        """Causes, with what the simulator as given has of each."""
+        if self.retuned_from is None:
+            return self.library
+        declared = getattr(self.retuned_from.make(1), "parameters", {})
+        return Library(self.library.effects, declared)
+
 
 def prepared(
     player: Player,

@@ -58,14 +58,20 @@ def candidates(search: Search, found: Found) -> Markup:
     )
 
 
-def named(library: Library, effects: Sequence[Named]) -> Markup:
-    """Each cause: words, equation, numbers."""
+def named(library: Library, effects: Sequence[Named], retuned: bool = False) -> Markup:
+    """Each cause: words, equation, numbers.
+
+    Args:
+        library: With what the simulator as given has of each.
+        effects: The causes.
+        retuned: Whether parameters among them were fitted all together.
+    """
     if not effects:
         return section("What is missing", tag("p", "Nothing is named."))
-    return section("What is missing, in numbers", *(_effect(library, e) for e in effects))
+    return section("What is missing, in numbers", *(_effect(library, e, retuned) for e in effects))
 
 
-def _effect(library: Library, effect: Named) -> Markup:
+def _effect(library: Library, effect: Named, retuned: bool) -> Markup:
     numbers = {p.name: p for p in library.numbers(effect.name)}
     rows = [
         (
@@ -85,6 +91,12 @@ def _effect(library: Library, effect: Named) -> Markup:
         for p in effect.at_bound
     ]
     said = effect.sentence[:1].upper() + effect.sentence[1:]
+    share = wording.percent(effect.held_out_gain)
+    closes = (
+        f"All parameters that were re-tuned close {share} of the gap together."
+        if retuned and effect.kind == "parameter"
+        else f"It closes {share} of the gap that is there without it, on what was held out."
+    )
     return tag(
         "div",
         tag(
@@ -95,11 +107,7 @@ def _effect(library: Library, effect: Named) -> Markup:
         table(("", "found", "95% interval", "as given"), rows),
         tag("p", " ".join(numbers[name].meaning for name in effect.parameters), of="quiet"),
         *bound,
-        tag(
-            "p",
-            f"It closes {wording.percent(effect.held_out_gain)} of the gap that is there without "
-            "it, on what was held out.",
-        ),
+        tag("p", closes),
         of="effect",
     )
 

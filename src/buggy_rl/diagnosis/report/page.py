@@ -28,7 +28,7 @@ def report(case: Case, search: Search, found: Found, answer: Answer) -> str:
             sections.driven(case, found),
             sections.located(case, answer),
             causes.candidates(search, found),
-            causes.named(case.library, answer.effects),
+            causes.named(case.as_given, answer.effects, case.retuned_from is not None),
             causes.excluded(search, found, answer.effects),
             sections.remains(answer),
             sections.proven(answer),

@@ -60,7 +60,7 @@ def driven(case: Case, found: Found) -> Markup:
         drawn.append(figure(inline(replay_figure(replay), caption), caption))
     repaired = (
         " Dashed: the simulator with what was found in it."
-        if found.best.causes
+        if found.best.causes or case.retuned_from is not None
         else " Nothing was named, so there is no repaired simulator to show."
     )
     return section(
