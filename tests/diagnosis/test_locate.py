@@ -148,7 +148,7 @@ def test_what_is_usual_is_no_excess_but_not_closed_either():
     cut = stretches(drives(), 1.0, 0.5)
     usually = Usual(mean=0.2, error=0.1)
     # Excess 1 at first and 0.4 at last: within 0.2 + 3 * 0.1, but (0.4 - 0.2) / (1 - 0.2) open,
-    # and no less than 2 * 0.1, by which drives differ.
+    # and no less than the 0.1 by which drives differ.
     rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.4 * flat(cut), usually)
     assert rest.share == 0.0
     assert rest.unclosed == pytest.approx(0.25, rel=1e-3)

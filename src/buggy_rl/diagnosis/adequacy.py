@@ -88,7 +88,7 @@ def remaining(
     """
     first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
     # What drives differ by themselves may be more of what remains, or less.
-    over = max(0.0, last - usually.mean, 2 * usually.error)
+    over = max(0.0, last - usually.mean, usually.error)
     count = len(after)
     readings = after.view(count, -1, 6)  # (N, K, 6)
     square = readings.square().clamp_max(25.0)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import torch
 
-from buggy_rl.diagnosis.search import Candidate, Found, Search
+from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.search import Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
 CLOSE = 0.02  # a rival less probable than this is not worth a mention

@@ -1,16 +1,17 @@
 """Which effects explain the drives: rivals screened, fitted, compared, combined, eliminated."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import torch
-from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import Usual, misfit, typical
-from buggy_rl.diagnosis.evidence import Evidence, advantage, blocks, evidence
+from buggy_rl.diagnosis.adequacy import Usual
+from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.evidence import blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import bounded
 from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.merit import NATS, Merit
 from buggy_rl.diagnosis.screening import screened
 
 ITERATIONS = 6  # of a fit
@@ -19,38 +20,7 @@ SHAKEN = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)  # of a size: how far around it is 
 KEPT = 12  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
 MOST = 4  # effects of one explanation
-LOST = 0.3  # of the nats won in some blocks that may be lost in others
-NATS = 6.0  # by which it must help at least, for each of its parameters
 EAGER = 0.25  # share of what is left over that the next effect is not expected to explain
-MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
-SHARE = 0.05  # nor what closes less of the gap that there was at first,
-FAINT = 0.1  # of its typical size: what is smaller is no cause
-UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
-LIKEWISE = 0.2  # of what a cause wins, that it may win on drives from before the change
-TWINS = 0.2  # and as much more if it does the same as the others: see `Search.helps`
-
-
-@dataclass
-class Candidate:
-    """An explanation, fitted, with what speaks for it."""
-
-    fitted: Fitted
-    evidence: Evidence
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """What it explains the drives by."""
-        return self.fitted.causes
-
-    @property
-    def held_out(self) -> Tensor:
-        """[N] mean square of each stretch when its block was held out, over noise."""
-        return self.evidence.square / self.fitted.white.shape[-1]
-
-    @property
-    def typical(self) -> float:
-        """What is usual among them."""
-        return typical(self.held_out)
 
 
 @dataclass
@@ -66,7 +36,7 @@ class Found:
 
 
 class Search:
-    """Forward selection with backward elimination and swaps.
+    """Forward selection with backward elimination.
 
     Args:
         fitter: Fits to all stretches.
@@ -82,9 +52,9 @@ class Search:
         baseline: Fitter | None = None,
         usual: Usual | None = None,
     ) -> None:
-        self.fitter, self.progress, self.baseline = fitter, progress, baseline
-        self.usual = usual or Usual()
+        self.fitter, self.progress = fitter, progress
         self.group = blocks(fitter.cut)
+        self.merit = Merit(fitter, self.group, usual or Usual(), baseline)
         self.tried: dict[tuple[str, ...], Candidate] = {}
 
     @classmethod
@@ -186,92 +156,8 @@ class Search:
         starts = screened(self.fitter, base.fitted, KEPT if not base.causes else EXTENDED)
         self.progress(f"fitting {len(starts)} explanations")
         fitted = self.fit(starts, base)
-        helping = [c for c in fitted if self.helps(c, base)]
+        helping = [c for c in fitted if self.merit.helps(c, base, self.null)]
         return min(helping, key=self.loss, default=None)
-
-    def helps(self, more: Candidate, less: Candidate) -> bool:
-        """Whether causes earn their place on what they were not fitted to.
-
-        They must help by enough nats, whichever block of the drives is left out; lose little where
-        they do not help; and close a part of the gap that was there at first that matters. What
-        does much the same as the other causes must close more of it: an equation that is nearly
-        right leaves a gap that resembles what it describes, and a lag that is not quite of first
-        order is not a lag and a dead time. Where the simulator is as right as on its baseline, half
-        of what gap there is.
-        """
-        gain = advantage(
-            self.fitter.likelihood,
-            max(1.0, more.typical),
-            more.evidence,
-            less.evidence,
-            self.group,
-        )
-        added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        share = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
-        if size(self.null) < self.usual.most:
-            share = max(share, UNASKED)
-        coordinates = [
-            abs(z)
-            for u, z in zip(more.fitted.unknowns, more.fitted.place.tolist(), strict=True)
-            if u.cause and u.cause not in less.causes
-        ]
-        return (
-            max(coordinates, default=0.0) > FAINT
-            and gain.without_best > NATS * added
-            and gain.lost < LOST * gain.won
-            and any(
-                measure(less) - measure(more)
-                > max(MATTERS, self.usual.error, share * measure(self.null))
-                for measure in (size, _usual_size)
-            )
-            and not self.stands(more, less)
-        )
-
-    def stands(self, more: Candidate, less: Candidate) -> bool:
-        """Whether causes mend the baseline likewise: then they are nothing that has changed.
-
-        There they are looked at alone: whatever else was found has not happened yet.
-        """
-        if self.baseline is None:
-            return False
-        fitted = more.fitted
-        kept = {
-            (u.cause, u.parameter.name): float(z)
-            for u, z in zip(fitted.unknowns, fitted.place, strict=True)
-            if u.cause and u.cause not in less.causes
-        }
-        alone = self.baseline.start(tuple(c for c in more.causes if c not in less.causes))
-        place = [kept.get((u.cause, u.parameter.name), 0.0) for u in alone.unknowns]
-        loss = self.baseline.likelihood.loss
-        rows = [(alone, torch.zeros_like(alone.place)), (alone, torch.tensor(place).double())]
-        before, after = (w.square().sum(-1) for w in self.baseline.evaluate(rows))
-        there = float((loss(before) - loss(after)).mean())
-        loss = self.fitter.likelihood.loss
-        here = float((loss(less.evidence.square) - loss(more.evidence.square)).mean())
-        return there > LIKEWISE * here
-
-    def likeness(self, fitted: Fitted, others: Collection[str]) -> float:
-        """Share of what the further causes of an explanation do that `others` of it do likewise.
-
-        R^2 of the whitened gaps that they close, to first order, over those that each other cause
-        closes.
-        """
-        assert fitted.slopes is not None
-        root = self.fitter.likelihood.weight(fitted.square, self.fitter.temper).sqrt()
-        done = fitted.slopes * fitted.place * root[:, None, None]  # (N, D, P)
-        parts: dict[str, Tensor] = {}
-        for index, unknown in enumerate(fitted.unknowns):
-            if unknown.cause:
-                name = unknown.cause if unknown.cause in others else ""
-                part = done[..., index].flatten()
-                parts[name] = parts[name] + part if name in parts else part
-        added = parts.pop("", None)
-        if added is None or not parts:
-            return 0.0
-        columns = torch.stack(list(parts.values()), -1)
-        share = torch.linalg.lstsq(columns, added.unsqueeze(-1), driver="gelsd").solution
-        explained = (columns @ share).square().sum() / added.square().sum().clamp_min(1e-12)
-        return float(explained.clamp(0.0, 1.0))
 
     def eliminated(self, candidate: Candidate) -> Candidate:
         """Leaves out effects that are not needed any more."""
@@ -292,18 +178,8 @@ class Search:
                 ]
                 starts.append(self.fitter.start(keep, places))
             fitted += self.fit(starts)
-            needless = [c for c in fitted if not self.helps(candidate, c)]
+            needless = [c for c in fitted if not self.merit.helps(candidate, c, self.null)]
             if not needless:
                 return candidate
             candidate = min(needless, key=self.loss)
         return candidate
-
-
-def size(candidate: Candidate) -> float:
-    """Excess of gaps on what was held out, over the noise's."""
-    return misfit(candidate.held_out) - 1
-
-
-def _usual_size(candidate: Candidate) -> float:
-    """Likewise, where most stretches are so far off that the mean is at its cap."""
-    return candidate.typical**0.5 - 1

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from buggy_rl.diagnosis.answer import Named
 from buggy_rl.diagnosis.library import Library
+from buggy_rl.diagnosis.merit import NATS
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.markup import (
     Bar,
@@ -16,7 +17,7 @@ from buggy_rl.diagnosis.report.markup import (
     titled,
 )
 from buggy_rl.diagnosis.report.ranking import losers, ranking
-from buggy_rl.diagnosis.search import NATS, Found, Search
+from buggy_rl.diagnosis.search import Found, Search
 
 SHOWN = 10  # single causes in the chart of evidence
 CLOSEST = 5  # rivals that are told of

@@ -13,8 +13,9 @@ from buggy_rl.diagnosis.evidence import advantage, blocks, evidence
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import OWN, Library
 from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.merit import NATS
 from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.search import EAGER, NATS
+from buggy_rl.diagnosis.search import EAGER
 from buggy_rl.diagnosis.stretches import Stretches
 from buggy_rl.proving.baselines.answers import unnamed
 from buggy_rl.proving.baselines.asked import Asked, asked
