@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from diagnosing.job import Row
 from diagnosing.tables import medians
 
+ROOM = 1.08  # of the largest value, so that its dot is whole
+
 
 def draw(rows: Iterable[Row], file: str) -> None:
     """Writes a PNG with one curve a panel, as far as there are rows."""
@@ -23,10 +25,10 @@ def draw(rows: Iterable[Row], file: str) -> None:
         points = sorted((row[key], row["seconds"]) for row in found if row["kind"] == kind)
         axis.plot([x for x, _ in points], [y for _, y in points], "o-", color="tab:blue")
         axis.set_xlabel(label)
-        axis.set_xlim(left=0)
+        axis.set_xlim(0, ROOM * max((x for x, _ in points), default=1.0))
         axis.grid(alpha=0.3)
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_ylabel("time of a diagnosis [s]")
-    axes[0].set_ylim(bottom=0)
+    axes[0].set_ylim(0, ROOM * max((row["seconds"] for row in found), default=1.0))
     figure.savefig(file, dpi=150)
     plt.close(figure)
