@@ -73,9 +73,10 @@ def main() -> None:
     )
     picture = vault.output / "riddle.png"
     rollout_figure(measured, shown).savefig(picture, dpi=110)
-    for name in ("report.html", "repaired.yaml"):
-        shutil.copyfile(said / name, vault.output / name)
-    print(f"written: {picture}, {vault.output / 'report.html'}, {vault.output / 'repaired.yaml'}")
+    page = vault.output / "report.html"
+    shutil.copyfile(said / page.name, page)
+    # The repaired simulator names the one it repairs by where both lie: it stays there.
+    print(f"written: {picture}, {page}; the simulator: {said / 'repaired.yaml'}")
 
 
 if __name__ == "__main__":

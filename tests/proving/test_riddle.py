@@ -7,6 +7,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
+from buggy_rl.env import make_simulator
 from buggy_rl.proving.riddle import FIRST, RiddleConfig, distance, riddle
 from tests.test_scripts import run
 
@@ -56,6 +57,8 @@ def test_a_riddle_is_sealed_asked_and_opened(tmp_path):
     assert "The sealed answer, unchanged" in first.stdout
     assert "[sensor_lag: time_constant 0.054]" in first.stdout
     assert (tmp_path / "riddle" / "riddle.png").stat().st_size > 20_000
+    file = first.stdout.rpartition("the simulator: ")[2].strip()
+    assert [effect.name for effect in make_simulator(file, 2).transform] == ["sensor_lag"]
     again = run("riddle", *options)  # nothing is driven or asked again
     assert "screening" not in again.stderr
     assert again.stdout.splitlines()[-3:] == first.stdout.splitlines()[-3:]

@@ -12,7 +12,7 @@ SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no libr
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
 SOUND = 0.28  # share of the first excess above which what is missing has no name
 EVEN = 1.3  # share that a cause closes over what remains, at which it is as likely right as not,
-SHARP = 2.0  # and how sharply that changes: chosen on drives with known and unknown faults
+SHARP = 2.0  # and how sharply that changes: both chosen by hand, not calibrated yet
 CEILING = 0.98  # nothing is surer than this
 
 

@@ -47,7 +47,7 @@ class Examiner:
             self._stopped = True
             pool.shutdown(wait=False, cancel_futures=True)
             for process in list(self._running):
-                _end(process)
+                end(process)
             pool.shutdown()
 
     def ask(self, seen: Path, said: Path) -> dict | None:
@@ -72,7 +72,7 @@ class Examiner:
                 status = "answered" if process.returncode == 0 else "crashed"
             except subprocess.TimeoutExpired:
                 status = "timed out"
-                _end(process)
+                end(process)
             finally:
                 self._running.discard(process)
         if self._stopped:
@@ -99,10 +99,10 @@ def write_json(file: Path, content: object) -> None:
     partial.replace(file)
 
 
-def _end(process: subprocess.Popen) -> None:
-    """Ends a process with all that it started."""
+def end(process: subprocess.Popen, how: signal.Signals = signal.SIGKILL) -> None:
+    """Ends a process, which leads a session of its own, with all that it started."""
     try:
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(process.pid, how)
     except ProcessLookupError:
         return  # it has ended by itself
     process.wait()

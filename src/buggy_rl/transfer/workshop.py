@@ -1,11 +1,11 @@
 """Jobs side by side, and what to do when one fails or all are stopped."""
 
-import os
 import signal
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
 
+from buggy_rl.proving.exam import end
 from buggy_rl.transfer.job import Job
 
 LOOK = 1.0  # [s] between two looks at what runs
@@ -41,15 +41,6 @@ def worked(jobs: Sequence[Job], workers: int, look: float = LOOK) -> Iterator[tu
                 yield job, 1.0
     finally:
         for _, process in running.values():
-            _end(process)
+            end(process, signal.SIGTERM)
     if failed:
         raise ValueError(f"{len(failed)} of {len(jobs)} failed\n" + "\n".join(failed))
-
-
-def _end(process: subprocess.Popen) -> None:
-    """Ends a process with all that it started."""
-    try:
-        os.killpg(process.pid, signal.SIGTERM)
-    except ProcessLookupError:
-        return  # it has ended by itself
-    process.wait()

@@ -18,3 +18,18 @@ def drives():
     """What is planted -> two drives of 13 s."""
     made = planted_drives(list(PLANTED.values()), cars=2, seconds=13.0, seed=3)
     return dict(zip(PLANTED, made, strict=True))
+
+
+@pytest.fixture
+def answering(monkeypatch):
+    """A method of a module, given its columns instead of a case."""
+
+    def bound(module, method):
+        def say(found):
+            monkeypatch.setattr(f"{module}.asked", lambda seen: seen)
+            monkeypatch.setattr(f"{module}.columns", lambda seen: found)
+            return method(None)
+
+        return say
+
+    return bound

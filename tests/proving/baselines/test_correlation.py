@@ -11,15 +11,9 @@ MODULE = "buggy_rl.proving.baselines.correlation"
 
 
 @pytest.fixture
-def answer(monkeypatch):
+def answer(answering):
     """Answers to columns that are known."""
-
-    def say(found):
-        monkeypatch.setattr(f"{MODULE}.asked", lambda seen: seen)
-        monkeypatch.setattr(f"{MODULE}.columns", lambda seen: found)
-        return correlation(None)
-
-    return say
+    return answering(MODULE, correlation)
 
 
 def test_the_column_that_is_in_it_is_named_with_its_size(answer):

@@ -13,16 +13,10 @@ MODULE = "buggy_rl.proving.baselines.sindy"
 
 
 @pytest.fixture
-def answer(monkeypatch):
+def answer(answering):
     """Answers to columns that are known."""
     pytest.importorskip("pysindy")
-
-    def say(found):
-        monkeypatch.setattr(f"{MODULE}.asked", lambda seen: seen)
-        monkeypatch.setattr(f"{MODULE}.columns", lambda seen: found)
-        return sindy(None)
-
-    return say
+    return answering(MODULE, sindy)
 
 
 def test_the_largest_standardised_coefficient_is_named_with_its_size(answer):
