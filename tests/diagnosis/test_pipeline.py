@@ -23,6 +23,7 @@ CONFIG = DiagnosisConfig(
     output="nowhere",
     effects=["throttle_gain", "viscous_drag", "steering_dead_time"],
     parameters=False,
+    stretches=40,
 )
 
 

@@ -12,6 +12,7 @@ from buggy_rl.diagnosis.correction import correct
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import likelihood
+from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.diagnosis.rollouts import Player
 from buggy_rl.diagnosis.screening import screened
 from buggy_rl.diagnosis.stretches import Stretches, stretches
@@ -25,7 +26,6 @@ from buggy_rl.proving.sealing import Vault
 from buggy_rl.recordings import Recording, load_recordings
 
 SECONDS = 1.0  # [s] open loop
-MOST = 150  # stretches, as many as the tool takes by default
 ITERATIONS = 8
 
 
@@ -54,13 +54,14 @@ def weighed(vault: Vault, case: Case, effects: Sequence[str], rivals: int) -> di
     """What `weigh` writes: losses in nats, parameters, rivals, errors on the sealed drives."""
     seen = vault.seen(case.id)
     question = yaml.safe_load((seen / "question.yaml").read_text())
+    most = question.get("stretches", DiagnosisConfig.stretches)
     make = _maker(seen / question["simulator"])
     player = Player(make, options=measurable_options(make)[0])
     extra = None
     if case.baseline:
-        correction = correct(player, _cut(_drives(seen / "baseline")))
+        correction = correct(player, _cut(_drives(seen / "baseline"), most))
         player, extra = correction.player(player), correction.covariance
-    cut = _cut(_drives(seen / "recordings"))
+    cut = _cut(_drives(seen / "recordings"), most)
     library = Library(list(effects) or None)
     fitter = Fitter(player, cut, likelihood(player, cut, extra=extra), library)
     null = fitter.fit([fitter.start(())], ITERATIONS)[0]
@@ -77,7 +78,7 @@ def weighed(vault: Vault, case: Case, effects: Sequence[str], rivals: int) -> di
         }
         if len(case.truth) == 1:
             result["rivals"] = _rivals(fitter, null, truth, rivals)
-    held_out = _cut(_drives(vault.held_out(case.id)))
+    held_out = _cut(_drives(vault.held_out(case.id)), DiagnosisConfig.stretches)
     repaired = vault.said(case.id) / "repaired.yaml"
     result["held_out"] = _measured(player, library, held_out, null, truth, repaired)
     return result
@@ -153,8 +154,8 @@ def _drives(folder: Path) -> list[Recording]:
     return load_recordings([str(folder)])[0]
 
 
-def _cut(recordings: Sequence[Recording]) -> Stretches:
+def _cut(recordings: Sequence[Recording], most: int) -> Stretches:
     cut = stretches(recordings, SECONDS, SECONDS)
-    if len(cut) > MOST:
-        cut = cut[torch.linspace(0, len(cut) - 1, MOST).round().long()]
+    if len(cut) > most:
+        cut = cut[torch.linspace(0, len(cut) - 1, most).round().long()]
     return cut
