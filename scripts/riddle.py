@@ -16,6 +16,12 @@ from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
 
+NAMELESS = {  # what an answer without a name says
+    "no_mismatch": "that nothing is missing",
+    "unknown_physics": "that something is missing that it has no name for",
+    "cannot_tell": "that these drives cannot tell",
+}
+
 
 def main() -> None:
     """Seals, asks, opens."""
@@ -61,7 +67,8 @@ def main() -> None:
     if not truth:
         print("  Nothing was concealed.")
     right = set(names) == set(truth) if len(truth) != 1 else names[:1] == list(truth)
-    print(f"The diagnosis said {', '.join(names) or 'nothing'}: {'right' if right else 'wrong'}.")
+    said_so = ", ".join(names) or NAMELESS.get(answer["verdict"], "nothing")
+    print(f"The diagnosis said {said_so}: {'right' if right else 'wrong'}.")
 
     shown = rollouts(vault, case)
     measured = shown.pop(MEASURED)
