@@ -21,6 +21,21 @@ def test_without_a_block_the_fit_moves_as_the_linear_one_says(late):
     assert float(exact) >= float(right.square[out].sum()) - 1.0  # held out is no better than fitted
 
 
+def test_what_is_held_out_is_rolled_out_where_the_fit_moves(late):
+    # Each stretch at the place without its own block, not along the slopes of the place with it.
+    fit, (right, _) = late
+    group = blocks(fit.cut)
+    curve, score = fit.normal(right)
+    prior = torch.tensor([u.prior for u in right.unknowns], dtype=torch.float64)
+    hessian = curve.sum(0) + torch.diag(prior**-2)
+    found = evidence(fit, right, group).square
+    for name in group.unique():
+        rows = group == name
+        move = torch.linalg.solve(hessian - curve[rows].sum(0), score[rows].sum(0))
+        [white] = fit.evaluate([(right, right.place + move)])
+        torch.testing.assert_close(found[rows], white.square().sum(-1)[rows], rtol=1e-4, atol=1e-4)
+
+
 def test_the_covariance_covers_the_truth_and_is_one(late):
     fit, (right, _) = late
     covariance = evidence(fit, right, blocks(fit.cut)).covariance

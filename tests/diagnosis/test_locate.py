@@ -127,6 +127,16 @@ def test_where_all_is_beyond_the_cap_size_still_counts():
     assert misfit(torch.full((5,), 400.0)) == 20.0
 
 
+def test_a_spin_counts_as_closed_by_as_much_as_it_is():
+    given = torch.tensor([1.0, 1.0, 100.0**2])
+    assert misfit(given, given) == pytest.approx(4.0)
+    # Half of the way from 100 to 1: half of what the cap lets count, 1 + 9 / 2.
+    assert misfit(torch.tensor([1.0, 1.0, 50.5**2]), given) == pytest.approx((1 + 1 + 5.5) / 3)
+    # Worse than given, it counts as no more than before; and noise alone is noise alone.
+    assert misfit(torch.tensor([1.0, 1.0, 1e6]), given) == pytest.approx(4.0)
+    assert misfit(torch.ones(3), given) == pytest.approx(1.0)
+
+
 def test_features_do_not_depend_on_the_drives_clock():
     late = toy_drive("late", 400, 0)
     late.data[keys.TIME] += 1000.0

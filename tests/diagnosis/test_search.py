@@ -4,6 +4,8 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.adequacy import Usual
+from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.evidence import evidences
 from buggy_rl.diagnosis.search import Search
 from tests.diagnosis.planted import fitter
 
@@ -36,6 +38,31 @@ def test_where_a_simulator_is_as_right_as_ever_a_part_of_the_gap_is_no_news(driv
     assert named("steering_gain", as_ever) == ()
     assert named("viscous_drag", as_ever) == ("viscous_drag",)
     assert searched(drives["late"], FEW, as_ever).best.causes == ("steering_dead_time",)
+
+
+def test_a_fit_that_is_stuck_goes_on_from_where_others_came_to(drives):
+    search = Search(fitter(drives["late"], FEW))
+    search.null = search.fit([search.fitter.start(())])[0]
+    stuck, beyond = (
+        search.fitter.start(causes, place)
+        for causes, place in (
+            (["steering_dead_time"], [0.1, 0.0]),
+            (["steering_dead_time", "viscous_drag"], [1.2, 0.0, 0.0]),
+        )
+    )
+    for fitted in (stuck, beyond):  # neither is fitted any further
+        [fitted.white] = search.fitter.evaluate([(fitted, fitted.place)])
+        search.fitter.differentiate([fitted])
+        [known] = evidences(search.fitter, [fitted], search.group)
+        search.tried[fitted.causes] = Candidate(fitted, known)
+    base = search.tried["steering_dead_time",]
+    better = search.taught(base)
+    assert better is not None
+    assert better.causes == base.causes
+    assert search.loss(better) < search.loss(base)
+    # Planted are 60 ms, which is the unit.
+    assert float(better.fitted.place[0]) == pytest.approx(1.0, abs=0.05)
+    assert search.taught(better) is None  # nobody knows better than that
 
 
 def test_an_effect_that_is_not_in_the_library_is_not_mended_by_one_that_is(drives):

@@ -10,6 +10,8 @@ from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measured_options, measured_tyres
 from buggy_rl.effects.tyre import law, slip_of, slope
 from buggy_rl.engines import make_engine
+from buggy_rl.engines.reference import ReferenceEngine
+from buggy_rl.keys import MEMORY
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 from tests.effects.faults import follow, over, start
 
@@ -137,6 +139,37 @@ def test_a_car_that_rolls_straight_ahead_does_not_feel_its_tyres(name):
     actions = torch.tensor([[-0.8, 0.0]]).expand(20, 2)
     ends = [follow(e, start(e, (2.0, 0.0, 0.0)), actions)[-1] for e in (env, bare)]
     torch.testing.assert_close(ends[0][keys.POSE], ends[1][keys.POSE], atol=1e-4, rtol=0)
+
+
+def opened_wide(env, actions=None):
+    """A drive [T, 1]: in a bend the throttle is opened wide."""
+    return follow(env, start(env, (1.5, 0.0, 0.0)), WIDE if actions is None else actions)
+
+
+WIDE = torch.tensor([[-0.5, 0.5]] * 30 + [[0.8, 0.5]] * 50)
+
+
+def test_a_car_that_spins_its_wheels_on_a_slippery_floor_has_nothing_left_for_the_side():
+    # The concealed car's wheels spin, the engine's under the effect do not.
+    slippery = opened_wide(ReferenceEngine((1,), faults={"tire_grip": {"grip": 0.55}}))
+    options = measured_options(lambda n: make_engine("reference", (n,)))["tire_grip"]
+    env = over([make_effect("tire_grip", {"grip": 0.55, **options})], "reference", (1,))
+    states = opened_wide(env)
+    spin = states["tire_grip" + MEMORY][..., 0]
+    assert float(spin[:25].abs().max()) < 0.1  # it rolls through the bend
+    assert float(spin[30:].max()) > 1.0
+    bare = opened_wide(make_engine("reference", (1,)))
+    bare, true, repaired = (s[keys.VELOCITY][:, 0, 2] for s in (bare, slippery, states))
+    gap, left = ((yaw_rate - true).square().mean().sqrt() for yaw_rate in (bare, repaired))
+    assert float(left) < 0.5 * float(gap)
+
+
+def test_wheels_that_spun_stop_spinning_without_throttle():
+    env = over([make_effect("tire_grip", {"grip": 0.5})], "reference", (1,))
+    off = torch.cat([WIDE, torch.tensor([[-1.0, 0.5]] * 50)])
+    spin = opened_wide(env, off)["tire_grip" + MEMORY][:, 0, 0]
+    assert float(spin[30:80].max()) > 1.0
+    assert abs(float(spin[-1])) < 0.1
 
 
 def test_a_patch_is_slippery_inside_only():

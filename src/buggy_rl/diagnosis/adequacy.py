@@ -33,16 +33,22 @@ class Remaining:
     """Share of the excess beyond the usual that remains, or may, however little that is."""
 
 
-def misfit(square: Tensor) -> float:
+def misfit(square: Tensor, given: Tensor | None = None) -> float:
     """Mean of |W e| / sqrt(D) of stretches, each counted as sqrt(`CAP`) at most: 1 is noise alone.
 
-    Where a car spins, no two rollouts agree, and how far apart they end says nothing. Where most
-    stretches are beyond the cap, nothing spins: then it is what is usual among them.
+    Where a car spins, two rollouts end far apart, and one such stretch would outweigh all others.
+    So it weighs no more than the cap; but it counts as closed by as much as it is.
 
     Args:
         square: [N] |W e|^2 / D.
+        given: [N] likewise of the simulator as given, where it is to be compared with that.
     """
-    return max(float(square.clamp_max(CAP).sqrt().mean()), float(square.median().sqrt()))
+    root, most = square.sqrt(), CAP**0.5
+    if given is None:
+        # Where most stretches are beyond the cap, it is what is usual among them.
+        return max(float(root.clamp_max(most).mean()), float(root.median()))
+    weight = ((most - 1) / (given.sqrt() - 1).clamp_min(1e-9)).clamp_max(1.0)
+    return float((1 + weight * (root - 1)).clamp_max(most).mean())
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ def remaining(
     Whitened gaps are compared row by row with what was driven: the share of their square that
     bins of a feature explain, over what as many random bins would. An excess that is usual is none.
     """
-    first, last = (misfit(w.square().mean(-1)) - 1 for w in (before, after))
+    given = before.square().mean(-1)
+    first, last = (misfit(w.square().mean(-1), given) - 1 for w in (before, after))
     # What drives differ by themselves may be more of what remains, or less.
     over = max(0.0, last - usually.mean, usually.error)
     count = len(after)

@@ -32,11 +32,6 @@ class Candidate:
         return typical(self.held_out)
 
 
-def size(candidate: Candidate) -> float:
-    """Excess of gaps on what was held out, over the noise's."""
-    return misfit(candidate.held_out) - 1
-
-
-def usual_size(candidate: Candidate) -> float:
-    """Likewise, where most stretches are so far off that the mean is at its cap."""
-    return candidate.typical**0.5 - 1
+def size(candidate: Candidate, null: Candidate) -> float:
+    """Excess of gaps on what was held out over the noise's, beside those of nothing at all."""
+    return misfit(candidate.held_out, null.held_out) - 1

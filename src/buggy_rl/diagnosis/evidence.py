@@ -1,11 +1,13 @@
 """What speaks for one explanation over another on drives that neither was fitted to."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.fit import Fitted, Fitter
+from buggy_rl.diagnosis.library import bounded
 from buggy_rl.diagnosis.likelihood import Likelihood
 from buggy_rl.diagnosis.stretches import Stretches
 
@@ -29,28 +31,46 @@ def blocks(cut: Stretches, seconds: float = BLOCK) -> Tensor:
     return number
 
 
-def evidence(fitter: Fitter, fitted: Fitted, group: Tensor) -> Evidence:
+def evidences(fitter: Fitter, explanations: Sequence[Fitted], group: Tensor) -> list[Evidence]:
     """Holds out one block at a time.
 
     Without block g the solution moves, to first order, by d_g = (H - H_g)^-1 s_g, with H and s the
-    curvature and the score of the loss; the gaps of that block move by their slopes times d_g.
+    curvature and the score of the loss; the gaps of that block are those of a rollout there.
     Covariance: (G - 1) / G sum_g d_g d_g^T, and what the prior alone holds counts as unknown.
     """
+    moved = [_moved(fitter, fitted, group) for fitted in explanations]
+    places = [
+        (fitted, bounded(fitted.unknowns, fitted.place + move))
+        for fitted, (move, _) in zip(explanations, moved, strict=True)
+    ]
+    whites = fitter.evaluate(places)
+    return [
+        Evidence(white.square().sum(-1), covariance)
+        for white, (_, covariance) in zip(whites, moved, strict=True)
+    ]
+
+
+def evidence(fitter: Fitter, fitted: Fitted, group: Tensor) -> Evidence:
+    """Of one explanation."""
+    return evidences(fitter, [fitted], group)[0]
+
+
+def _moved(fitter: Fitter, fitted: Fitted, group: Tensor) -> tuple[Tensor, Tensor]:
+    """By how much [N, P] the place moves without each stretch's block, and its covariance."""
     assert fitted.slopes is not None
     curve, score = fitter.normal(fitted)
     prior = torch.tensor([u.prior for u in fitted.unknowns], dtype=torch.float64)
     hessian = curve.sum(0) + torch.diag(prior**-2)
     inverse = torch.linalg.inv(hessian)
     covariance = inverse @ torch.diag(prior**-2) @ inverse
-    square = fitted.square.clone()
+    moves = torch.zeros(len(group), len(fitted.place), dtype=torch.float64)
     names = group.unique()
     for name in names:
         rows = group == name
         move = torch.linalg.solve(hessian - curve[rows].sum(0), score[rows].sum(0))
-        white = fitted.white[rows] + fitted.slopes[rows] @ move
-        square[rows] = white.square().sum(-1)
+        moves[rows] = move
         covariance += (len(names) - 1) / len(names) * torch.outer(move, move)
-    return Evidence(square, covariance)
+    return moves, covariance
 
 
 @dataclass(frozen=True)

@@ -76,27 +76,27 @@ class Library:
         """Values of explanations, one a row, as `Player.play` takes them.
 
         Args:
-            rows: Unknowns of each and their coordinates [P].
+            rows: Unknowns of each and their coordinates [P], or [N, P] of each stretch.
 
         Returns:
-            Effects, the simulator's parameters, and the clock's offset; [C] each.
+            Effects, the simulator's parameters, and the clock's offset; [C] or [C, N] each.
         """
-        count = len(rows)
+        shape = (len(rows), *rows[0][1].shape[:-1])
         effects: dict[str, dict[str, Tensor]] = {}
         parameters: dict[str, Tensor] = {}
-        offset = torch.zeros(count)
+        offset = torch.zeros(shape)
         for row, (own, place) in enumerate(rows):
-            for unknown, z in zip(own, place.tolist(), strict=True):
-                value, name = float(unknown.parameter.value_at(z)), unknown.parameter.name
+            for unknown, z in zip(own, place.unbind(-1), strict=True):
+                value, name = unknown.parameter.value_at(z).float(), unknown.parameter.name
                 if not unknown.cause:
                     offset[row] = value
                 elif unknown.cause.startswith(OWN):
                     neutral = self.parameters[name].value
-                    parameters.setdefault(name, torch.full((count,), neutral))[row] = value
+                    parameters.setdefault(name, torch.full(shape, neutral))[row] = value
                 else:
                     if unknown.cause not in effects:
                         effects[unknown.cause] = {
-                            p.name: torch.full((count,), p.value)
+                            p.name: torch.full(shape, p.value)
                             for p in effect_class(unknown.cause).parameters
                         }
                     effects[unknown.cause][name][row] = value

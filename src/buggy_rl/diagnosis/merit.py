@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import Usual
-from buggy_rl.diagnosis.candidate import Candidate, size, usual_size
+from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.evidence import advantage
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 
@@ -56,7 +56,8 @@ class Merit:
         )
         added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
         share = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
-        if size(null) < self.usual.most:
+        gap = size(null, null)
+        if gap < self.usual.most:
             share = max(share, UNASKED)
         coordinates = [
             abs(z)
@@ -67,11 +68,7 @@ class Merit:
             max(coordinates, default=0.0) > FAINT
             and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
-            and any(
-                measure(less) - measure(more)
-                > max(MATTERS, self.usual.error, share * measure(null))
-                for measure in (size, usual_size)
-            )
+            and size(less, null) - size(more, null) > max(MATTERS, self.usual.error, share * gap)
             and not self.stands(more, less)
         )
 

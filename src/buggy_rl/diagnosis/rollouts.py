@@ -20,7 +20,7 @@ from buggy_rl.vehicle import rotate
 MOST_CARS = 12_000  # rolled out at once, to bound memory
 
 Values = Mapping[str, Mapping[str, Tensor]]
-"""Effect -> parameter -> values [C], one a parameter set."""
+"""Effect -> parameter -> values [C], one a parameter set, or [C, N], one a stretch of each."""
 Options = Mapping[str, Mapping[str, Any]]
 """Effect -> option -> value, as `measured_options` finds them."""
 
@@ -60,8 +60,8 @@ class Player:
         Args:
             cut: N stretches.
             effects: Values of C parameter sets.
-            parameters: The simulator's own, name -> [C].
-            offset: [C] commands took effect this much later than they are stamped [s].
+            parameters: The simulator's own, name -> [C] or [C, N].
+            offset: [C] or [C, N] commands took effect this much later than they are stamped [s].
             shift: [C, 6] error of the start's pose (in the body frame) and velocity.
 
         Returns:
@@ -113,11 +113,14 @@ class Player:
         return _compared(read, cut, self.instants(cut))
 
     def _environment(self, effects, parameters, cars, count):
-        each = {
-            e: {p: v.repeat_interleave(count) for p, v in ps.items()} for e, ps in effects.items()
-        }
-        own = {name: v.repeat_interleave(count) for name, v in parameters.items()}
+        each = {e: {p: _each(v, count) for p, v in ps.items()} for e, ps in effects.items()}
+        own = {name: _each(v, count) for name, v in parameters.items()}
         return explained(self.make(cars), each, own, self.standing, self.options)
+
+
+def _each(values: Tensor, count: int) -> Tensor:
+    """Values [C] or [C, N] of each car [C * N]."""
+    return values.repeat_interleave(count) if values.dim() == 1 else values.flatten()
 
 
 def explained(
@@ -220,18 +223,19 @@ def _started(cut: Stretches, stack: Sequence, sets: int, shift: Tensor | None):
 
 
 def _commanded(cut: Stretches, offset: Tensor | None, sets: int) -> Tensor:
-    """Commands [C * N, L, 2] as they took effect, `offset` [C] s later than stamped."""
+    """Commands [C * N, L, 2] as they took effect, `offset` [C] or [C, N] s later than stamped."""
     action = cut.action
     if offset is None or not bool(offset.any()):
         return action.repeat(sets, 1, 1)
     length = action.shape[1]
-    place = torch.arange(length) - (offset / cut.dt).unsqueeze(-1)  # (C, L)
+    place = torch.arange(length) - (_each(offset, len(cut)) / cut.dt).unsqueeze(-1)  # (C * N, L)
     place = place.clamp(0, length - 1)
     before = place.floor().long().clamp_max(length - 2)
-    share = (place - before)[:, None, :, None]
-    older, newer = action[:, before], action[:, before + 1]  # (N, C, L, 2)
-    mixed = torch.lerp(older.movedim(1, 0), newer.movedim(1, 0), share)
-    return mixed.flatten(0, 1)
+    all_ = action.repeat(sets, 1, 1)
+    older, newer = (
+        all_.gather(1, row.unsqueeze(-1).expand(-1, -1, 2)) for row in (before, before + 1)
+    )
+    return torch.lerp(older, newer, (place - before).unsqueeze(-1))
 
 
 def reading(state: TensorDictBase) -> Tensor:

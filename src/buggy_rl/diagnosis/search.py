@@ -7,7 +7,7 @@ import torch
 
 from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.evidence import blocks, evidence
+from buggy_rl.diagnosis.evidence import blocks, evidences
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import bounded
 from buggy_rl.diagnosis.likelihood import likelihood
@@ -15,7 +15,7 @@ from buggy_rl.diagnosis.merit import NATS, Merit
 from buggy_rl.diagnosis.screening import screened
 
 ITERATIONS = 6  # of a fit
-POLISHED = 3  # times that the best is fitted on at most
+POLISHED = 8  # times that the best is fitted on at most
 SHAKEN = (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3)  # of a size: how far around it is looked once more
 KEPT = 12  # effects that are fitted after the screening
 EXTENDED = 6  # effects that are fitted beside those already found
@@ -71,9 +71,10 @@ class Search:
             # What the best so far leaves is no noise: so much less does a nat count.
             self.fitter.temper = max(1.0, EAGER * best.typical)
             step = self.extended(best)
+            step = self.taught(best) if step is None else self.eliminated(step)
             if step is None:
                 break
-            best = self.reweighed(self.eliminated(step))
+            best = self.reweighed(step)
         self.fitter.temper = max(1.0, best.typical)
         return Found(self.null, best, self.tried, self.fitter.temper)
 
@@ -97,7 +98,10 @@ class Search:
             fitted.white = torch.einsum("nij,nj->ni", change, fitted.white)
             if fitted.slopes is not None:
                 fitted.slopes = change @ fitted.slopes
-            candidate.evidence = evidence(fitter, fitted, self.group)
+        tried = list(self.tried.values())
+        anew = evidences(fitter, [candidate.fitted for candidate in tried], self.group)
+        for candidate, known in zip(tried, anew, strict=True):
+            candidate.evidence = known
         for _ in range(POLISHED):
             # What it leaves is nearer to noise than what was there before: each nat counts for
             # more, and along a ridge, such as a dead time's and a clock's, there is a way to go.
@@ -130,6 +134,29 @@ class Search:
         better = self.fitter.value(found) < self.fitter.value(fitted)
         return [found] if better else [trials[0]]
 
+    def taught(self, base: Candidate) -> Candidate | None:
+        """The base, fitted on from where the same causes came to beside another; None if no better.
+
+        A fit may be stuck where one with a number more, however little that is, found a way on.
+        """
+        rows = []
+        for candidate in self.tried.values():
+            if set(candidate.causes) > set(base.causes) > set():
+                numbers = zip(candidate.fitted.unknowns, candidate.fitted.place, strict=True)
+                there = {(u.cause, u.parameter.name): float(z) for u, z in numbers}
+                place = [there[u.cause, u.parameter.name] for u in base.fitted.unknowns]
+                rows.append((base.fitted, torch.tensor(place, dtype=torch.float64)))
+        trials = [
+            Fitted(base.causes, base.fitted.unknowns, place, white)
+            for (_, place), white in zip(rows, self.fitter.evaluate(rows), strict=True)
+        ]
+        found = min(trials, key=self.fitter.value, default=base.fitted)
+        if self.fitter.value(base.fitted) - self.fitter.value(found) < NATS:
+            return None
+        before = self.loss(base)
+        better = self.fit([found])[0]
+        return better if before - self.loss(better) > NATS else None
+
     def fit(self, starts: Sequence[Fitted], base: Candidate | None = None) -> list[Candidate]:
         """Fits and weighs explanations; the better one of two with the same effects is kept.
 
@@ -141,8 +168,9 @@ class Search:
             return []
         results = []
         worst = None if base is None else self.fitter.value(base.fitted)
-        for fitted in self.fitter.fit(starts, ITERATIONS, worst):
-            candidate = Candidate(fitted, evidence(self.fitter, fitted, self.group))
+        found = self.fitter.fit(starts, ITERATIONS, worst)
+        for fitted, known in zip(found, evidences(self.fitter, found, self.group), strict=True):
+            candidate = Candidate(fitted, known)
             key = tuple(sorted(fitted.causes))
             before = self.tried.get(key)
             if before is None or self.loss(candidate) < self.loss(before):

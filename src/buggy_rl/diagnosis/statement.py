@@ -7,6 +7,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import NOTHING, misfit, remaining
 from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, sentence
+from buggy_rl.diagnosis.candidate import size
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
 from buggy_rl.diagnosis.excitation import suggestions, weak
@@ -48,7 +49,7 @@ def stated(
     named = [_named(case, found, c, sure[c], closed[c]) for c in found.best.causes]
     named += _retuned(found, before, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
-    given = misfit(found.null.held_out) - 1
+    given = size(found.null, found.null)
     verdict = verdict_of(given, rest, named, case.usual)
     undecided = []
     for item in named:
@@ -96,14 +97,14 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence, closed: float
 
 def _gain(found: Found, cause: str) -> float:
     """Share of the gap that comes back without a cause, on what was held out."""
-    before, after = _without(found, cause), misfit(found.best.held_out) - 1
+    before, after = _without(found, cause), size(found.best, found.null)
     return max(0.0, before - after) / max(before, 1e-9)
 
 
 def _without(found: Found, cause: str) -> float:
     """Excess over the noise without a cause."""
     key = tuple(sorted(set(found.best.causes) - {cause}))
-    return misfit(found.tried.get(key, found.null).held_out) - 1
+    return size(found.tried.get(key, found.null), found.null)
 
 
 def _mistaken(case: Case, found: Found, cause: str) -> float:
@@ -112,7 +113,7 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
     If all that remains beyond the usual, and what drives differ by themselves, were more of this
     cause, or less, its numbers would be off by that over what the cause closes.
     """
-    excess = misfit(found.best.held_out) - 1
+    excess = size(found.best, found.null)
     rest = max(0.0, excess - case.usual.mean) + 2 * case.usual.error
     closed = _without(found, cause) - excess
     return min(1.0, max(rest, NOTHING) / max(closed, 1e-9))
@@ -121,7 +122,7 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
 def _retuned(found: Found, before: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
     """Parameters that were off, with what all of them close together."""
     first, last = (
-        misfit(square) - 1
+        misfit(square, before.square().mean(-1)) - 1
         for square in (before.square().mean(-1), found.null.fitted.white.square().mean(-1))
     )
     gain = max(0.0, first - last) / max(first, 1e-9)
@@ -134,6 +135,7 @@ def _proof(case: Case, found: Found, before: Tensor) -> Proof:
     errors = prove(
         case.player, case.recordings, case.cut, case.likelihood, case.library, best, case.given
     )
+    given = before.square().mean(-1)
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
     return Proof(
         before=errors["before"],
@@ -141,7 +143,7 @@ def _proof(case: Case, found: Found, before: Tensor) -> Proof:
         retuned=errors.get("retuned", {}),
         noise_floor={h: floor for h in errors["before"]},
         black_box=errors["black_box"],
-        misfit_before=misfit(before.square().mean(-1)),
-        misfit_after=misfit(found.best.held_out),
+        misfit_before=misfit(given, given),
+        misfit_after=misfit(found.best.held_out, given),
         held_out=len(folds(case.cut).unique()) > 1,
     )

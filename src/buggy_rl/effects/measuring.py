@@ -56,17 +56,27 @@ def measured_options(
     """
     if not isinstance(dimensions, VehicleDimensions):
         dimensions = VehicleDimensions(**(dimensions or {}))
-    return {
-        **_drive_options(make),
-        **_servo_options(make),
-        **_tyre_options(make, dimensions),
-    }
+    options: dict[str, dict[str, Any]] = {}
+    for part in (
+        _drive_options(make),
+        _servo_options(make),
+        _tyre_options(make, dimensions),
+    ):
+        _add(options, part)
+    return options
+
+
+def _add(options: dict[str, dict[str, Any]], more: Mapping[str, Mapping[str, Any]]) -> None:
+    for name, values in more.items():
+        options[name] = {**options.get(name, {}), **values}
 
 
 def _drive_options(make: Make) -> dict[str, dict[str, Any]]:
     drive, onset = measured_drive(make), {"onset": measured_onset(make)}
+    loss = {"speed_loss": drive["speed_loss"]}
     return {
         **dict.fromkeys(PULL_EFFECTS, onset),
+        **dict.fromkeys(TYRE_EFFECTS, loss),
         "motor_power_limit": {"coasting": drive["coasting"]},
         "top_speed": drive,
     }
@@ -99,7 +109,7 @@ def measurable_options(make: Make) -> tuple[dict[str, dict[str, Any]], list[str]
     failures = []
     for part, measured in parts.items():
         try:
-            options |= measured()
+            _add(options, measured())
         except ValueError as error:
             failures.append(f"{part} cannot be measured ({error}): what is typical is assumed")
     return options, failures

@@ -5,7 +5,7 @@ sideways, per mass of the car [m/s^2], with the axles a ahead of and b behind th
 
     F_front = (ay b + I/m dr/dt) / L,   F_rear = (ay a - I/m dr/dt) / L.
 
-These are changed and put back. Three things matter.
+These are changed and put back. Four things matter.
 
 - *Friction is a bound, not a factor.* On a slippery floor a tyre is as stiff as ever and slides
   earlier: F'(slip) = g F(slip / g). With F = D sin(c atan(s)), s = C slip / (c D), the slip is read
@@ -16,8 +16,14 @@ These are changed and put back. Three things matter.
   the slip's rate d(slip)/dt = S (F - F_hold), S the mobility of the axles, F_hold what keeps the
   turn as it is, the mean is F_hold + (1 + X / 2)^-1 (F_start - F_hold), X = dt S K, K the slope of
   the tyre law. It is undone with the engine's slope and done again with the changed one.
-- *Front wheels push square to where they point*, so a part of their force brakes; *the rear
-  axle also drives*, and what its friction has left beside that is for the side.
+- *Front wheels push square to where they point*, so a part of their force brakes.
+- *The rear axle also drives, and spins* where that is more than its friction. A sliding tyre pushes
+  against the way its tread slides: with a tread u faster than the ground that slides w sideways,
+  F_x / F = u / sqrt(u^2 + w^2) and F_y / F = w / sqrt(u^2 + w^2), w no less than what it stretches
+  by. So a car that spins its wheels has nothing left for the side. The simulated u follows from the
+  drive seen; by how much the changed one is larger, z, is a state of the effect:
+  wheels dz/dt = drive - b z - F_x, b what the motor loses with the speed. The reference car on a
+  slippery floor spins its wheels by 2 to 9 m/s; z tells its u within 20 %.
 
 Loads are those at rest. Shifting them by ax h / L was tried and made the yaw moment worse around
 every engine, those with load transfer included: what brakes a car is not all at the tyres.
@@ -38,10 +44,15 @@ from buggy_rl.vehicle import GRAVITY
 
 Axles = float | Sequence[float]
 
+SPEED_LOSS = (0.6, 0.0)  # [1/s] of the reference car's motor, whatever the drive
 FRICTION = 0.84  # D over load, DART's 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
+ASKED = 0.03  # drive from which on the motor is taken to work: none without throttle; chosen
+LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
+WHEELS = 0.085  # what turns with the rear wheels, as a mass at their tread over the car's; chosen
+NEWTON = 6  # iterations; what is left is far below a millimetre a second
 FULL_CIRCLE = 0.95  # share of the friction circle that a drive can use up; chosen
 MOST_USED = 0.995  # of its bound; a tyre that gives more is taken to slide
 NO_BOUND = 1000.0  # [m/s^2] more than any tyre gives
@@ -55,6 +66,7 @@ class TyreEffect(MotionEffect):
         friction: Largest tyre force over load that the engine has: one number, or front and rear.
         stiffness: Its lateral force over load and slip angle, at small slip [1/rad]; likewise.
         shape: c of its law, likewise.
+        speed_loss: b0 and b1 [1/s] of what its motor loses with the speed, b = b0 + b1 drive.
         dimensions, dt, values: As for the other motion effects.
 
     Raises:
@@ -67,8 +79,10 @@ class TyreEffect(MotionEffect):
         friction: Axles = FRICTION,
         stiffness: Axles = STIFFNESS,
         shape: Axles = SHAPE,
+        speed_loss: Sequence[float] = SPEED_LOSS,
         **rest: Any,
     ) -> None:
+        self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
         self.friction = self._both("friction", friction)
         self.stiffness = self._both("stiffness", stiffness)
         self.shape = self._both("shape", shape)
@@ -86,9 +100,12 @@ class TyreEffect(MotionEffect):
             "friction": (self.friction, (FRICTION, FRICTION)),
             "stiffness": (self.stiffness, STIFFNESS),
             "shape": (self.shape, SHAPE),
+            "speed_loss": (self.speed_loss, SPEED_LOSS),
         }
         changed = {name: list(mine) for name, (mine, own) in chosen.items() if mine != own}
         return super().options | changed
+
+    carries = 1
 
     @abstractmethod
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
@@ -99,6 +116,9 @@ class TyreEffect(MotionEffect):
         return force
 
     def _change(self, motion: Motion) -> Tensor:
+        return self._carried_on(motion)[0]
+
+    def _carried_on(self, motion: Motion) -> tuple[Tensor, Tensor]:
         d = self.dimensions
         ax, ay, yaw = motion.acceleration
         ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), ax)[:2], -1)  # (n, 2)
@@ -113,8 +133,15 @@ class TyreEffect(MotionEffect):
         angle = self._wheel_angle(motion, mean[..., 0] / circle[..., 0])
         aside = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
         drive = (ax + mean[..., 0] * torch.tan(angle)).clamp_min(0.0)
-        driven = drive * bounded(drive, ratio * circle) / bounded(drive, circle)
-        side, side_now = aside * left(circle, drive), aside * left(ratio * circle, driven)
+        drive = drive * torch.tanh(motion.drive / ASKED)
+        rear, rear_now = circle[..., 1], (ratio * circle)[..., 1]
+        across = self._across(motion)
+        spins = spin_of(drive, rear, across)
+        pull = lengthwise(spins, rear, across)  # the drive, but no more than friction gives
+        extra = self._spun(motion, pull, rear_now, across, spins)
+        driven = drive * lengthwise(spins + extra, rear_now, across) / pull
+        side = aside * circle * left(spins, across)
+        side_now = aside * ratio * circle * left(spins + extra, across)
 
         speed = motion.after[..., 0].abs().clamp_min(SLOWEST).unsqueeze(-1)
         rate = self.dt * ax.new_tensor(self.stiffness) * load / speed  # (n, 2) K dt at no slip
@@ -134,8 +161,36 @@ class TyreEffect(MotionEffect):
         change = mean_now - mean  # (n, 2)
         front, rear = change.unbind(-1)
         moment = d.mass / d.yaw_inertia * (d.cg_to_front_axle * front - d.cg_to_rear_axle * rear)
-        lengthwise = driven - drive - front * torch.tan(angle)
-        return self.dt * torch.stack([lengthwise, front + rear, moment], -1)
+        forward = driven - drive - front * torch.tan(angle)
+        change = self.dt * torch.stack([forward, front + rear, moment], -1)
+        return change, extra.unsqueeze(-1)
+
+    def _across(self, motion: Motion) -> Tensor:
+        """Speed [n] [m/s] past which a spinning rear wheel slides: sideways, or by its stretch."""
+        vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
+        sideways = vy - self.dimensions.cg_to_rear_axle * yaw_rate
+        stretch = self.friction[1] / LENGTHWISE * vx.abs().clamp_min(SLOWEST)
+        return (sideways.square() + stretch.square()).sqrt()
+
+    def _spun(
+        self, motion: Motion, pull: Tensor, circle: Tensor, across: Tensor, spins: Tensor
+    ) -> Tensor:
+        """How much faster than the simulated the rear treads run [n] [m/s] after the step.
+
+        wheels dz/dt = pull - b z - F(spins + z), by the implicit Euler rule and Newton's.
+        """
+        assert motion.carried is not None
+        before = motion.carried.squeeze(-1)
+        lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
+        step = self.dt / WHEELS
+        z = before
+        for _ in range(NEWTON):
+            faster = (spins + z).clamp_min(0.0)
+            root = (faster.square() + across.square()).sqrt()
+            gap = z - before - step * (pull - lost * z - circle * faster / root)
+            slope_ = 1 + step * (lost + circle * across.square() / root**3)
+            z = torch.maximum(z - gap / slope_, -spins)
+        return z
 
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
         """Where the front wheels point [n] [rad]: as their axle moves, and by its slip from it."""
@@ -167,15 +222,21 @@ class TyreEffect(MotionEffect):
         return torch.stack([s * x - q * y, p * y - r * x], -1) / (p * s - q * r).unsqueeze(-1)
 
 
-def left(circle: Tensor, drive: Tensor) -> Tensor:
-    """What friction circles [n, 2] leave for the side beside a drive [n] of the rear axle."""
-    front, rear = circle.unbind(-1)
-    return torch.stack([front, (rear.square() - bounded(drive, circle).square()).sqrt()], -1)
+def spin_of(drive: Tensor, circle: Tensor, across: Tensor) -> Tensor:
+    """Spin [n] [m/s] of rear wheels that give a drive [n], of a friction circle [n]."""
+    use = drive.clamp_min(1e-6).minimum(FULL_CIRCLE * circle) / circle
+    return across * use / (1 - use.square()).sqrt()
 
 
-def bounded(drive: Tensor, circle: Tensor) -> Tensor:
-    """A drive [n] no larger than the rear axle's friction allows; circles [n, 2]."""
-    return torch.minimum(drive.clamp_min(1e-6), FULL_CIRCLE * circle[..., 1])
+def lengthwise(spin: Tensor, circle: Tensor, across: Tensor) -> Tensor:
+    """Drive [n] of rear wheels that spin by [n]: the force points where the tread slides."""
+    return circle * spin / (spin.square() + across.square()).sqrt()
+
+
+def left(spin: Tensor, across: Tensor) -> Tensor:
+    """Share [n, 2] of friction circles that is left for the side: all of it in front."""
+    rear = across / (spin.square() + across.square()).sqrt()
+    return torch.stack([torch.ones_like(rear), rear], -1)
 
 
 def slip_of(use: Tensor, shape: Tensor) -> Tensor:

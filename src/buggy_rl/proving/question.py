@@ -13,6 +13,7 @@ from buggy_rl.proving.case import Case
 
 PLAIN = ("reference", "mujoco")  # simulators as they are shipped; all others are prepared
 COARSE = {"reference": {"substep": 0.005}, "mujoco": {"timestep": 0.005}}  # five times, twice
+SLOW = {"mujoco": 60, "mujoco_fitted": 60}  # stretches that are looked at where time counts
 MODEL = "simulator.pt"
 
 
@@ -64,7 +65,7 @@ def question(case: Case, effects: list[str], stretches: int = 0) -> str:
     Args:
         case: Black boxes of its own make do not show their parameters.
         effects: To choose from; empty for the whole library.
-        stretches: Of the drives, that the tool looks at; 0 for its own choice.
+        stretches: Of the drives, that the tool looks at; 0 for its own choice, or `SLOW`.
     """
     content: dict[str, Any] = {
         "simulator": MODEL if case.simulator == "learned" else "simulator.yaml",
@@ -76,6 +77,6 @@ def question(case: Case, effects: list[str], stretches: int = 0) -> str:
         content["parameters"] = False
     if effects:
         content["effects"] = effects
-    if stretches:
-        content["stretches"] = stretches
+    if stretches or case.simulator in SLOW:
+        content["stretches"] = stretches or SLOW[case.simulator]
     return yaml.safe_dump(content, sort_keys=False)

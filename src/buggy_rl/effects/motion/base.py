@@ -10,14 +10,16 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.effects.base import Effect
+from buggy_rl.effects.base import Effect, numbers_spec
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
 
 LOCK = 0.45  # [rad] further than that no front wheel of such a car turns; chosen
@@ -38,6 +40,8 @@ class Motion:
     """[n, 2] the command that reached the engine."""
     dt: float
     """[s]"""
+    carried: Tensor | None = None
+    """[n, size] of the effect's own state before the step, where it has one."""
 
     @property
     def drive(self) -> Tensor:
@@ -86,6 +90,8 @@ class MotionEffect(Effect):
     """
 
     kind = "motion"
+    carries: ClassVar[int] = 0
+    """Numbers of a state of its own; 0 at a reset."""
 
     def __init__(
         self,
@@ -108,6 +114,26 @@ class MotionEffect(Effect):
     def _change(self, motion: Motion) -> Tensor:
         """Change [n, 3] of the velocity of the centre of gravity over the step, body frame."""
 
+    def _carried_on(self, motion: Motion) -> tuple[Tensor, Tensor | None]:
+        """That change, and the state [n, carries] after the step, where there is one."""
+        return self._change(motion), None
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        if not (self.active and self.carries):
+            return tensordict_reset
+        velocity = tensordict_reset.get(keys.VELOCITY)
+        none = velocity.new_zeros(*velocity.shape[:-1], self.carries)
+        return tensordict_reset.set(self.memory, none)
+
+    def _state_specs(
+        self, shape: torch.Size, device: DEVICE_TYPING | None
+    ) -> dict[str, TensorSpec]:
+        if not self.carries:
+            return {}
+        return {self.memory: numbers_spec(shape, self.carries, device=device)}
+
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if not self.active:
             return next_tensordict
@@ -126,7 +152,13 @@ class MotionEffect(Effect):
         )
         arm = self.dimensions.sensor_to_cg
         at_cg = shift_velocity(torch.stack([before, after]), -arm)
-        change = self._change(Motion(pose, at_cg[0], at_cg[1], action.clamp(-1, 1), self.dt))
+        memory = tensordict.get(self.memory) if self.carries else None
+        carried = None if memory is None else self._take(memory)
+        change, carried = self._carried_on(
+            Motion(pose, at_cg[0], at_cg[1], action.clamp(-1, 1), self.dt, carried)
+        )
+        if memory is not None and carried is not None:
+            next_tensordict.set(self.memory, self._put(memory, carried))
         moved = after + shift_velocity(change, arm)
         # From the origin, so that far from it the difference of both ways is still exact.
         origin = torch.cat([torch.zeros_like(pose[..., :2]), pose[..., 2:]], -1)
