@@ -50,6 +50,7 @@ def test_a_question_names_folders_and_nothing_else():
         "simulator": "simulator.yaml",
         "recordings": ["recordings"],
         "baseline": ["baseline"],
+        "stretches": 60,  # MuJoCo takes its time
     }
     # The reference car shows no parameters: it is asked as a black box.
     assert yaml.safe_load(question(Case(5, "reference", "reference"), ["wind"])) == {
