@@ -40,16 +40,15 @@ from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter, one_in
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
+from buggy_rl.effects.motion.drive import ASKED, SPEED_LOSS
 from buggy_rl.vehicle import GRAVITY
 
 Axles = float | Sequence[float]
 
-SPEED_LOSS = (0.6, 0.0)  # [1/s] of the reference car's motor, whatever the drive
 FRICTION = 0.84  # D over load, DART's 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
-ASKED = 0.03  # drive from which on the motor is taken to work: none without throttle; chosen
 LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
 WHEELS = 0.085  # what turns with the rear wheels, as a mass at their tread over the car's; chosen
 NEWTON = 6  # iterations; what is left is far below a millimetre a second
