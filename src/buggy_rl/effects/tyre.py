@@ -23,7 +23,8 @@ These are changed and put back. Four things matter.
   by. So a car that spins its wheels has nothing left for the side. The simulated u follows from the
   drive seen; by how much the changed one is larger, z, is a state of the effect:
   wheels dz/dt = drive - b z - F_x, b what the motor loses with the speed. The reference car on a
-  slippery floor spins its wheels by 2 to 9 m/s; z tells its u within 20 %.
+  floor of grip 0.58 spins its wheels by up to 9 m/s; told its motion, the effect's u is on average
+  10 to 17 % below the car's where that is above 1 m/s, and up to a half below it under 0.3 m/s.
 
 Loads are those at rest. Shifting them by ax h / L was tried and made the yaw moment worse around
 every engine, those with load transfer included: what brakes a car is not all at the tyres.
@@ -51,7 +52,7 @@ SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
 LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
 WHEELS = 0.085  # what turns with the rear wheels, as a mass at their tread over the car's; chosen
-NEWTON = 6  # iterations; what is left is far below a millimetre a second
+NEWTON = 6  # iterations; of 200 000 drawn cases the worst is 5e-9 m/s off
 FULL_CIRCLE = 0.95  # share of the friction circle that a drive can use up; chosen
 MOST_USED = 0.995  # of its bound; a tyre that gives more is taken to slide
 NO_BOUND = 1000.0  # [m/s^2] more than any tyre gives
