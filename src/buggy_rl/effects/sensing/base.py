@@ -17,6 +17,24 @@ class SensingEffect(Effect):
 
     kind = "sensing"
 
+    def _write(
+        self, td: TensorDictBase, pose: Tensor, velocity: Tensor, seen: Tensor, rate: Tensor
+    ) -> TensorDictBase:
+        td.set(keys.MEASURED_POSE, self._put(pose, seen))
+        return td.set(keys.MEASURED_VELOCITY, self._put(velocity, rate))
+
+    def _reading_specs(
+        self, shape: torch.Size, device: DEVICE_TYPING | None
+    ) -> dict[str, TensorSpec]:
+        return {
+            keys.MEASURED_POSE: numbers_spec(shape, 3, device=device),
+            keys.MEASURED_VELOCITY: numbers_spec(shape, 3, device=device),
+        }
+
+
+class InstantSensing(SensingEffect):
+    """A sensing effect without memory."""
+
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
@@ -32,20 +50,6 @@ class SensingEffect(Effect):
     @abstractmethod
     def _sensed(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Pose and velocity as measured, of the cars that feel the effect [n, 3]."""
-
-    def _write(
-        self, td: TensorDictBase, pose: Tensor, velocity: Tensor, seen: Tensor, rate: Tensor
-    ) -> TensorDictBase:
-        td.set(keys.MEASURED_POSE, self._put(pose, seen))
-        return td.set(keys.MEASURED_VELOCITY, self._put(velocity, rate))
-
-    def _reading_specs(
-        self, shape: torch.Size, device: DEVICE_TYPING | None
-    ) -> dict[str, TensorSpec]:
-        return {
-            keys.MEASURED_POSE: numbers_spec(shape, 3, device=device),
-            keys.MEASURED_VELOCITY: numbers_spec(shape, 3, device=device),
-        }
 
 
 def measured(tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:

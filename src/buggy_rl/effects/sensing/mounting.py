@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter, one_in
-from buggy_rl.effects.sensing.base import SensingEffect
+from buggy_rl.effects.sensing.base import InstantSensing
 from buggy_rl.vehicle import rotate, shift_velocity
 
 
-class SensorLeverArm(SensingEffect):
+class SensorLeverArm(InstantSensing):
     """The sensor sits elsewhere on the car: its pose and velocity are those of that point."""
 
     name = "sensor_lever_arm"
@@ -38,7 +38,7 @@ class SensorLeverArm(SensingEffect):
         return shifted(pose, velocity, -values["x"], -values["y"])
 
 
-class SensorYaw(SensingEffect):
+class SensorYaw(InstantSensing):
     """The sensor is turned on the car, and so is all that it says of directions."""
 
     name = "sensor_yaw"
@@ -59,7 +59,7 @@ class SensorYaw(SensingEffect):
         return turned(pose, velocity, -over_time(self.values)["angle"])
 
 
-class SpeedScale(SensingEffect):
+class SpeedScale(InstantSensing):
     """Speeds are read too large or too small; the position is right."""
 
     name = "speed_scale"
@@ -79,7 +79,7 @@ class SpeedScale(SensingEffect):
         return pose, scaled(velocity, 1 / over_time(self.values)["ratio"])
 
 
-class GyroBias(SensingEffect):
+class GyroBias(InstantSensing):
     """The yaw rate is read off by a constant; the heading, seen and not summed up, is right."""
 
     name = "gyro_bias"

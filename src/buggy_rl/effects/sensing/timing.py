@@ -79,9 +79,6 @@ class SensorLatency(SensingEffect):
         shown = between(rows, index.unsqueeze(-1), self._kept("share")).squeeze(-2)
         return self._write(td, pose, velocity, *shown.split(3, -1))
 
-    def _sensed(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
-        raise NotImplementedError  # needs the past: see `_shown`
-
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None
     ) -> dict[str, TensorSpec]:
@@ -152,9 +149,6 @@ class SensorLag(SensingEffect):
         shown = now + last * (before - now) + left * (shown - now)
         next_tensordict.set(self.memory, self._put(memory, torch.cat([shown, now], -1)))
         return self._write(next_tensordict, pose, velocity, *shown.split(3, -1))
-
-    def _sensed(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
-        raise NotImplementedError  # needs the past: see `_step`
 
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None
