@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect
-from buggy_rl.effects.measuring import measured_drive, measured_onset
+from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
 from buggy_rl.engines import make_engine
 from tests.effects.faults import follow, over, start
 

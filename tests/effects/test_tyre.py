@@ -7,8 +7,9 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect
-from buggy_rl.effects.measuring import measured_options, measured_tyres
-from buggy_rl.effects.tyre import law, slip_of, slope
+from buggy_rl.effects.measuring import measured_options
+from buggy_rl.effects.measuring.tyres import measured_tyres
+from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.keys import MEMORY

@@ -17,31 +17,26 @@ These are changed and put back. Four things matter.
   turn as it is, the mean is F_hold + (1 + X / 2)^-1 (F_start - F_hold), X = dt S K, K the slope of
   the tyre law. It is undone with the engine's slope and done again with the changed one.
 - *Front wheels push square to where they point*, so a part of their force brakes.
-- *The rear axle also drives, and spins* where that is more than its friction. A sliding tyre pushes
-  against the way its tread slides: with a tread u faster than the ground that slides w sideways,
-  F_x / F = u / sqrt(u^2 + w^2) and F_y / F = w / sqrt(u^2 + w^2), w no less than what it stretches
-  by. So a car that spins its wheels has nothing left for the side. The simulated u follows from the
-  drive seen; by how much the changed one is larger, z, is a state of the effect:
-  wheels dz/dt = drive - b z - F_x, b what the motor loses with the speed. The reference car on a
-  floor of grip 0.58 spins its wheels by up to 9 m/s; told its motion, the effect's u is on average
-  10 to 17 % below the car's where that is above 1 m/s, and up to a half below it under 0.3 m/s.
+- *The rear axle also drives, and spins* where that is more than its friction (`spin`). By how much
+  faster than the simulated it spins is a state of the effect.
 
 Loads are those at rest. Shifting them by ax h / L was tried and made the yaw moment worse around
 every engine, those with load transfer included: what brakes a car is not all at the tyres.
 
-The engine's own tyres D, C, c are assumed; `measured_tyres` finds them for a simulator.
+The engine's own tyres D, C, c are assumed; `measuring.tyres` finds them for a simulator.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.base import EffectParameter, one_in
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import ASKED, SPEED_LOSS
+from buggy_rl.effects.tyre.law import law, slip_of, slope
+from buggy_rl.effects.tyre.spin import left, lengthwise, spin_of, spun
 from buggy_rl.vehicle import GRAVITY
 
 Axles = float | Sequence[float]
@@ -51,12 +46,6 @@ STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
 LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
-WHEELS = 0.085  # what turns with the rear wheels, as a mass at their tread over the car's; chosen
-NEWTON = 6  # iterations; of 200 000 drawn cases the worst is 5e-9 m/s off
-FULL_CIRCLE = 0.95  # share of the friction circle that a drive can use up; chosen
-MOST_USED = 0.995  # of its bound; a tyre that gives more is taken to slide
-NO_BOUND = 1000.0  # [m/s^2] more than any tyre gives
-EDGE = 0.05  # [m] of a patch: over twice this its grip changes from 12 to 88 %
 
 
 class TyreEffect(MotionEffect):
@@ -138,7 +127,10 @@ class TyreEffect(MotionEffect):
         across = self._across(motion)
         spins = spin_of(drive, rear, across)
         pull = lengthwise(spins, rear, across)  # the drive, but no more than friction gives
-        extra = self._spun(motion, pull, rear_now, across, spins)
+        lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
+        assert motion.carried is not None
+        before = motion.carried.squeeze(-1)
+        extra = spun(before, pull, lost, rear_now, across, spins, self.dt)
         driven = drive * lengthwise(spins + extra, rear_now, across) / pull
         side = aside * circle * left(spins, across)
         side_now = aside * ratio * circle * left(spins + extra, across)
@@ -172,26 +164,6 @@ class TyreEffect(MotionEffect):
         stretch = self.friction[1] / LENGTHWISE * vx.abs().clamp_min(SLOWEST)
         return (sideways.square() + stretch.square()).sqrt()
 
-    def _spun(
-        self, motion: Motion, pull: Tensor, circle: Tensor, across: Tensor, spins: Tensor
-    ) -> Tensor:
-        """How much faster than the simulated the rear treads run [n] [m/s] after the step.
-
-        wheels dz/dt = pull - b z - F(spins + z), by the implicit Euler rule and Newton's.
-        """
-        assert motion.carried is not None
-        before = motion.carried.squeeze(-1)
-        lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
-        step = self.dt / WHEELS
-        z = before
-        for _ in range(NEWTON):
-            faster = (spins + z).clamp_min(0.0)
-            root = (faster.square() + across.square()).sqrt()
-            gap = z - before - step * (pull - lost * z - circle * faster / root)
-            slope_ = 1 + step * (lost + circle * across.square() / root**3)
-            z = torch.maximum(z - gap / slope_, -spins)
-        return z
-
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
         """Where the front wheels point [n] [rad]: as their axle moves, and by its slip from it."""
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
@@ -220,135 +192,3 @@ class TyreEffect(MotionEffect):
         p, q, r, s = 1 + front * ff, front * fr, rear * fr, 1 + rear * rr
         x, y = start.unbind(-1)
         return torch.stack([s * x - q * y, p * y - r * x], -1) / (p * s - q * r).unsqueeze(-1)
-
-
-def spin_of(drive: Tensor, circle: Tensor, across: Tensor) -> Tensor:
-    """Spin [n] [m/s] of rear wheels that give a drive [n], of a friction circle [n]."""
-    use = drive.clamp_min(1e-6).minimum(FULL_CIRCLE * circle) / circle
-    return across * use / (1 - use.square()).sqrt()
-
-
-def lengthwise(spin: Tensor, circle: Tensor, across: Tensor) -> Tensor:
-    """Drive [n] of rear wheels that spin by [n]: the force points where the tread slides."""
-    return circle * spin / (spin.square() + across.square()).sqrt()
-
-
-def left(spin: Tensor, across: Tensor) -> Tensor:
-    """Share [n, 2] of friction circles that is left for the side: all of it in front."""
-    rear = across / (spin.square() + across.square()).sqrt()
-    return torch.stack([torch.ones_like(rear), rear], -1)
-
-
-def slip_of(use: Tensor, shape: Tensor) -> Tensor:
-    """Slip s >= 0 at which a tyre gives a share u of its bound: s = tan(asin(|u|) / c)."""
-    return torch.tan(torch.asin(use.abs().clamp_max(MOST_USED)) / shape)
-
-
-def law(slip: Tensor, shape: Tensor) -> Tensor:
-    """Share of its bound that a tyre gives at s >= 0: sin(c atan(s))."""
-    return torch.sin(shape * torch.atan(slip))
-
-
-def slope(slip: Tensor, shape: Tensor) -> Tensor:
-    """Slope of the law over that at no slip, not below 0: cos(c atan(s)) / (1 + s^2)."""
-    return torch.cos(shape * torch.atan(slip)).clamp_min(0.0) / (1 + slip.square())
-
-
-class TireGrip(TyreEffect):
-    """Less friction than simulated, on both axles; or a bound on the lateral acceleration.
-
-    `max_acceleration` is shared between the axles in proportion to their loads.
-    """
-
-    name = "tire_grip"
-    equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
-    alternatives = ("max_acceleration",)
-    parameters = (
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
-        EffectParameter(
-            "max_acceleration",
-            NO_BOUND,
-            0.5,
-            NO_BOUND,
-            "m/s^2",
-            "Largest lateral acceleration that the tyres give.",
-            size=6.0,
-            probe=6.0 - NO_BOUND,
-            reciprocal=True,
-        ),
-    )
-
-    @classmethod
-    def sentence(cls, values: Mapping[str, float]) -> str:
-        grip, most = values.get("grip", 1.0), values.get("max_acceleration", NO_BOUND)
-        words = []
-        if grip != 1.0 or most >= NO_BOUND:
-            words.append(f"the tyres hold {one_in(grip)} than simulated before they slide")
-        if most < NO_BOUND:
-            words.append(f"the tyres give at most {most / GRAVITY:.2g} g sideways")
-        return ", and ".join(words)
-
-    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        grip = self._here("grip").clamp_min(1e-2)
-        return grip, grip
-
-    def _bounded(self, force: Tensor, load: Tensor) -> Tensor:
-        most = self._here("max_acceleration").unsqueeze(-1) * load
-        return torch.minimum(torch.maximum(force, -most), most)
-
-
-class GripBalance(TyreEffect):
-    """One axle holds more than simulated, the other less, their product as it was."""
-
-    name = "grip_balance"
-    equation = "front friction sqrt(q), rear friction / sqrt(q), at the same stiffness"
-    parameters = (
-        EffectParameter(
-            "front_to_rear",
-            1.0,
-            0.2,
-            5.0,
-            "-",
-            "Front friction over rear, over simulated.",
-            0.2,
-            0.03,
-        ),
-    )
-
-    @classmethod
-    def sentence(cls, values: Mapping[str, float]) -> str:
-        ratio = values["front_to_rear"]
-        end = "nose pushes outwards" if ratio < 1 else "tail comes round"
-        return f"the {end} earlier: front against rear, the tyres hold {one_in(ratio)}"
-
-    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        front = self._here("front_to_rear").clamp_min(1e-2).sqrt()
-        return front, 1 / front
-
-
-class GripPatch(TyreEffect):
-    """A slippery place: `tire_grip` inside of a circle, with an edge of some centimetres."""
-
-    name = "grip_patch"
-    equation = "tire_grip within radius of (x, y)"
-    deciding = ("grip",)
-    parameters = (
-        EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
-        EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
-        EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the place.", 0.5, 0.1),
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
-    )
-
-    @classmethod
-    def sentence(cls, values: Mapping[str, float]) -> str:
-        return (
-            f"within {values['radius']:.2g} m of ({values['x']:.2f}, {values['y']:.2f}) m the "
-            f"tyres hold {one_in(values['grip'])} than simulated"
-        )
-
-    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        away = motion.pose[..., :2] - torch.stack([self._here("x"), self._here("y")], -1)
-        distance = (away.square().sum(-1) + 1e-12).sqrt()
-        inside = torch.sigmoid((self._here("radius") - distance) / EDGE)
-        grip = 1 + (self._here("grip").clamp_min(1e-2) - 1) * inside
-        return grip, grip

@@ -1,0 +1,82 @@
+"""The law that the force of a simulator's axles follows."""
+
+import numpy as np
+import torch
+from scipy.optimize import least_squares
+
+from buggy_rl.effects.measuring.holding import Make, next_velocity, period
+from buggy_rl.effects.motion.base import Motion
+from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
+
+CORNERING_SPEED = 2.5  # [m/s] at which the tyres are measured
+SLIPS = 0.5  # [rad] the largest slip angle they are measured at
+LEAST_USE = 0.2  # of its load with which any tyre pushes back that slides sideways
+# D, C / D and c of a tyre: wide enough for a plain factor and for a slope that never bends.
+TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
+
+
+def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:
+    """What a simulator's axles give sideways: F = D sin(c atan(C slip / (c D))) of their load.
+
+    The car slides straight ahead at an angle, so both axles have the same slip.
+
+    Returns:
+        `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear.
+
+    Raises:
+        ValueError: The simulator's answer is not finite, or no tyre's.
+    """
+    d = dimensions
+    angle = torch.linspace(-SLIPS, SLIPS, 41)
+    at_cg = torch.stack([torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)], -1)
+    at_cg[:, :2] *= CORNERING_SPEED
+    held = shift_velocity(at_cg, d.sensor_to_cg)
+    after = shift_velocity(next_velocity(make, held, -1.0), -d.sensor_to_cg)
+    dt = period(make)
+    motion = Motion(torch.zeros_like(held), at_cg, after, torch.zeros(len(held), 2), dt)
+    _, ay, yaw = motion.acceleration
+    share = torch.tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
+    spin = d.yaw_inertia / d.mass / d.wheelbase * yaw
+    force = ay.unsqueeze(-1) + torch.stack([spin, -spin], -1) / share  # (41, 2) over load share
+    force = 0.5 * (force.flip(0) - force)  # trim turns both sides alike
+    use = (force[21:] / GRAVITY).double().numpy()  # (20, 2) at slips to the left
+    a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
+    mobility = np.array([[1 + a * a / i, 1 - a * b / i], [1 - a * b / i, 1 + b * b / i]])
+    settling = 0.5 * dt * GRAVITY / CORNERING_SPEED * mobility * share.double().numpy()
+    slip = angle[21:].double().numpy()
+    laws = [_law_of(slip, use[:, axle]) for axle in (0, 1)]
+    for _ in range(3):  # what the slip settles within the step depends on the law
+        slopes = np.stack([_slope(slip, *laws[axle]) for axle in (0, 1)], -1)  # (20, 2)
+        start = use + slopes * (use @ settling.T)
+        laws = [_law_of(slip, start[:, axle]) for axle in (0, 1)]
+    friction, ratio, shape = np.array(laws).T
+    return {
+        "friction": np.round(friction, 4).tolist(),
+        "stiffness": np.round(friction * ratio, 4).tolist(),
+        "shape": np.round(shape, 4).tolist(),
+    }
+
+
+def _law(slip: np.ndarray, friction: float, ratio: float, shape: float) -> np.ndarray:
+    return friction * np.sin(shape * np.arctan(ratio / shape * slip))
+
+
+def _slope(slip: np.ndarray, friction: float, ratio: float, shape: float) -> np.ndarray:
+    s = ratio / shape * slip
+    return friction * ratio * np.cos(shape * np.arctan(s)).clip(0) / (1 + s * s)
+
+
+def _law_of(slip: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """D, C / D and c of the law that comes closest.
+
+    Raises:
+        ValueError: What is seen is no tyre's.
+    """
+    first = [max(float(use.max()), 0.1), 8.0, 1.1]
+    if use[-1] < LEAST_USE or first[0] > TYRE_BOUNDS[1][0]:
+        raise ValueError(
+            f"sliding sideways at {SLIPS:g} rad, an axle pushes back with {use[-1]:.2f} and at "
+            f"most {use.max():.2f} of its load"
+        )
+    found = least_squares(lambda x: _law(slip, *x) - use, first, bounds=TYRE_BOUNDS)
+    return found.x

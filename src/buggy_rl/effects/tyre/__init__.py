@@ -1,0 +1,1 @@
+"""Tyres that hold less than the simulated ones."""

@@ -1,0 +1,114 @@
+"""Another friction than the simulated: everywhere, on one axle, in one place."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from buggy_rl.effects.base import EffectParameter, one_in
+from buggy_rl.effects.motion.base import Motion
+from buggy_rl.effects.tyre.base import TyreEffect
+from buggy_rl.vehicle import GRAVITY
+
+NO_BOUND = 1000.0  # [m/s^2] more than any tyre gives
+EDGE = 0.05  # [m] of a patch: over twice this its grip changes from 12 to 88 %
+
+
+class TireGrip(TyreEffect):
+    """Less friction than simulated, on both axles; or a bound on the lateral acceleration.
+
+    `max_acceleration` is shared between the axles in proportion to their loads.
+    """
+
+    name = "tire_grip"
+    equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
+    alternatives = ("max_acceleration",)
+    parameters = (
+        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
+        EffectParameter(
+            "max_acceleration",
+            NO_BOUND,
+            0.5,
+            NO_BOUND,
+            "m/s^2",
+            "Largest lateral acceleration that the tyres give.",
+            size=6.0,
+            probe=6.0 - NO_BOUND,
+            reciprocal=True,
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        grip, most = values.get("grip", 1.0), values.get("max_acceleration", NO_BOUND)
+        words = []
+        if grip != 1.0 or most >= NO_BOUND:
+            words.append(f"the tyres hold {one_in(grip)} than simulated before they slide")
+        if most < NO_BOUND:
+            words.append(f"the tyres give at most {most / GRAVITY:.2g} g sideways")
+        return ", and ".join(words)
+
+    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        grip = self._here("grip").clamp_min(1e-2)
+        return grip, grip
+
+    def _bounded(self, force: Tensor, load: Tensor) -> Tensor:
+        most = self._here("max_acceleration").unsqueeze(-1) * load
+        return torch.minimum(torch.maximum(force, -most), most)
+
+
+class GripBalance(TyreEffect):
+    """One axle holds more than simulated, the other less, their product as it was."""
+
+    name = "grip_balance"
+    equation = "front friction sqrt(q), rear friction / sqrt(q), at the same stiffness"
+    parameters = (
+        EffectParameter(
+            "front_to_rear",
+            1.0,
+            0.2,
+            5.0,
+            "-",
+            "Front friction over rear, over simulated.",
+            0.2,
+            0.03,
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        ratio = values["front_to_rear"]
+        end = "nose pushes outwards" if ratio < 1 else "tail comes round"
+        return f"the {end} earlier: front against rear, the tyres hold {one_in(ratio)}"
+
+    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        front = self._here("front_to_rear").clamp_min(1e-2).sqrt()
+        return front, 1 / front
+
+
+class GripPatch(TyreEffect):
+    """A slippery place: `tire_grip` inside of a circle, with an edge of some centimetres."""
+
+    name = "grip_patch"
+    equation = "tire_grip within radius of (x, y)"
+    deciding = ("grip",)
+    parameters = (
+        EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
+        EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
+        EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the place.", 0.5, 0.1),
+        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        return (
+            f"within {values['radius']:.2g} m of ({values['x']:.2f}, {values['y']:.2f}) m the "
+            f"tyres hold {one_in(values['grip'])} than simulated"
+        )
+
+    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        away = motion.pose[..., :2] - torch.stack([self._here("x"), self._here("y")], -1)
+        distance = (away.square().sum(-1) + 1e-12).sqrt()
+        inside = torch.sigmoid((self._here("radius") - distance) / EDGE)
+        grip = 1 + (self._here("grip").clamp_min(1e-2) - 1) * inside
+        return grip, grip
