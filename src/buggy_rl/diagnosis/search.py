@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import torch
+from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate
@@ -125,11 +126,7 @@ class Search:
             for far in SHAKEN:
                 places.append(fitted.place.clone())
                 places[-1][index] += far
-        rows = [(fitted, bounded(fitted.unknowns, place)) for place in places]
-        trials = [
-            Fitted(fitted.causes, fitted.unknowns, place, white)
-            for (_, place), white in zip(rows, self.fitter.evaluate(rows), strict=True)
-        ]
+        trials = self._placed(fitted, places)
         found = min(trials, key=self.fitter.value)
         better = self.fitter.value(found) < self.fitter.value(fitted)
         return [found] if better else [trials[0]]
@@ -139,23 +136,28 @@ class Search:
 
         A fit may be stuck where one with a number more, however little that is, found a way on.
         """
-        rows = []
+        places = []
         for candidate in self.tried.values():
             if set(candidate.causes) > set(base.causes) > set():
                 numbers = zip(candidate.fitted.unknowns, candidate.fitted.place, strict=True)
                 there = {(u.cause, u.parameter.name): float(z) for u, z in numbers}
                 place = [there[u.cause, u.parameter.name] for u in base.fitted.unknowns]
-                rows.append((base.fitted, torch.tensor(place, dtype=torch.float64)))
-        trials = [
-            Fitted(base.causes, base.fitted.unknowns, place, white)
-            for (_, place), white in zip(rows, self.fitter.evaluate(rows), strict=True)
-        ]
+                places.append(torch.tensor(place, dtype=torch.float64))
+        trials = self._placed(base.fitted, places)
         found = min(trials, key=self.fitter.value, default=base.fitted)
         if self.fitter.value(base.fitted) - self.fitter.value(found) < NATS:
             return None
         before = self.loss(base)
         better = self.fit([found])[0]
         return better if before - self.loss(better) > NATS else None
+
+    def _placed(self, fitted: Fitted, places: Sequence[Tensor]) -> list[Fitted]:
+        """The same causes with other numbers [P], within their bounds, rolled out."""
+        rows = [(fitted, bounded(fitted.unknowns, place)) for place in places]
+        return [
+            Fitted(fitted.causes, fitted.unknowns, place, white)
+            for (_, place), white in zip(rows, self.fitter.evaluate(rows), strict=True)
+        ]
 
     def fit(self, starts: Sequence[Fitted], base: Candidate | None = None) -> list[Candidate]:
         """Fits and weighs explanations; the better one of two with the same effects is kept.

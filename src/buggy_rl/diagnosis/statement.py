@@ -42,15 +42,16 @@ def stated(
     if case.retuned_from is not None:
         before = case.likelihood.white(case.given.play(case.cut, {}))[0]
     rest = remaining(case.cut, instants, before, found.best.fitted.white, case.usual)
-    closed = {cause: _gain(found, cause) for cause in found.best.causes}
+    given = before.square().mean(-1)
+    first = misfit(given, given) - 1
+    closed = {c: _share(_closed(found, c), first) for c in found.best.causes}
     sure = confidences(search, found, closed, rest.unclosed)
     progress("proving it on what was held out")
-    proof = _proof(case, found, before)
-    named = [_named(case, found, c, sure[c], closed[c]) for c in found.best.causes]
-    named += _retuned(found, before, wrong, rest.unclosed)
+    proof = _proof(case, found, given)
+    named = [_named(case, found, c, sure[c]) for c in found.best.causes]
+    named += _retuned(found, given, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
-    given = size(found.null, found.null)
-    verdict = verdict_of(given, rest, named, case.usual)
+    verdict = verdict_of(size(found.null, found.null), rest, named, case.usual)
     undecided = []
     for item in named:
         for rival in item.confused_with:
@@ -64,7 +65,7 @@ def stated(
     return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
 
 
-def _named(case: Case, found: Found, cause: str, sure: Confidence, closed: float) -> Named:
+def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
     fitted = found.best.fitted
     by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
     spread = (by_chance + (_mistaken(case, found, cause) * fitted.place / NORMAL).square()).sqrt()
@@ -89,16 +90,19 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence, closed: float
         sentence=sentence(cause, numbers, p.unit, p.value),
         parameters=values,
         confidence=sure.sure,
-        held_out_gain=closed,
+        held_out_gain=_share(_closed(found, cause), _without(found, cause)),
         confused_with=sure.rivals,
         at_bound=tuple(bound),
     )
 
 
-def _gain(found: Found, cause: str) -> float:
-    """Share of the gap that comes back without a cause, on what was held out."""
-    before, after = _without(found, cause), size(found.best, found.null)
-    return max(0.0, before - after) / max(before, 1e-9)
+def _share(closed: float, excess: float) -> float:
+    return max(0.0, closed) / max(excess, 1e-9)
+
+
+def _closed(found: Found, cause: str) -> float:
+    """Excess that comes back without a cause, on what was held out."""
+    return _without(found, cause) - size(found.best, found.null)
 
 
 def _without(found: Found, cause: str) -> float:
@@ -113,29 +117,24 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
     If all that remains beyond the usual, and what drives differ by themselves, were more of this
     cause, or less, its numbers would be off by that over what the cause closes.
     """
-    excess = size(found.best, found.null)
-    rest = max(0.0, excess - case.usual.mean) + 2 * case.usual.error
-    closed = _without(found, cause) - excess
-    return min(1.0, max(rest, NOTHING) / max(closed, 1e-9))
+    rest = max(0.0, size(found.best, found.null) - case.usual.mean) + 2 * case.usual.error
+    return min(1.0, max(rest, NOTHING) / max(_closed(found, cause), 1e-9))
 
 
-def _retuned(found: Found, before: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
+def _retuned(found: Found, given: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
     """Parameters that were off, with what all of them close together."""
-    first, last = (
-        misfit(square, before.square().mean(-1)) - 1
-        for square in (before.square().mean(-1), found.null.fitted.white.square().mean(-1))
-    )
-    gain = max(0.0, first - last) / max(first, 1e-9)
+    left = found.null.fitted.white.square().mean(-1)
+    first, last = (misfit(square, given) - 1 for square in (given, left))
+    gain = _share(first - last, first)
     sound = soundness(gain, remains)
     return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
 
 
-def _proof(case: Case, found: Found, before: Tensor) -> Proof:
+def _proof(case: Case, found: Found, given: Tensor) -> Proof:
     best = found.best.fitted
     errors = prove(
         case.player, case.recordings, case.cut, case.likelihood, case.library, best, case.given
     )
-    given = before.square().mean(-1)
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
     return Proof(
         before=errors["before"],
