@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import Usual
-from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.evidence import blocks, evidences
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import bounded
@@ -34,6 +34,15 @@ class Found:
     """All explanations by their causes, sorted."""
     temper: float = 1.0
     """How much worse than noise the best is."""
+
+    def without(self, cause: str) -> float:
+        """Excess over the noise without a cause, on what was held out."""
+        key = tuple(sorted(set(self.best.causes) - {cause}))
+        return size(self.tried.get(key, self.null), self.null)
+
+    def closed(self, cause: str) -> float:
+        """Excess that comes back without a cause, on what was held out; not below 0."""
+        return max(0.0, self.without(cause) - size(self.best, self.null))
 
 
 class Search:

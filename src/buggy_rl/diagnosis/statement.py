@@ -44,7 +44,7 @@ def stated(
     rest = remaining(case.cut, instants, before, found.best.fitted.white, case.usual)
     given = before.square().mean(-1)
     first = misfit(given, given) - 1
-    closed = {c: _share(_closed(found, c), first) for c in found.best.causes}
+    closed = {c: found.closed(c) / max(first, 1e-9) for c in found.best.causes}
     sure = confidences(search, found, closed, rest.unclosed)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
@@ -90,25 +90,10 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         sentence=sentence(cause, numbers, p.unit, p.value),
         parameters=values,
         confidence=sure.sure,
-        held_out_gain=_share(_closed(found, cause), _without(found, cause)),
+        held_out_gain=found.closed(cause) / max(found.without(cause), 1e-9),
         confused_with=sure.rivals,
         at_bound=tuple(bound),
     )
-
-
-def _share(closed: float, excess: float) -> float:
-    return max(0.0, closed) / max(excess, 1e-9)
-
-
-def _closed(found: Found, cause: str) -> float:
-    """Excess that comes back without a cause, on what was held out."""
-    return _without(found, cause) - size(found.best, found.null)
-
-
-def _without(found: Found, cause: str) -> float:
-    """Excess over the noise without a cause."""
-    key = tuple(sorted(set(found.best.causes) - {cause}))
-    return size(found.tried.get(key, found.null), found.null)
 
 
 def _mistaken(case: Case, found: Found, cause: str) -> float:
@@ -118,14 +103,14 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
     cause, or less, its numbers would be off by that over what the cause closes.
     """
     rest = max(0.0, size(found.best, found.null) - case.usual.mean) + 2 * case.usual.error
-    return min(1.0, max(rest, NOTHING) / max(_closed(found, cause), 1e-9))
+    return min(1.0, max(rest, NOTHING) / max(found.closed(cause), 1e-9))
 
 
 def _retuned(found: Found, given: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
     """Parameters that were off, with what all of them close together."""
     left = found.null.fitted.white.square().mean(-1)
     first, last = (misfit(square, given) - 1 for square in (given, left))
-    gain = _share(first - last, first)
+    gain = max(0.0, first - last) / max(first, 1e-9)
     sound = soundness(gain, remains)
     return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
 

@@ -1,0 +1,33 @@
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.search import Found
+
+
+def _candidate(causes, excess):
+    return SimpleNamespace(causes=causes, held_out=torch.full((4,), (1 + excess) ** 2))
+
+
+@pytest.fixture
+def found():
+    """Of a gap of 5, `large` closes most and `small` a half of the little that is left."""
+    sizes = {(): 5.0, ("large",): 0.8, ("small",): 4.6, ("large", "small"): 0.4}
+    tried = {causes: _candidate(causes, excess) for causes, excess in sizes.items()}
+    return Found(tried[()], tried["large", "small"], tried)
+
+
+def test_what_a_cause_closes_is_what_comes_back_without_it(found):
+    assert found.without("large") == pytest.approx(4.6)
+    assert found.closed("large") == pytest.approx(4.2)
+    assert found.closed("small") == pytest.approx(0.4)
+
+
+def test_a_small_second_cause_is_no_surer_for_closing_much_of_a_small_rest(found):
+    search = SimpleNamespace(loss=lambda candidate: 100.0 * float(candidate.held_out.mean()))
+    closed = {cause: found.closed(cause) / 5.0 for cause in found.best.causes}
+    sure = confidences(search, found, closed, 0.4 / 5.0)
+    assert sure["large"].sure > 0.9
+    assert sure["small"].sure < 0.5
