@@ -76,22 +76,21 @@ def prove(
     networks = _networks(player, cut, aside)
     for part in cuts:
         owner = _owners(part, cut, fold)
-        rows = [torch.nonzero(owner == n).flatten() for n in range(number)]
-        held = torch.cat(rows)
-        square = (given or player).play(part[held], {})[0, ..., :2].square().sum(-1)
+        part, owner = part[owner >= 0], owner[owner >= 0]
+        square = (given or player).play(part, {})[0, ..., :2].square().sum(-1)  # (N, K)
         result["before"] |= _by_horizon(square, player.instants(part), part.dt)
-        flat = [fitted for fits in sets.values() for fitted in fits]
-        settings = library.settings([(f.unknowns, f.place) for f in flat])
+        # Each stretch at the place of the fit that it was held out of.
+        places = [torch.stack([f.place for f in fits])[owner] for fits in sets.values()]
+        unknowns = [fits[0].unknowns for fits in sets.values()]
+        settings = library.settings(list(zip(unknowns, places, strict=True)))
         square = player.play(part, *settings)[..., :2].square().sum(-1)  # (C, N, K)
-        square = square.unflatten(0, (len(sets), number))
-        for index, name in enumerate(sets):
-            held_out = torch.cat([square[index, n, rows[n]] for n in range(number)])
+        for name, held_out in zip(sets, square, strict=True):
             result[name] |= _by_horizon(held_out, player.instants(part), part.dt)
         held_out = torch.cat(
             [
-                networks[n].play(part[rows[n]], {})[0, ..., :2].square().sum(-1)
-                for n in range(number)
-                if len(rows[n])
+                network.play(part[owner == n], {})[0, ..., :2].square().sum(-1)
+                for n, network in enumerate(networks)
+                if bool((owner == n).any())
             ]
         )
         result["black_box"] |= _by_horizon(held_out, player.instants(part), part.dt)
