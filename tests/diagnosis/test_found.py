@@ -3,8 +3,12 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.confidence import confidences
 from buggy_rl.diagnosis.search import Found
+
+
+EXACT = Usual()
 
 
 def _candidate(causes, excess):
@@ -25,9 +29,37 @@ def test_what_a_cause_closes_is_what_comes_back_without_it(found):
     assert found.closed("small") == pytest.approx(0.4)
 
 
+def _search(usual=EXACT):
+
+    return SimpleNamespace(
+        loss=lambda candidate: 100.0 * float(candidate.held_out.mean()),
+        merit=SimpleNamespace(usual=usual),
+    )
+
+
 def test_a_small_second_cause_is_no_surer_for_closing_much_of_a_small_rest(found):
-    search = SimpleNamespace(loss=lambda candidate: 100.0 * float(candidate.held_out.mean()))
     closed = {cause: found.closed(cause) / 5.0 for cause in found.best.causes}
-    sure = confidences(search, found, closed, 0.4 / 5.0)
+    sure = confidences(_search(), found, closed, 0.4 / 5.0)
     assert sure["large"].sure > 0.9
     assert sure["small"].sure < 0.5
+
+
+def _rivalry(own, its, usual=EXACT):
+    """How sure a cause is that leaves `own` of a gap of 5 where a rival leaves `its`."""
+    tried = {(): _candidate((), 5.0), ("a",): _candidate(("a",), own)}
+    tried["b",] = _candidate(("b",), its)
+    found = Found(tried[()], tried["a",], tried)
+    return confidences(_search(usual), found, {"a": 1.0}, 0.0)["a"]
+
+
+def test_a_rival_that_leaves_little_more_than_the_best_is_not_ruled_out():
+    close = _rivalry(0.2, 0.4)
+    assert close.sure < 0.85
+    assert set(close.rivals) == {"b"}
+    assert _rivalry(0.2, 2.0).sure > 0.95
+
+
+def test_where_the_best_leaves_nothing_a_rival_that_does_is_ruled_out():
+    assert _rivalry(0.0, 0.4).sure > 0.95
+    # The simulator is off by that much anyway: both leave nothing.
+    assert _rivalry(0.3, 0.4, Usual(0.4, 0.1)).sure < 0.6

@@ -46,6 +46,17 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """An explanation that was fitted."""
+
+    causes: tuple[str, ...]
+    nats: float
+    """By which it is worse than what is said."""
+    excess: float
+    """Of gaps over the noise's, on what was held out."""
+
+
+@dataclass(frozen=True)
 class Proof:
     """Rollouts on what was held out, by horizon in seconds; position errors as mean squares."""
 
@@ -71,6 +82,8 @@ class Answer:
     proof: Proof
     weak: list[str]
     suggest: list[str]
+    tried: list[Tried] = field(default_factory=list)
+    """The closest ones, best first."""
     notes: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
@@ -102,6 +115,7 @@ class Answer:
                     "lags": self.located.lags,
                 },
                 "effects": [_named(e) for e in self.effects],
+                "tried": [vars(t) for t in self.tried],
                 "unexplained": {
                     "share": self.remaining.share,
                     "depends_on": self.remaining.depends_on,

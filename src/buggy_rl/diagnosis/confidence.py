@@ -1,14 +1,17 @@
 """How sure an answer is: rivals weighed against one another, calibrated on cases made for that."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 
-from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.search import Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
+ALIKE = 2.0  # independent gaps that no equation closes, by whose sizes rivals are told apart
+EXACT = 0.01  # excess below which an explanation leaves nothing: the noise's own is as large
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
 SOUND = 0.28  # share of the first excess above which what is missing has no name
 EVEN = 1.3  # share that a cause closes over what remains, at which it is as likely right as not,
@@ -29,8 +32,11 @@ def confidences(
 ) -> dict[str, Confidence]:
     """Of each cause: its share among all that could stand in its place.
 
-    p_i ~ exp(-SHARPNESS loss_i) over explanations that differ in this cause alone; a name beside
-    which much is left unexplained is less sure, whatever its rivals.
+    p_i ~ exp(-d_i) over explanations that differ in this cause alone, d_i = SHARPNESS nats by
+    which it is worse. But nats count stretches as if what no equation closes were drawn anew in
+    each: where the best leaves gaps as well, a rival is less likely by no more than what it leaves
+    speaks against it, d_i <= ALIKE ln(rest_i / rest). A name beside which much is left unexplained
+    is less sure, whatever its rivals.
 
     Args:
         search: That found them.
@@ -42,8 +48,8 @@ def confidences(
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
         rivals = _in_its_place(found.tried, others)
-        losses = torch.tensor([search.loss(c) for c in rivals.values()], dtype=torch.float64)
-        shares = torch.softmax(-SHARPNESS * losses, 0).tolist()
+        worse = [_worse(search, found, rival) for rival in rivals.values()]
+        shares = torch.softmax(-torch.tensor(worse, dtype=torch.float64), 0).tolist()
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
         result[cause] = Confidence(
@@ -51,6 +57,17 @@ def confidences(
             {n: p for n, p in sorted(share.items(), key=lambda i: -i[1]) if p > CLOSE and n},
         )
     return result
+
+
+def _worse(search: Search, found: Found, rival: Candidate) -> float:
+    """By how much a rival is less likely than the best explanation [nats]."""
+    nats = SHARPNESS * (search.loss(rival) - search.loss(found.best))
+    usual = search.merit.usual
+    own, its = (
+        max(0.0, size(c, found.null) - usual.mean) + max(EXACT, usual.error)
+        for c in (found.best, rival)
+    )
+    return min(nats, ALIKE * max(0.0, math.log(its / own)))
 
 
 def soundness(closed: float, remains: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import NOTHING, misfit, remaining
-from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Value, sentence
+from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Tried, Value, sentence
 from buggy_rl.diagnosis.candidate import size
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
@@ -17,6 +17,8 @@ from buggy_rl.diagnosis.proof import folds, prove
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
+
+TOLD = 24  # explanations that are written down
 
 
 def stated(
@@ -62,7 +64,8 @@ def stated(
     suggest = suggestions(
         case.player, case.library, undecided[:3], case.likelihood.noise, case.cut.dt
     )
-    return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest)
+    tried = _tried(search, found)
+    return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest, tried)
 
 
 def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
@@ -94,6 +97,15 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         confused_with=sure.rivals,
         at_bound=tuple(bound),
     )
+
+
+def _tried(search: Search, found: Found) -> list[Tried]:
+    own = search.loss(found.best)
+    weighed = [
+        Tried(causes, search.loss(candidate) - own, size(candidate, found.null))
+        for causes, candidate in found.tried.items()
+    ]
+    return sorted(weighed, key=lambda t: t.nats)[:TOLD]
 
 
 def _mistaken(case: Case, found: Found, cause: str) -> float:
