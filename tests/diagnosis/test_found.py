@@ -7,7 +7,6 @@ from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.confidence import confidences
 from buggy_rl.diagnosis.search import Found
 
-
 EXACT = Usual()
 
 
