@@ -28,17 +28,14 @@ def test_what_a_cause_closes_is_what_comes_back_without_it(found):
     assert found.closed("small") == pytest.approx(0.4)
 
 
-def _search(usual=EXACT):
-
-    return SimpleNamespace(
-        loss=lambda candidate: 100.0 * float(candidate.held_out.mean()),
-        merit=SimpleNamespace(usual=usual),
-    )
+class _Search:
+    def loss(self, candidate):
+        return 100.0 * float(candidate.held_out.mean())
 
 
 def test_a_small_second_cause_is_no_surer_for_closing_much_of_a_small_rest(found):
     closed = {cause: found.closed(cause) / 5.0 for cause in found.best.causes}
-    sure = confidences(_search(), found, closed, 0.4 / 5.0)
+    sure = confidences(_Search(), found, closed, 0.4 / 5.0, EXACT)
     assert sure["large"].sure > 0.9
     assert sure["small"].sure < 0.5
 
@@ -48,7 +45,7 @@ def _rivalry(own, its, usual=EXACT):
     tried = {(): _candidate((), 5.0), ("a",): _candidate(("a",), own)}
     tried["b",] = _candidate(("b",), its)
     found = Found(tried[()], tried["a",], tried)
-    return confidences(_search(usual), found, {"a": 1.0}, 0.0)["a"]
+    return confidences(_Search(), found, {"a": 1.0}, 0.0, usual)["a"]
 
 
 def test_a_rival_that_leaves_little_more_than_the_best_is_not_ruled_out():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.search import Found, Search
 
@@ -28,7 +29,11 @@ class Confidence:
 
 
 def confidences(
-    search: Search, found: Found, closed: Mapping[str, float], remains: float
+    search: Search,
+    found: Found,
+    closed: Mapping[str, float],
+    remains: float,
+    usual: Usual,
 ) -> dict[str, Confidence]:
     """Of each cause: its share among all that could stand in its place.
 
@@ -43,12 +48,13 @@ def confidences(
         found: What it found.
         closed: Cause -> share of the first excess that it closes.
         remains: Share that nothing closes.
+        usual: Excess of drives on which the simulator counts as right.
     """
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
         rivals = _in_its_place(found.tried, others)
-        worse = [_worse(search, found, rival) for rival in rivals.values()]
+        worse = [_worse(search, found, rival, usual) for rival in rivals.values()]
         shares = torch.softmax(-torch.tensor(worse, dtype=torch.float64), 0).tolist()
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
@@ -59,10 +65,9 @@ def confidences(
     return result
 
 
-def _worse(search: Search, found: Found, rival: Candidate) -> float:
+def _worse(search: Search, found: Found, rival: Candidate, usual: Usual) -> float:
     """By how much a rival is less likely than the best explanation [nats]."""
     nats = SHARPNESS * (search.loss(rival) - search.loss(found.best))
-    usual = search.merit.usual
     own, its = (
         max(0.0, size(c, found.null) - usual.mean) + max(EXACT, usual.error)
         for c in (found.best, rival)
