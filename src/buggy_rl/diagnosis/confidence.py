@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import torch
 
-from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.search import Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
-ALIKE = 2.0  # independent gaps that no equation closes, by whose sizes rivals are told apart
+ALIKE = 2.0  # nats by which e times as much left over speaks against a rival,
+SHARES = 25.0  # and as much as the whole gap; both chosen on a handful of cases
 EXACT = 0.01  # excess below which an explanation leaves nothing: the noise's own is as large
 CLOSE = 0.02  # a rival less probable than this is not worth a mention
 SOUND = 0.28  # share of the first excess above which what is missing has no name
@@ -33,28 +33,26 @@ def confidences(
     found: Found,
     closed: Mapping[str, float],
     remains: float,
-    usual: Usual,
 ) -> dict[str, Confidence]:
     """Of each cause: its share among all that could stand in its place.
 
     p_i ~ exp(-d_i) over explanations that differ in this cause alone, d_i = SHARPNESS nats by
     which it is worse. But nats count stretches as if what no equation closes were drawn anew in
-    each: where the best leaves gaps as well, a rival is less likely by no more than what it leaves
-    speaks against it, d_i <= ALIKE ln(rest_i / rest). A name beside which much is left unexplained
-    is less sure, whatever its rivals.
+    each. So a rival is no less likely than what it leaves speaks against it: that is several times
+    as much as the best leaves, or a part of the first gap that matters. A name beside which much
+    is left unexplained is less sure, whatever its rivals.
 
     Args:
         search: That found them.
         found: What it found.
         closed: Cause -> share of the first excess that it closes.
         remains: Share that nothing closes.
-        usual: Excess of drives on which the simulator counts as right.
     """
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
         rivals = _in_its_place(found.tried, others)
-        worse = [_worse(search, found, rival, usual) for rival in rivals.values()]
+        worse = [_worse(search, found, rival) for rival in rivals.values()]
         shares = torch.softmax(-torch.tensor(worse, dtype=torch.float64), 0).tolist()
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
@@ -65,14 +63,15 @@ def confidences(
     return result
 
 
-def _worse(search: Search, found: Found, rival: Candidate, usual: Usual) -> float:
-    """By how much a rival is less likely than the best explanation [nats]."""
+def _worse(search: Search, found: Found, rival: Candidate) -> float:
+    """By how much a rival is less likely than the best explanation [nats].
+
+    min(SHARPNESS nats, max(ALIKE ln(rest_rival / rest), SHARES (rest_rival - rest) / gap)).
+    """
     nats = SHARPNESS * (search.loss(rival) - search.loss(found.best))
-    own, its = (
-        max(0.0, size(c, found.null) - usual.mean) + max(EXACT, usual.error)
-        for c in (found.best, rival)
-    )
-    return min(nats, ALIKE * max(0.0, math.log(its / own)))
+    gap, own, its = (size(c, found.null) for c in (found.null, found.best, rival))
+    times = (max(its, 0.0) + EXACT) / (max(own, 0.0) + EXACT)
+    return min(nats, max(ALIKE * math.log(times), SHARES * (its - own) / max(gap, EXACT), 0.0))
 
 
 def soundness(closed: float, remains: float) -> float:

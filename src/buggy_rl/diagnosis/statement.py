@@ -47,7 +47,7 @@ def stated(
     given = before.square().mean(-1)
     first = misfit(given, given) - 1
     closed = {c: found.closed(c) / max(first, 1e-9) for c in found.best.causes}
-    sure = confidences(search, found, closed, rest.unclosed, case.usual)
+    sure = confidences(search, found, closed, rest.unclosed)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
