@@ -1,14 +1,10 @@
 """The simulator's own parameters, fitted all at once."""
 
 import pytest
-import torch
 
-from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.evidence import Evidence
-from buggy_rl.diagnosis.fit import Fitted
 from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.retuning import retuned, wrong
+from buggy_rl.diagnosis.retuning import retuned
 from buggy_rl.engines import make_engine
 from tests.diagnosis.planted import fitter, planted_drives
 
@@ -41,27 +37,6 @@ def test_a_wrong_parameter_is_said_in_words_with_its_interval(tuned):
     value = force.parameters["drive_force"]
     assert value.low < value.value < value.high
     assert value.high - value.low < 0.2 * value.value
-
-
-@pytest.mark.parametrize(("own", "both", "named"), [(0.03, 0.005, 1), (0.03, 0.08, 0)])
-def test_a_dead_time_and_a_lag_of_which_the_sum_alone_is_certain_are_named_together(
-    own, both, named
-):
-    declared = make_engine("single_track", 1).parameters
-    library = Library([], {n: declared[n] for n in ("steering_dead_time", "steering_lag")})
-    unknowns = library.unknowns(tuple(library.causes))
-    size = torch.tensor([u.parameter.size for u in unknowns], dtype=torch.float64)
-    place = torch.tensor([0.05, 0.04, 0.0]) / size
-    # [s^2] of dead time, lag and clock: what one has more the other has less.
-    covariance = torch.diag(torch.tensor([own, own, 0.001], dtype=torch.float64) ** 2)
-    covariance[0, 1] = covariance[1, 0] = both**2 / 2 - own**2
-    covariance /= torch.outer(size, size)
-    fitted = Fitted(tuple(library.causes), unknowns, place, torch.zeros(1, 1))
-    found = wrong(Candidate(fitted, Evidence(torch.ones(1), covariance)))
-    assert len(found) == named
-    for late in found:
-        assert late.sentence.startswith("the steering is 90 ms later than simulated")
-        assert set(late.parameters) == {"steering_dead_time", "steering_lag"}
 
 
 def test_parameters_that_were_fitted_are_no_causes_any_more():
