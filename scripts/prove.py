@@ -2,13 +2,15 @@
 
     python scripts/prove.py configs/proof.yaml
     python scripts/prove.py configs/proof_reference.yaml output=runs/proof_reference
-    python scripts/prove.py configs/proof.yaml draw.split=sealed draw.cases=200 workers=2
+    python scripts/prove.py configs/proof_sealed.yaml workers=2
     python scripts/prove.py configs/proof.yaml stages=[score,page]
 
-Stages: prepare (simulators that are fitted first), seal (cases; the hashes of their answers are
-published), ask (scripts/diagnose.py, which sees one case and no answer), again (where it cannot
-tell, the manoeuvre that it asks for is driven), weigh (the true structure fitted to the same
-drives), compare (other methods), score, page. What is done is not done again: stop it, start it.
+Stages: prepare (simulators that are fitted first), seal (the hashes of all answers are published,
+then the cases are driven), ask (scripts/diagnose.py, which sees one case and no answer), again
+(where it cannot tell, the manoeuvre that it asks for is driven), weigh (the true structure fitted
+to the same drives), compare (other methods), settle (what is done with is entered in the ledger, a
+line each), score, page. What is done is not done again: stop it, start it. Nor is what is settled,
+on any machine: with the same ledger, draw.cases=50 today and draw.cases=100 tomorrow are a hundred.
 """
 
 import sys
@@ -26,8 +28,9 @@ def main() -> None:
     from buggy_rl.proving.again import again, drive_again, undecided
     from buggy_rl.proving.baselines import compare, uncompared
     from buggy_rl.proving.exam import Examiner
+    from buggy_rl.proving.ledger import Ledger, outcomes
     from buggy_rl.proving.opening import open_once, openings
-    from buggy_rl.proving.outcome import OURS, gathered
+    from buggy_rl.proving.outcome import OURS
     from buggy_rl.proving.preparation import needed, prepare
     from buggy_rl.proving.proof import cases_of, side_by_side, unanswered, unsealed, unweighed
     from buggy_rl.proving.score import score
@@ -37,7 +40,9 @@ def main() -> None:
     for folder in (vault.output, vault.sealed, vault.prepared):
         folder.mkdir(parents=True, exist_ok=True)
     save_run(config, vault.sealed)  # beside the answers: it tells what they were drawn from
-    cases = cases_of(config)
+    drawn = cases_of(config)
+    ledger = Ledger(Path(config.ledger or vault.output / "ledger.jsonl"))
+    cases = ledger.open(drawn)
 
     def together(what: str, work, arguments: list[tuple], weights: list[int]) -> None:
         with tqdm(total=sum(weights), desc=what, unit="case") as bar:
@@ -57,11 +62,11 @@ def main() -> None:
         for case in tqdm(needed(cases, vault.prepared), "preparing simulators"):
             prepare(case, vault.prepared, scripts)
     if "seal" in config.stages:
+        publish(vault, drawn, config.secret)
         groups = unsealed(vault, cases)
         told = (config.effects, config.secret, config.stretches)
         arguments = [(vault, group, *told) for group in groups]
         together("sealing", seal, arguments, [len(group) for group in groups])
-        publish(vault, cases)
     if "ask" in config.stages:
         ask("asking", [case.id for case in cases])
     if "again" in config.stages:
@@ -77,10 +82,12 @@ def main() -> None:
     if "compare" in config.stages:
         left = uncompared(vault, cases)
         together("comparing", compare, [(vault, case) for case in left], [1] * len(left))
+    if "settle" in config.stages:
+        count = ledger.settle(vault, compared="compare" in config.stages)
+        print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
     if "score" not in config.stages and "page" not in config.stages:
         return
-    outcomes = gathered(vault)
-    scores = {who: score(found) for who, found in outcomes.items()}
+    scores = {who: score(found) for who, found in outcomes(ledger, vault, drawn).items()}
     counter = Path(config.opened or vault.output / "opened.json")
     if "score" in config.stages:
         if config.draw.split == "sealed":

@@ -69,6 +69,8 @@ class Proof:
     """Root mean square of the 1 s gaps, in units of the noise."""
     misfit_after: float
     held_out: bool
+    median: dict[str, dict[float, float]] = field(default_factory=dict)
+    """before, after, retuned, black_box -> horizon -> median distance [m]: no spin outweighs it."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,10 @@ class Answer:
                         name: {f"{h:g} s": v for h, v in getattr(p, name).items()}
                         for name in ("before", "after", "retuned", "noise_floor", "black_box")
                     },
+                    "position_median": {
+                        name: {f"{h:g} s": v for h, v in of_horizon.items()}
+                        for name, of_horizon in p.median.items()
+                    },
                 },
                 "excitation": {"weak": self.weak, "suggest": self.suggest},
                 "notes": self.notes,
@@ -163,12 +169,12 @@ class Answer:
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
         if more := [e.name for e in self.effects[SPOKEN:]]:
             result.append(f"And {', '.join(more)}: see the report.")
-        p = self.proof
-        if 1.0 in p.before and 1.0 in p.after:
-            held_out = "that were held out" if p.held_out else "of the very drives it was fitted to"
+        before, after = (self.proof.median.get(name, {}) for name in ("before", "after"))
+        if 1.0 in before and 1.0 in after:
+            held_out = "held out" if self.proof.held_out else "of the very drives it was fitted to"
             result.append(
-                f"1 s rollouts {held_out}: {1000 * math.sqrt(p.before[1.0]):.0f} mm off "
-                f"before, {1000 * math.sqrt(p.after[1.0]):.0f} mm after."
+                f"Median of 1 s rollouts {held_out}: {1000 * before[1.0]:.0f} mm off before, "
+                f"{1000 * after[1.0]:.0f} mm after."
             )
         if self.suggest:
             result.append(f"Drive next: {self.suggest[0]}.")

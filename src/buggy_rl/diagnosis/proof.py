@@ -1,7 +1,7 @@
 """How far rollouts are from what was held out: as given, repaired, and mended in other ways."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -23,8 +23,28 @@ ITERATIONS = 2  # of a fit to a part of the drives, from the one to all of them
 TRIMS = ("throttle_gain", "throttle_offset", "steering_gain", "steering_offset")
 """What anyone would turn at to make a simulator fit that has no parameters of its own."""
 
-Errors = dict[float, float]
-"""Horizon [s] -> mean square of the distance [m^2]."""
+
+@dataclass(frozen=True)
+class Errors:
+    """Distances of rollouts from what was measured, by horizon [s]."""
+
+    mean_square: dict[float, float] = field(default_factory=dict)
+    """Over stretches and over time up to the horizon [m^2], the original's equation 5.2."""
+    median: dict[float, float] = field(default_factory=dict)
+    """Over stretches, of the root of each one's own mean square [m]."""
+
+    def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
+        """Counts squared distances [N, K] at all horizons that they reach.
+
+        One stretch in which a car spins outweighs a hundred others in a mean square; in the median
+        it does not.
+        """
+        for horizon in HORIZONS:
+            within = instants <= round(horizon / dt)
+            if int(instants[-1]) >= round(horizon / dt) and len(square):
+                of_stretch = square[:, within].mean(1)
+                self.mean_square[horizon] = float(of_stretch.mean())
+                self.median[horizon] = float(of_stretch.sqrt().median())
 
 
 def prove(
@@ -72,20 +92,21 @@ def prove(
     if retuned:
         begin = Fitter(player, cut, likelihood, library).start(retuned)
         sets["retuned"] = _refits(player, cut, likelihood, library, begin, aside)
-    result: dict[str, Errors] = {name: {} for name in ("before", *sets, "black_box")}
+    result = {name: Errors() for name in ("before", *sets, "black_box")}
     networks = _networks(player, cut, aside)
     for part in cuts:
         owner = _owners(part, cut, fold)
         part, owner = part[owner >= 0], owner[owner >= 0]
+        instants = player.instants(part)
         square = (given or player).play(part, {})[0, ..., :2].square().sum(-1)  # (N, K)
-        result["before"] |= _by_horizon(square, player.instants(part), part.dt)
+        result["before"].add(square, instants, part.dt)
         # Each stretch at the place of the fit that it was held out of.
         places = [torch.stack([f.place for f in fits])[owner] for fits in sets.values()]
         unknowns = [fits[0].unknowns for fits in sets.values()]
         settings = library.settings(list(zip(unknowns, places, strict=True)))
         square = player.play(part, *settings)[..., :2].square().sum(-1)  # (C, N, K)
         for name, held_out in zip(sets, square, strict=True):
-            result[name] |= _by_horizon(held_out, player.instants(part), part.dt)
+            result[name].add(held_out, instants, part.dt)
         held_out = torch.cat(
             [
                 network.play(part[owner == n], {})[0, ..., :2].square().sum(-1)
@@ -93,7 +114,7 @@ def prove(
                 if bool((owner == n).any())
             ]
         )
-        result["black_box"] |= _by_horizon(held_out, player.instants(part), part.dt)
+        result["black_box"].add(held_out, instants, part.dt)
     return result
 
 
@@ -151,13 +172,3 @@ def _owners(part: Stretches, cut: Stretches, fold: Tensor) -> Tensor:
 def _places(cut: Stretches) -> list[tuple[int, int]]:
     block = (cut.row.double() * cut.dt / BLOCK).long()
     return list(zip(cut.drive.tolist(), block.tolist(), strict=True))
-
-
-def _by_horizon(square: Tensor, instants: Tensor, dt: float) -> Errors:
-    """Mean over stretches and over time up to each horizon [m^2], the original's equation 5.2."""
-    result = {}
-    for horizon in HORIZONS:
-        within = instants <= round(horizon / dt)
-        if int(instants[-1]) >= round(horizon / dt) and len(square):
-            result[horizon] = float(square[:, within].mean())
-    return result

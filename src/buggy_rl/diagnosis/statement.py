@@ -13,7 +13,7 @@ from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
-from buggy_rl.diagnosis.proof import folds, prove
+from buggy_rl.diagnosis.proof import Errors, folds, prove
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
@@ -133,12 +133,14 @@ def _proof(case: Case, found: Found, given: Tensor) -> Proof:
         case.player, case.recordings, case.cut, case.likelihood, case.library, best, case.given
     )
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
+    before, none = errors["before"].mean_square, Errors()
     return Proof(
-        before=errors["before"],
-        after=errors["after"],
-        retuned=errors.get("retuned", {}),
-        noise_floor={h: floor for h in errors["before"]},
-        black_box=errors["black_box"],
+        before=before,
+        after=errors["after"].mean_square,
+        retuned=errors.get("retuned", none).mean_square,
+        noise_floor={h: floor for h in before},
+        black_box=errors["black_box"].mean_square,
+        median={name: e.median for name, e in errors.items()},
         misfit_before=misfit(given, given),
         misfit_after=misfit(found.best.held_out, given),
         held_out=len(folds(case.cut).unique()) > 1,

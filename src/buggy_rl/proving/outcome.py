@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from buggy_rl.proving import baselines
@@ -58,6 +58,16 @@ class Outcome:
     """Why it could not be weighed."""
     decided: bool | None = None
     """Whether the manoeuvre that was asked for led to the right name; None where none was."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Outcome":
+        """The inverse of `to_dict`."""
+        said = tuple(Said(**{**s, "rivals": tuple(s["rivals"])}) for s in content["said"])
+        return cls(**{**content, "case": Case.from_dict(content["case"]), "said": said})
 
     @property
     def names(self) -> frozenset[str]:

@@ -15,7 +15,17 @@ from buggy_rl.proving.exam import finished
 from buggy_rl.proving.plants import abilities
 from buggy_rl.proving.sealing import Vault, groups
 
-STAGES = ("prepare", "seal", "ask", "again", "weigh", "compare", "score", "page")
+STAGES = (
+    "prepare",
+    "seal",
+    "ask",
+    "again",
+    "weigh",
+    "compare",
+    "settle",
+    "score",
+    "page",
+)
 
 
 @dataclass(frozen=True)
@@ -27,7 +37,7 @@ class ProofConfig:
     sealed: str = ""
     """Folder of what is sealed; empty for OUTPUT_sealed."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
-    """Any of prepare, seal, ask, again, weigh, compare, score, page; what is done is done."""
+    """Any of prepare, seal, ask, again, weigh, compare, settle, score, page; done is done."""
     draw: Settings = field(default_factory=Settings)
     effects: list[str] = field(default_factory=list)
     """Effects that the tool chooses from; empty for the whole library."""
@@ -47,6 +57,10 @@ class ProofConfig:
     """Folder for its pictures; empty for the page's own."""
     opened: str = ""
     """File that counts how often sealed seeds were scored; empty for OUTPUT/opened.json."""
+    hashes: str = ""
+    """File of the hashes of sealed answers; empty for OUTPUT/hashes.txt."""
+    ledger: str = ""
+    """File of settled cases, which are not done again; empty for OUTPUT/ledger.jsonl."""
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.stages) - set(STAGES))
@@ -57,7 +71,8 @@ class ProofConfig:
     def vault(self) -> Vault:
         """Where its cases lie."""
         output = Path(self.output)
-        return Vault(output, Path(self.sealed) if self.sealed else Path(f"{output}_sealed"))
+        sealed = Path(self.sealed) if self.sealed else Path(f"{output}_sealed")
+        return Vault(output, sealed, Path(self.hashes) if self.hashes else None)
 
 
 def cases_of(config: ProofConfig) -> list[Case]:

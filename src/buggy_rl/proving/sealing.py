@@ -3,7 +3,7 @@
 OUTPUT/cases/ID/      question.yaml, simulator.yaml, recordings/, baseline/
 SEALED/ID.json        the answer, with a salt
 SEALED/ID/            drives held out to measure by
-OUTPUT/hashes.txt     SHA-256 of every sealed answer, made before any diagnosis
+OUTPUT/hashes.txt     SHA-256 of every sealed answer, made before any drive
 """
 
 import hashlib
@@ -30,6 +30,8 @@ class Vault:
 
     output: Path
     sealed: Path
+    published: Path | None = None
+    """File of hashes that is shown to others; OUTPUT/hashes.txt by default."""
 
     def seen(self, id_: str) -> Path:
         """All that the tool is given."""
@@ -59,20 +61,27 @@ class Vault:
     @property
     def hashes(self) -> Path:
         """One line a case."""
-        return self.output / "hashes.txt"
+        return self.published or self.output / "hashes.txt"
+
+    def digests(self) -> dict[str, str]:
+        """Case -> published hash of its answer."""
+        if not self.hashes.exists():
+            return {}
+        lines = (line.split() for line in self.hashes.read_text().splitlines())
+        return {id_: digest for digest, id_ in lines}
 
     def cases(self) -> list[Case]:
-        """Opens all that is sealed: only for who has to count.
+        """Opens all that is sealed here: only for who has to count.
+
+        What was published to be asked later, or was asked elsewhere, is not among them.
 
         Raises:
             ValueError: An answer is not the one whose hash was published.
         """
-        published = {}
-        for line in self.hashes.read_text().splitlines():
-            digest, id_ = line.split()
-            published[id_] = digest
         found = []
-        for id_, digest in sorted(published.items()):
+        for id_, digest in sorted(self.digests().items()):
+            if not self.answer(id_).exists() and not self.said(id_).exists():
+                continue
             text = self.answer(id_).read_bytes()
             if hashlib.sha256(text).hexdigest() != digest:
                 raise ValueError(f"{self.answer(id_)} is not what was sealed: its hash differs")
@@ -115,38 +124,44 @@ def seal(
     for case, motion in zip(cases, moved(cases), strict=True):
         _show(vault, case, motion, effects, stretches)
         _hold_out(vault, case, motion)
-        salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-        text = json.dumps({"case": case.to_dict(), "salt": salt}, indent=1, sort_keys=True)
         # Last: a case whose answer is there is whole.
         partial = vault.answer(case.id).with_suffix(".partial")
-        partial.write_text(text + "\n")
+        partial.write_text(_answer(case, secret))
         partial.replace(vault.answer(case.id))
     return len(cases)
 
 
-def publish(vault: Vault, cases: Sequence[Case]) -> None:
-    """Writes the hashes of what was sealed; they stand before anything is diagnosed.
+def publish(vault: Vault, cases: Sequence[Case], secret: str = "") -> None:
+    """Writes the hashes of answers; they stand before anything is diagnosed, and stay.
+
+    Args:
+        vault: Where the cases lie.
+        cases: Sealed ones, or such as are to be sealed.
+        secret: Makes the salts of those that are not sealed yet.
 
     Raises:
-        ValueError: Others were published there before, or something else was sealed.
+        ValueError: An answer with another hash was published there before, or sealed.
     """
+    digests = vault.digests()
     for case in cases:
-        found = Case.from_dict(json.loads(vault.answer(case.id).read_text())["case"])
-        if found != case:
+        text, file = _answer(case, secret), vault.answer(case.id)
+        if file.exists():
+            text = file.read_text()
+            if Case.from_dict(json.loads(text)["case"]) != case:
+                raise ValueError(f"{file} was sealed by other settings: use another output")
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        if digests.setdefault(case.id, digest) != digest:
             raise ValueError(
-                f"{vault.answer(case.id)} was sealed by other settings: use another output"
+                f"{vault.hashes} holds another hash of case {case.id}: sealed answers are not "
+                "changed after they were published; use another output"
             )
-    lines = [
-        f"{hashlib.sha256(vault.answer(case.id).read_bytes()).hexdigest()}  {case.id}"
-        for case in sorted(cases, key=lambda case: case.seed)
-    ]
-    text = "\n".join(lines) + "\n"
-    if vault.hashes.exists() and not text.startswith(vault.hashes.read_text()):
-        raise ValueError(
-            f"{vault.hashes} holds the hashes of other cases: sealed answers are not changed "
-            "after they were published; use another output"
-        )
-    vault.hashes.write_text(text)
+    vault.hashes.parent.mkdir(parents=True, exist_ok=True)
+    vault.hashes.write_text("".join(f"{digests[id_]}  {id_}\n" for id_ in sorted(digests)))
+
+
+def _answer(case: Case, secret: str) -> str:
+    salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
+    return json.dumps({"case": case.to_dict(), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _show(vault: Vault, case: Case, motion: Motion, effects: list[str], stretches: int) -> None:

@@ -129,7 +129,10 @@ def proven(answer: Answer) -> Markup:
     proof = answer.proof
     columns = {n: getattr(proof, n) for n in PROVEN if getattr(proof, n)}
     rows = [
-        [f"{h:g} s", *(_millimetres(columns[n].get(h)) for n in columns)]
+        [
+            f"{h:g} s",
+            *(_distance(v.get(h), proof.median.get(n, {}).get(h)) for n, v in columns.items()),
+        ]
         for h in sorted(proof.before)
     ]
     how = (
@@ -143,7 +146,8 @@ def proven(answer: Answer) -> Markup:
         table(("after", *(PROVEN[n] for n in columns)), rows),
         tag(
             "p",
-            "Root mean square distance over the time up to then. All six readings of 1 s together, "
+            "Root mean square distance over the time up to then, in brackets the median of all "
+            "rollouts, which a single spin does not outweigh. All six readings of 1 s together, "
             f"in units of the sensor's noise: {wording.number(proof.misfit_before)} before, "
             f"{wording.number(proof.misfit_after)} after; 1 is perfect.",
             of="quiet",
@@ -151,11 +155,12 @@ def proven(answer: Answer) -> Markup:
     )
 
 
-def _millimetres(square: float | None) -> str:
-    """Of a mean square [m^2]; a dash where there is none."""
+def _distance(square: float | None, median: float | None) -> str:
+    """Of a mean square [m^2] and a median [m]; a dash where there is none."""
     if square is None or not math.isfinite(square):
         return "–"
-    return f"{1000 * math.sqrt(square):.0f} mm"
+    bracket = "" if median is None else f" ({1000 * median:.0f})"
+    return f"{1000 * math.sqrt(square):.0f} mm{bracket}"
 
 
 def following(answer: Answer) -> Markup:
