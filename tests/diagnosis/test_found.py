@@ -3,8 +3,9 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.confidence import confidences
-from buggy_rl.diagnosis.search import Found
+from buggy_rl.diagnosis.search import Found, Search
 
 
 def _candidate(causes, excess):
@@ -55,3 +56,35 @@ def test_a_rival_that_leaves_little_more_than_the_best_is_not_ruled_out():
 def test_a_rival_is_ruled_out_that_leaves_much_more_or_a_part_of_the_gap_that_matters():
     assert _rivalry(0.0, 0.4).sure > 0.95
     assert _rivalry(0.2, 0.4, gap=1.0).sure > 0.95
+
+
+def _left_of(sizes, usual=0.0):
+    """What the search keeps of the longest explanation, by what each leaves of the gap."""
+    search = Search.__new__(Search)
+    search.tried = {causes: _candidate(causes, excess) for causes, excess in sizes.items()}
+    search.null = search.tried[()]
+    search.merit = SimpleNamespace(usual=Usual(usual))
+    search.fit = lambda starts: []
+    return search.weighty(search.tried[max(sizes, key=len)]).causes
+
+
+def test_a_further_cause_that_closes_less_than_what_remains_is_left_out():
+    sizes = {(): 5.0, ("large",): 1.0, ("small",): 4.6}
+    assert _left_of(sizes | {("large", "small"): 0.6}) == ("large",)
+    assert _left_of(sizes | {("large", "small"): 0.4}) == ("large", "small")
+
+
+def test_what_is_usual_does_not_count_as_remaining():
+    sizes = {(): 5.0, ("large",): 1.0, ("small",): 4.6, ("large", "small"): 0.6}
+    assert _left_of(sizes, usual=0.3) == ("large", "small")
+
+
+def test_the_first_cause_stays_however_much_remains():
+    sizes = {(): 5.0, ("a",): 4.0, ("b",): 4.5, ("a", "b"): 3.8}
+    assert _left_of(sizes) == ("a",)
+
+
+def test_the_smallest_goes_first_and_the_others_are_looked_at_again_without_it():
+    sizes = {(): 5.0, ("a",): 1.2, ("b",): 2.0, ("c",): 4.9, ("a", "b"): 0.5, ("a", "c"): 1.1,
+             ("b", "c"): 1.9, ("a", "b", "c"): 0.4}  # fmt: skip
+    assert _left_of(sizes) == ("a", "b")

@@ -85,6 +85,7 @@ class Search:
             if step is None:
                 break
             best = self.reweighed(step)
+        best = self.weighty(best)
         self.fitter.temper = max(1.0, best.typical)
         return Found(self.null, best, self.tried, self.fitter.temper)
 
@@ -201,24 +202,40 @@ class Search:
     def eliminated(self, candidate: Candidate) -> Candidate:
         """Leaves out effects that are not needed any more."""
         while len(candidate.causes) > 1:
-            starts, fitted = [], []
-            for left_out in candidate.causes:
-                keep = tuple(e for e in candidate.causes if e != left_out)
-                known = self.tried.get(tuple(sorted(keep)))
-                if known is not None:  # the way here led over it
-                    fitted.append(known)
-                    continue
-                places = [
-                    z
-                    for u, z in zip(
-                        candidate.fitted.unknowns, candidate.fitted.place.tolist(), strict=True
-                    )
-                    if u.cause != left_out
-                ]
-                starts.append(self.fitter.start(keep, places))
-            fitted += self.fit(starts)
-            needless = [c for c in fitted if not self.merit.helps(candidate, c, self.null)]
+            needless = [
+                less
+                for less in self.without_one(candidate)
+                if not self.merit.helps(candidate, less, self.null)
+            ]
             if not needless:
                 return candidate
             candidate = min(needless, key=self.loss)
         return candidate
+
+    def weighty(self, candidate: Candidate) -> Candidate:
+        """Leaves out further effects that close less than what remains, the least first.
+
+        What no equation closes resembles many of them a little: a cause that is smaller than that
+        is as likely a part of it as a cause.
+        """
+        while len(candidate.causes) > 1:
+            rest = size(candidate, self.null) - self.merit.usual.mean
+            less = min(self.without_one(candidate), key=lambda c: size(c, self.null))
+            if size(less, self.null) - size(candidate, self.null) > max(rest, 0.0):
+                return candidate
+            candidate = less
+        return candidate
+
+    def without_one(self, candidate: Candidate) -> list[Candidate]:
+        """The same without each of its effects, fitted."""
+        starts, fitted = [], []
+        for left_out in candidate.causes:
+            keep = tuple(e for e in candidate.causes if e != left_out)
+            known = self.tried.get(tuple(sorted(keep)))
+            if known is not None:  # the way here led over it
+                fitted.append(known)
+                continue
+            numbers = zip(candidate.fitted.unknowns, candidate.fitted.place.tolist(), strict=True)
+            places = [z for u, z in numbers if u.cause != left_out]
+            starts.append(self.fitter.start(keep, places))
+        return fitted + self.fit(starts)
