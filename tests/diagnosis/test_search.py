@@ -25,7 +25,10 @@ def searched(recordings, effects, usual=None):
     ],
 )
 def test_it_finds_what_was_planted_and_nothing_else(drives, name, expected):
-    assert tuple(sorted(searched(drives[name], FEW).best.causes)) == expected
+    found = searched(drives[name], FEW)
+    assert tuple(sorted(found.best.causes)) == expected
+    # Whoever goes on from there knows what it took: each explanation at least once.
+    assert Search.after(fitter(drives[name], FEW), found).fitter.plays >= len(found.tried)
 
 
 def test_where_a_simulator_is_as_right_as_ever_a_part_of_the_gap_is_no_news(drives):

@@ -34,6 +34,8 @@ class Found:
     """All explanations by their causes, sorted."""
     temper: float = 1.0
     """How much worse than noise the best is."""
+    plays: int = 0
+    """How often all stretches were rolled out on the way."""
 
     def without(self, cause: str) -> float:
         """Excess over the noise without a cause, on what was held out."""
@@ -72,6 +74,7 @@ class Search:
         """One that has come to what was found."""
         search = cls(fitter)
         search.null, search.tried, fitter.temper = found.null, found.tried, found.temper
+        fitter.plays = found.plays
         return search
 
     def run(self) -> Found:
@@ -87,7 +90,7 @@ class Search:
             best = self.reweighed(step)
         best = self.weighty(best)
         self.fitter.temper = max(1.0, best.typical)
-        return Found(self.null, best, self.tried, self.fitter.temper)
+        return Found(self.null, best, self.tried, self.fitter.temper, self.fitter.plays)
 
     def loss(self, candidate: Candidate) -> float:
         """On what was held out, with its priors [nats]."""
