@@ -89,7 +89,7 @@ def an_answer(**changes):
         misfit_before=5.0,
         misfit_after=1.1,
         held_out=True,
-        median={"before": {1.0: 0.2}, "after": {0.3: 0.001, 1.0: 0.03}},
+        median={"before": {1.0: 0.15}, "after": {0.3: 0.001, 1.0: 0.02}},
     )
     rest = Remaining(0.3, 0.06, {"vx": 0.9, "yaw_rate": 0.1}, ["vx", "steering"], True)
     parts = {"verdict": "missing_physics", "located": located, "effects": [named]}
@@ -140,12 +140,14 @@ def test_every_verdict_has_words_of_its_own(verdict):
 
 
 def test_the_lines_say_where_what_how_sure_and_how_much_better():
+    # Roots of the mean squares: sqrt(0.04) = 200 mm, sqrt(0.0009) = 30 mm.
     assert an_answer().lines() == [
         "Physics is missing from the simulator.",
         "It shows most in turning (70% of the error).",
         "The steering takes effect 61 ms late "
         "[steering_dead_time, 98% sure; could also be steering_lag (2%)].",
-        "Median of 1 s rollouts held out: 200 mm off before, 30 mm after.",
+        "1 s rollouts held out, median: 150 mm off before, 20 mm after; "
+        "root mean square: 200 mm off before, 30 mm after.",
         "Drive next: y.",
     ]
 

@@ -169,13 +169,15 @@ class Answer:
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
         if more := [e.name for e in self.effects[SPOKEN:]]:
             result.append(f"And {', '.join(more)}: see the report.")
-        before, after = (self.proof.median.get(name, {}) for name in ("before", "after"))
-        if 1.0 in before and 1.0 in after:
-            held_out = "held out" if self.proof.held_out else "of the very drives it was fitted to"
-            result.append(
-                f"Median of 1 s rollouts {held_out}: {1000 * before[1.0]:.0f} mm off before, "
-                f"{1000 * after[1.0]:.0f} mm after."
-            )
+        p = self.proof
+        if 1.0 in p.before and 1.0 in p.after:
+            held_out = "held out" if p.held_out else "of the very drives it was fitted to"
+            root = (math.sqrt(p.before[1.0]), math.sqrt(p.after[1.0]))
+            words = [f"root mean square: {_millimetres(*root)}"]
+            if {"before", "after"} <= set(p.median):
+                middle = (p.median["before"][1.0], p.median["after"][1.0])
+                words.insert(0, f"median: {_millimetres(*middle)}")
+            result.append(f"1 s rollouts {held_out}, {'; '.join(words)}.")
         if self.suggest:
             result.append(f"Drive next: {self.suggest[0]}.")
         return result
@@ -189,6 +191,10 @@ def described(remaining: Remaining) -> str:
     grows = f", growing with {' and '.join(remaining.depends_on)}" if remaining.depends_on else ""
     memory = "; it goes on over time, as a hidden state would" if remaining.memory else ""
     return f"What remains lies mostly in {channel}{grows}{memory}."
+
+
+def _millimetres(before: float, after: float) -> str:
+    return f"{1000 * before:.0f} mm off before, {1000 * after:.0f} mm after"
 
 
 def _named(e: Named) -> dict[str, Any]:
