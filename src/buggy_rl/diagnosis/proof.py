@@ -24,7 +24,7 @@ TRIMS = ("throttle_gain", "throttle_offset", "steering_gain", "steering_offset")
 """What anyone would turn at to make a simulator fit that has no parameters of its own."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Errors:
     """Distances of rollouts from what was measured, by horizon [s]."""
 
@@ -32,6 +32,8 @@ class Errors:
     """Over stretches and over time up to the horizon [m^2], the original's equation 5.2."""
     median: dict[float, float] = field(default_factory=dict)
     """Over stretches, of the root of each one's own mean square [m]."""
+    white: Tensor = field(default_factory=lambda: torch.empty(0))
+    """[N] |W e|^2 / D of the stretches that are fitted to, each when it was held out."""
 
     def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
         """Counts squared distances [N, K] at all horizons that they reach.
@@ -54,7 +56,6 @@ def prove(
     likelihood: Likelihood,
     library: Library,
     best: Fitted,
-    given: Player | None = None,
 ) -> dict[str, Errors]:
     """Errors of rollouts over drives, or blocks of drives, that nothing was fitted to.
 
@@ -65,7 +66,6 @@ def prove(
         likelihood: Of their gaps.
         library: Of the causes.
         best: The explanation; fitted anew for each part that is held out.
-        given: Plays into the simulator as it was given, where `player`'s was re-tuned.
 
     Returns:
         `before`: as given. `after`: with the causes. `retuned`: with the simulator's own
@@ -86,27 +86,31 @@ def prove(
     retuned = own or tuple(
         name for name in TRIMS if name in library.effects and effect_class(name).parameters
     )
-    sets = {
-        "after": _refits(player, cut, likelihood, library, best, aside),
-    }
+    sets = {"after": _refits(player, cut, likelihood, library, best, aside)}
     if retuned:
-        begin = Fitter(player, cut, likelihood, library).start(retuned)
+        numbers = zip(best.unknowns, best.place.tolist(), strict=True)
+        known = {(u.cause, u.parameter.name): z for u, z in numbers}
+        unknowns = library.unknowns(retuned)
+        place = [known.get((u.cause, u.parameter.name), 0.0) for u in unknowns]
+        begin = Fitter(player, cut, likelihood, library).start(retuned, place)
         sets["retuned"] = _refits(player, cut, likelihood, library, begin, aside)
     result = {name: Errors() for name in ("before", *sets, "black_box")}
     networks = _networks(player, cut, aside)
     for part in cuts:
-        owner = _owners(part, cut, fold)
+        owner, part_of_fit = _owners(part, cut, fold), part is cut
         part, owner = part[owner >= 0], owner[owner >= 0]
         instants = player.instants(part)
-        square = (given or player).play(part, {})[0, ..., :2].square().sum(-1)  # (N, K)
+        square = player.play(part, {})[0, ..., :2].square().sum(-1)  # (N, K)
         result["before"].add(square, instants, part.dt)
         # Each stretch at the place of the fit that it was held out of.
         places = [torch.stack([f.place for f in fits])[owner] for fits in sets.values()]
         unknowns = [fits[0].unknowns for fits in sets.values()]
         settings = library.settings(list(zip(unknowns, places, strict=True)))
-        square = player.play(part, *settings)[..., :2].square().sum(-1)  # (C, N, K)
-        for name, held_out in zip(sets, square, strict=True):
-            result[name].add(held_out, instants, part.dt)
+        gaps = player.play(part, *settings)  # (C, N, K, 6)
+        for name, gap in zip(sets, gaps, strict=True):
+            result[name].add(gap[..., :2].square().sum(-1), instants, part.dt)
+            if part_of_fit:
+                result[name].white = likelihood.white(gap.unsqueeze(0))[0].square().mean(-1)
         held_out = torch.cat(
             [
                 network.play(part[owner == n], {})[0, ..., :2].square().sum(-1)

@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import torch
+
 from buggy_rl.diagnosis.answer import NORMAL, Named, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import CEILING
 from buggy_rl.diagnosis.evidence import blocks, evidence
-from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.search import EAGER
 
@@ -40,6 +42,18 @@ def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Ret
     candidate = Candidate(best, evidence(fitter, best, blocks(case.cut)))
     values = {n: v for cause, ps in best.values().items() if cause for n, v in ps.items()}
     return Retuned(values, _wrong(candidate))
+
+
+def with_own(case: Case, best: Fitted) -> Fitted:
+    """An explanation of the re-tuned simulator, as one of the simulator as it was given."""
+    own = [OWN + name for name in case.library.parameters]
+    unknowns = case.as_given.unknowns((*best.causes, *own))
+    tuned = {p.name: p.value for p in case.library.parameters.values()}
+    moved = [
+        float(u.parameter.coordinate(tuned[u.parameter.name])) for u in unknowns if u.cause in own
+    ]
+    place = torch.cat([best.place[:-1], best.place.new_tensor(moved), best.place[-1:]])
+    return Fitted((*best.causes, *own), unknowns, place, best.white)
 
 
 def _wrong(candidate: Candidate) -> list[Named]:

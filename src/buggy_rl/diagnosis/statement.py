@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.proof import Errors, folds, prove
+from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
@@ -128,10 +129,12 @@ def _retuned(found: Found, given: Tensor, wrong: Sequence[Named], remains: float
 
 
 def _proof(case: Case, found: Found, given: Tensor) -> Proof:
-    best = found.best.fitted
-    errors = prove(
-        case.player, case.recordings, case.cut, case.likelihood, case.library, best, case.given
-    )
+    player, best = case.player, found.best.fitted
+    if case.retuned_from is not None:
+        # Its numbers have seen all drives: they are fitted anew with the causes', from the
+        # simulator as given, on what is not held out.
+        player, best = replace(player, make=case.given.make), with_own(case, best)
+    errors = prove(player, case.recordings, case.cut, case.likelihood, case.as_given, best)
     floor = 2 * float(case.likelihood.noise[:2].square().sum())
     before, none = errors["before"].mean_square, Errors()
     return Proof(
@@ -142,6 +145,6 @@ def _proof(case: Case, found: Found, given: Tensor) -> Proof:
         black_box=errors["black_box"].mean_square,
         median={name: e.median for name, e in errors.items()},
         misfit_before=misfit(given, given),
-        misfit_after=misfit(found.best.held_out, given),
+        misfit_after=misfit(errors["after"].white, given),
         held_out=len(folds(case.cut).unique()) > 1,
     )
