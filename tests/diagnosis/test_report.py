@@ -282,6 +282,15 @@ def test_a_rival_that_cannot_be_told_apart_is_not_among_the_losers(diagnosis):
     assert "steering offset: worse by" in Page(causes.excluded(search, found, said.effects)).text
 
 
+def test_parameters_that_were_re_tuned_together_have_no_rivals_that_lost(diagnosis):
+    _, search, found, said = diagnosis
+    mass = replace(said.effects[0], name="parameter:mass", kind="parameter")
+    text = Page(causes.excluded(search, found, [mass])).text
+    assert "re-tuned all at once" in text
+    assert "Tried and lost" not in text
+    assert "In place of" not in text
+
+
 def test_a_value_at_its_bound_is_no_more_than_a_hint(diagnosis):
     case, _, _, said = diagnosis
     at_end = replace(said.effects[0], at_bound=("gain",))

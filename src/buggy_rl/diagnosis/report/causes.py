@@ -121,7 +121,8 @@ def _neutral(value: float, symbol: str) -> str:
 def excluded(search: Search, found: Found, effects: Sequence[Named]) -> Markup:
     """What it is not, and what it might be all the same."""
     parts: list[str] = []
-    for effect in effects:
+    searched = [effect for effect in effects if effect.name in found.best.causes]
+    for effect in searched:
         lost = losers(search, found, effect.name)
         might = [
             f"{wording.cause(n)}, {wording.percent(p)}" for n, p in effect.confused_with.items()
@@ -136,8 +137,14 @@ def excluded(search: Search, found: Found, effects: Sequence[Named]) -> Markup:
             titled("Cannot be ruled out", might, "h4"),
             titled("Tried and lost", tried, "h4"),
         ]
-    if not effects:
+    if not searched:
         close = ranking(search, found, 3)
-        parts.append(tag("p", "Nothing is named, so nothing is excluded by name. Closest came:"))
+        nothing = (
+            "Parameters were re-tuned all at once, none against another; no effect is named beside "
+            "them. Closest came:"
+            if effects
+            else "Nothing is named, so nothing is excluded by name. Closest came:"
+        )
+        parts.append(tag("p", nothing))
         parts.append(listed([f"{wording.cause(r.causes[0])}: {r.nats:+.0f} nats" for r in close]))
     return section("What it is not", *parts)
