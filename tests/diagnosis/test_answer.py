@@ -178,3 +178,13 @@ def test_a_ratio_has_no_unit():
     assert said == "the simulator's throttle deadband is 0.1, not 0.05"
     said = sentence("parameter:mass", {"mass": 2.0}, "kg", 1.6)
     assert said == "the simulator's mass is 2 kg, not 1.6"
+
+
+def test_a_proof_is_better_that_leaves_less_in_units_of_the_noise_as_in_metres():
+    def left(misfit, metres):
+        proof = an_answer().proof
+        return replace(proof, misfit_after=misfit, median={"after": {0.3: 9.0, 1.0: metres}})
+
+    assert left(2.0, 0.1).better_than(left(3.0, 0.2))
+    assert not left(2.0, 0.3).better_than(left(3.0, 0.2))
+    assert not left(3.0, 0.1).better_than(left(2.0, 0.2))

@@ -72,6 +72,15 @@ class Proof:
     median: dict[str, dict[float, float]] = field(default_factory=dict)
     """before, after, retuned, black_box -> horizon -> median distance [m]: no spin outweighs it."""
 
+    def better_than(self, other: "Proof") -> bool:
+        """Whether it leaves less, in units of the noise as in metres after the longest rollouts.
+
+        Where most stretches are far beyond the noise, the first hardly tells: each counts as no
+        more than the cap.
+        """
+        own, its = (max(p.median.get("after", {}).items(), default=(0, 0.0)) for p in (self, other))
+        return self.misfit_after < other.misfit_after and own[1] <= its[1]
+
 
 @dataclass(frozen=True)
 class Answer:

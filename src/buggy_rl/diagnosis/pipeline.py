@@ -154,7 +154,7 @@ def _retuned_first(
     found, case.likelihood = stages.done("second_search", lambda: identified(case, progress))
     search = Search.after(Fitter(player, case.cut, case.likelihood, library), found)
     said = stages.done("second_answer", lambda: stated(case, search, found, progress, tuned.wrong))
-    if said.proof.misfit_after >= done.answer.proof.misfit_after:
+    if not said.proof.better_than(done.answer.proof):
         return done
     return Diagnosis(case, search, found, said, tuned=tuned.values)
 
