@@ -88,7 +88,9 @@ class Search:
             if step is None:
                 break
             best = self.reweighed(step)
-        best = self.weighty(best)
+        weighty = self.weighty(best)
+        if weighty is not best:  # it was fitted on the way, and not to the end
+            best = self.reweighed(weighty)
         self.fitter.temper = max(1.0, best.typical)
         return Found(self.null, best, self.tried, self.fitter.temper, self.fitter.plays)
 
