@@ -24,7 +24,9 @@ GRIP = cause("parameter:grip_front", "parameter")
         (1.0, rest(0.0), [cause()], "missing_physics"),
         (1.0, rest(0.0), [GRIP], "wrong_parameters"),
         (1.0, rest(0.0), [GRIP, cause()], "missing_physics"),
-        (1.0, rest(0.5, 0.5), [cause()], "unknown_physics"),
+        (1.0, rest(0.5, 0.5), [cause(sure=0.3)], "unknown_physics"),
+        # Spins that nobody foretells do not take a sound name away.
+        (1.0, rest(0.4, 0.4), [cause(sure=0.55)], "missing_physics"),
         (1.0, rest(0.0), [cause(sure=0.3)], "cannot_tell"),
         (1.0, rest(0.0), [cause(sure=0.85, steering_dead_time=0.12)], "cannot_tell"),
         (1.0, rest(0.0), [cause(sure=0.95, steering_dead_time=0.04)], "missing_physics"),

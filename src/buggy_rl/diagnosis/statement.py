@@ -72,7 +72,7 @@ def stated(
 def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
     fitted = found.best.fitted
     by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
-    spread = (by_chance + (_mistaken(case, found, cause) * fitted.place / NORMAL).square()).sqrt()
+    spread = (by_chance + (_mistaken(case, found, cause) * fitted.place).square()).sqrt()
     values: dict[str, Value] = {}
     bound = []
     for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
@@ -113,7 +113,8 @@ def _mistaken(case: Case, found: Found, cause: str) -> float:
     """Share by which a cause's numbers may be off because an equation is not the car's own.
 
     If all that remains beyond the usual, and what drives differ by themselves, were more of this
-    cause, or less, its numbers would be off by that over what the cause closes.
+    cause, or less, its numbers would be off by that over what the cause closes: it counts as one
+    standard deviation (taken as two, 86 % of 92 intervals of development cases held the truth).
     """
     rest = max(0.0, size(found.best, found.null) - case.usual.mean) + 2 * case.usual.error
     return min(1.0, max(rest, NOTHING) / max(found.closed(cause), 1e-9))

@@ -21,9 +21,10 @@ def verdict_of(given: float, rest: Remaining, named: Sequence[Named], usual: Usu
     """
     if given < usual.most and not named:
         return "no_mismatch"
-    if not named or rest.share > SOUND:
+    unsure = max((n.confidence for n in named), default=0.0) < UNDECIDED
+    # Much may remain beside a name that is sound: where a car spins, nobody foretells it all.
+    if not named or (unsure and rest.share > SOUND):
         return "unknown_physics" if rest.excess > usual.most else "no_mismatch"
-    unsure = max(n.confidence for n in named) < UNDECIDED
     if unsure or sum(named[0].confused_with.values()) > RIVALLED:
         return "cannot_tell"
     if all(n.kind == "parameter" for n in named):
