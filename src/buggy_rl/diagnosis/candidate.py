@@ -1,5 +1,6 @@
 """An explanation and what speaks for it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -35,3 +36,19 @@ class Candidate:
 def size(candidate: Candidate, null: Candidate) -> float:
     """Excess of gaps on what was held out over the noise's, beside those of nothing at all."""
     return misfit(candidate.held_out, null.held_out) - 1
+
+
+def in_its_place(
+    tried: Mapping[tuple[str, ...], Candidate], others: frozenset[str]
+) -> dict[str, Candidate]:
+    """Explanations by these causes and one more, by the one; none more under the empty name."""
+    result = {}
+    for causes, candidate in tried.items():
+        more = frozenset(causes) - others
+        if (
+            others <= frozenset(causes)
+            and len(more) <= 1
+            and len(causes) == len(others) + len(more)
+        ):
+            result[next(iter(more), "")] = candidate
+    return result

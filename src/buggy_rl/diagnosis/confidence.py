@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from buggy_rl.diagnosis.candidate import Candidate, size
+from buggy_rl.diagnosis.candidate import Candidate, in_its_place, size
 from buggy_rl.diagnosis.search import Found, Search
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
@@ -51,7 +51,7 @@ def confidences(
     result = {}
     for cause in found.best.causes:
         others = frozenset(found.best.causes) - {cause}
-        rivals = _in_its_place(found.tried, others)
+        rivals = in_its_place(found.tried, others)
         worse = [_worse(search, found, rival) for rival in rivals.values()]
         shares = torch.softmax(-torch.tensor(worse, dtype=torch.float64), 0).tolist()
         share = dict(zip(rivals, shares, strict=True))
@@ -81,19 +81,3 @@ def soundness(closed: float, remains: float) -> float:
     """
     own, even = closed**SHARP, (EVEN * remains) ** SHARP
     return own / (own + even) if own + even > 0 else 0.0
-
-
-def _in_its_place(
-    tried: Mapping[tuple[str, ...], Candidate], others: frozenset[str]
-) -> dict[str, Candidate]:
-    """Explanations by these causes and one more, by the one; none more under the empty name."""
-    result = {}
-    for causes, candidate in tried.items():
-        more = frozenset(causes) - others
-        if (
-            others <= frozenset(causes)
-            and len(more) <= 1
-            and len(causes) == len(others) + len(more)
-        ):
-            result[next(iter(more), "")] = candidate
-    return result

@@ -9,6 +9,7 @@ from torch import Tensor
 from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate, size
 from buggy_rl.diagnosis.evidence import blocks, evidences
+from buggy_rl.diagnosis.exchange import exchanges
 from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import bounded
 from buggy_rl.diagnosis.likelihood import likelihood
@@ -91,6 +92,9 @@ class Search:
         weighty = self.weighty(best)
         if weighty is not best:  # it was fitted on the way, and not to the end
             best = self.reweighed(weighty)
+        exchanged = self.exchanged(best)
+        if exchanged is not best:
+            best = self.reweighed(self.weighty(exchanged))
         self.fitter.temper = max(1.0, best.typical)
         return Found(self.null, best, self.tried, self.fitter.temper, self.fitter.plays)
 
@@ -230,6 +234,12 @@ class Search:
                 return candidate
             candidate = less
         return candidate
+
+    def exchanged(self, best: Candidate) -> Candidate:
+        """The best, or what is better with a rival in the place of one of its causes."""
+        fitted = self.fit(exchanges(self.fitter, best, self.tried, self.null))
+        other = min(fitted, key=self.loss, default=best)
+        return other if self.loss(best) - self.loss(other) > NATS else best
 
     def without_one(self, candidate: Candidate) -> list[Candidate]:
         """The same without each of its effects, fitted."""
