@@ -78,6 +78,8 @@ def weighed(vault: Vault, case: Case, effects: Sequence[str], rivals: int) -> di
         }
         if len(case.truth) == 1:
             result["rivals"] = _rivals(fitter, null, truth, rivals)
+        else:
+            result["rivals"] = _fewer(fitter, truth)
     held_out = _cut(_drives(vault.held_out(case.id)), DiagnosisConfig.stretches)
     repaired = vault.said(case.id) / "repaired.yaml"
     result["held_out"] = _measured(player, library, held_out, null, truth, repaired)
@@ -104,6 +106,18 @@ def _rivals(fitter: Fitter, null: Fitted, truth: Fitted, most: int) -> dict[str,
     starts = [start for start in promising if start.causes != truth.causes][:most]
     own = _loss(fitter, truth)
     return {f.causes[0]: _loss(fitter, f) - own for f in fitter.fit(starts, ITERATIONS)}
+
+
+def _fewer(fitter: Fitter, truth: Fitted) -> dict[str, float]:
+    """Nats by which the truth beats itself without one of its effects, by what is left."""
+    numbers = list(zip(truth.unknowns, truth.place.tolist(), strict=True))
+    starts = []
+    for effect in truth.causes:
+        others = [cause for cause in truth.causes if cause != effect]
+        starts.append(fitter.start(others, [z for u, z in numbers if u.cause != effect]))
+    own = _loss(fitter, truth)
+    fitted = fitter.fit(starts, ITERATIONS)
+    return {"+".join(f.causes): _loss(fitter, f) - own for f in fitted}
 
 
 def _measured(

@@ -12,7 +12,7 @@ from buggy_rl.proving.equivalents import error, expected
 from buggy_rl.proving.names import alike, meant
 from buggy_rl.proving.sealing import Vault
 
-DECIDABLE = 10.0  # [nats] by which the truth must beat every other single effect
+DECIDABLE = 10.0  # [nats] by which the truth must beat what is nearest to it
 OURS = "ours"
 SURE = 0.5  # confidence above which a name is a claim
 
@@ -48,7 +48,7 @@ class Outcome:
     nats: float | None = None
     """By which the true structure beats the simulator as given."""
     margin: float | None = None
-    """By which it beats every other single effect."""
+    """By which it beats every other single effect, or each of several what lacks it."""
     oracle: dict[str, dict[str, float]] = field(default_factory=dict)
     """Effect -> parameter -> value, of the true structure fitted to the same drives."""
     held_out: dict[str, dict[str, float]] = field(default_factory=dict)

@@ -144,14 +144,15 @@ def _naming(outcomes: Sequence[Outcome]) -> list[Row]:
     one = of(outcomes, "one")
     clear = _clear(one)
     own = [o for o in clear if o.case.own_family]
-    two, three = ([exact(o) for o in of(outcomes, family)] for family in ("two", "three"))
+    two, three = (of(outcomes, family) for family in ("two", "three"))
     return [
         Row("first name right, decidable single effects", share([o.right for o in clear]), 0.9),
         Row("  of them, plant of the simulator's own make", share([o.right for o in own]), 0.97),
         Row("  right group, decidable single effects", share([o.group_right for o in clear])),
         Row("first name right, all single effects", share([o.right for o in one])),
-        Row("exact set, two effects", share(two), 0.75),
-        Row("exact set, three effects", share(three)),
+        Row("exact set, two effects", share(_exact(two)), 0.75),
+        Row("  of them, both decidable", share(_exact(_clear(two)))),
+        Row("exact set, three effects", share(_exact(three))),
     ]
 
 
@@ -211,14 +212,18 @@ def _undecided(outcomes: Sequence[Outcome]) -> list[Row]:
     ]
 
 
-def _clear(one: Iterable[Outcome]) -> list[Outcome]:
+def _clear(outcomes: Iterable[Outcome]) -> list[Outcome]:
     """Decidable ones; where the oracle was not asked, that counts against us."""
-    return [o for o in one if o.decidable is not False]
+    return [o for o in outcomes if o.decidable is not False]
 
 
 def exact(o: Outcome) -> bool:
     """Whether all that is concealed is named, and nothing else."""
     return o.names == set(o.case.truth) and o.verdict != "unknown_physics"
+
+
+def _exact(outcomes: Iterable[Outcome]) -> list[bool]:
+    return [exact(o) for o in outcomes]
 
 
 def _named(outcomes: Iterable[Outcome]) -> list[bool]:
