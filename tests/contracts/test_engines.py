@@ -12,6 +12,7 @@ from buggy_rl import keys
 from buggy_rl.engines import ENGINES, make_engine
 from buggy_rl.models.factory import ModelConfig, make_model
 from buggy_rl.vehicle import rotate
+from tests.engines.steps import follow, start, step
 
 FLIP = torch.tensor([1.0, -1.0, -1.0])  # left for right, of a pose or a velocity
 
@@ -54,31 +55,6 @@ def symmetric(engine):
     return engine.with_parameters(TensorDict(tensors, batch_size=engine.batch_size))
 
 
-def start(engine, pose=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
-    """The state after a reset at a pose and a velocity, one for all cars or one each."""
-    given = TensorDict(batch_size=engine.batch_size)
-    for key, value in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
-        value = torch.as_tensor(value, dtype=torch.float32)
-        given[key] = value.expand(*engine.batch_size, 3).clone()
-    return engine.reset(given)
-
-
-def step(engine, state, action):
-    action = torch.as_tensor(action, dtype=torch.float32)
-    acted = state.clone().set(keys.ACTION, action.expand(*engine.batch_size, 2).clone())
-    return engine.step(acted)["next"]
-
-
-def follow(engine, state, actions):
-    """Poses and velocities [T, *, 3] under actions [T, 2] or [T, *, 2]."""
-    poses, velocities = [], []
-    for action in actions:
-        state = step(engine, state, action)
-        poses.append(state[keys.POSE])
-        velocities.append(state[keys.VELOCITY])
-    return torch.stack(poses), torch.stack(velocities)
-
-
 def manoeuvre(steps=60):
     """Actions [steps, 2] with throttle and both directions, starting from a turn to the left."""
     time = torch.arange(steps) * 0.01
@@ -116,11 +92,11 @@ def test_it_drives_alike_inside_a_batch_of_environments(name, kind, batch_size):
     options = {"mp_start_method": "fork"} if kind is ParallelEnv else {}
     actions = manoeuvre(5)
     lone = make(name, batch_size)
-    expected, _ = follow(lone, lone.reset(), actions)
+    expected, _, _ = follow(lone, lone.reset(), actions)
     several = kind(2, partial(make, name, batch_size), **options)
     try:
         check_env_specs(several)
-        poses, _ = follow(several, several.reset(), actions)
+        poses, _, _ = follow(several, several.reset(), actions)
     finally:
         several.close()
     torch.testing.assert_close(poses[:, 0], expected, atol=0, rtol=0)
@@ -157,9 +133,9 @@ def test_cars_of_a_batch_do_not_feel_one_another(name):
     velocity = torch.tensor([[0.0, 0, 0], [1.0, 0, 0.5], [2.0, 0.2, -1.0], [0.5, -0.1, 2.0]])
     share = torch.tensor([1.0, -1.0, 0.5, 0.0])
     actions = manoeuvre(30)[:, None] * share[:, None]  # (30, 4, 2)
-    poses, velocities = follow(engine, start(engine, velocity=velocity), actions)
+    poses, velocities, _ = follow(engine, start(engine, velocity=velocity), actions)
     for i in range(4):
-        pose, own = follow(lone, start(lone, velocity=velocity[i]), actions[:, i])
+        pose, own, _ = follow(lone, start(lone, velocity=velocity[i]), actions[:, i])
         # Vectorised arithmetic may round the last bit differently in another place of a batch.
         torch.testing.assert_close(poses[:, i], pose, atol=1e-5, rtol=1e-5)
         torch.testing.assert_close(velocities[:, i], own, atol=1e-4, rtol=1e-4)
@@ -167,7 +143,7 @@ def test_cars_of_a_batch_do_not_feel_one_another(name):
 
 def test_a_reset_at_a_pose_and_a_velocity_starts_there(engine):
     pose, velocity = (3.0, -2.0, 0.7), (1.2, 0.05, 0.4)
-    state = start(engine, pose, velocity)
+    state = start(engine, velocity, pose)
     assert torch.equal(state[keys.POSE], torch.tensor(pose).expand(*engine.batch_size, 3))
     assert torch.equal(state[keys.VELOCITY], torch.tensor(velocity).expand(*engine.batch_size, 3))
     moved = step(engine, state, (-0.5, 0.0))
@@ -194,9 +170,9 @@ def test_the_place_and_the_heading_do_not_matter(name):
     engine = make(name)
     turn, shift = 2.1, torch.tensor([4.0, -3.0])
     velocity = (1.0, 0.1, 0.8)
-    poses, velocities = follow(engine, start(engine, velocity=velocity), manoeuvre())
+    poses, velocities, _ = follow(engine, start(engine, velocity=velocity), manoeuvre())
     elsewhere = start(engine, pose=(4.0, -3.0, 2.1), velocity=velocity)
-    other_poses, other_velocities = follow(engine, elsewhere, manoeuvre())
+    other_poses, other_velocities, _ = follow(engine, elsewhere, manoeuvre())
     torch.testing.assert_close(other_poses, moved(poses, turn, shift), atol=1e-3, rtol=0)
     torch.testing.assert_close(other_velocities, velocities, atol=2e-3, rtol=0)
 
@@ -208,8 +184,8 @@ def test_an_edited_pose_is_honoured(name):
     for action in manoeuvre(20):
         state = step(engine, state, action)
     edited = state.clone().set(keys.POSE, moved(state[keys.POSE], turn, shift))
-    poses, velocities = follow(engine, state, manoeuvre(20))
-    other_poses, other_velocities = follow(engine, edited, manoeuvre(20))
+    poses, velocities, _ = follow(engine, state, manoeuvre(20))
+    other_poses, other_velocities, _ = follow(engine, edited, manoeuvre(20))
     torch.testing.assert_close(other_poses, moved(poses, turn, shift), atol=1e-3, rtol=0)
     torch.testing.assert_close(other_velocities, velocities, atol=2e-3, rtol=0)
 
@@ -234,9 +210,9 @@ def test_left_is_the_mirror_of_right(name):
     engine = symmetric(make(name))
     velocity = torch.tensor([1.0, 0.1, 0.8])
     actions = manoeuvre()
-    poses, velocities = follow(engine, start(engine, velocity=velocity), actions)
+    poses, velocities, _ = follow(engine, start(engine, velocity=velocity), actions)
     mirrored = start(engine, velocity=velocity * FLIP)
-    other_poses, other_velocities = follow(engine, mirrored, actions * FLIP[:2])
+    other_poses, other_velocities, _ = follow(engine, mirrored, actions * FLIP[:2])
     torch.testing.assert_close(other_poses, poses * FLIP, atol=1e-3, rtol=0)
     torch.testing.assert_close(other_velocities, velocities * FLIP, atol=2e-3, rtol=0)
     assert poses[-1, 1].abs() > 0.02 or name == "hold"  # m: it did turn
@@ -245,7 +221,7 @@ def test_left_is_the_mirror_of_right(name):
 @pytest.mark.parametrize("steering", [-1.0, 0.0, 1.0])
 def test_at_rest_without_throttle_it_stays_at_rest(name, steering):
     engine = make(name)
-    poses, velocities = follow(engine, engine.reset(), torch.tensor([[-1.0, steering]] * 200))
+    poses, velocities, _ = follow(engine, engine.reset(), torch.tensor([[-1.0, steering]] * 200))
     assert poses.abs().max() < 1e-3  # m, rad
     assert velocities.abs().max() < 1e-3  # m/s, rad/s
 
@@ -253,7 +229,7 @@ def test_at_rest_without_throttle_it_stays_at_rest(name, steering):
 @pytest.mark.parametrize("steering", [-1.0, 1.0])
 def test_full_throttle_and_full_lock_from_rest_run_away_nowhere(name, steering):
     engine = make(name)
-    poses, velocities = follow(engine, engine.reset(), torch.tensor([[1.0, steering]] * 500))
+    poses, velocities, _ = follow(engine, engine.reset(), torch.tensor([[1.0, steering]] * 500))
     assert poses.isfinite().all()
     assert poses[..., :2].abs().max() < 50  # m: 5 s at the top speed of 10 m/s
     assert velocities[..., :2].norm(dim=-1).max() < 12  # m/s
@@ -335,7 +311,7 @@ def test_every_parameter_changes_the_drive(name):
     throttle = torch.tensor([1.0, 1.0, 0.0, 0.0, -1.0, -1.0]).repeat_interleave(25)
     time = torch.arange(150) * 0.01
     steering = torch.where(time < 1.0, time * torch.sin(8 * time), torch.sin(12 * time).sign())
-    _, velocities = follow(engine, engine.reset(), torch.stack([throttle, steering], -1))
+    _, velocities, _ = follow(engine, engine.reset(), torch.stack([throttle, steering], -1))
     change = (velocities - velocities[:, -1:]).abs().amax((0, 2))  # (count + 1,)
     idle = [p.name for p, c in zip(declared, change[:-1], strict=True) if c < 1e-4]
     assert idle == []
@@ -345,8 +321,8 @@ def test_the_declared_values_are_those_in_use(name):
     engine = make(name)
     declared = {n: torch.tensor(p.value) for n, p in engine.parameters.items()}
     again = engine.with_parameters(TensorDict(declared))
-    poses, _ = follow(engine, engine.reset(), manoeuvre(20))
-    other_poses, _ = follow(again, again.reset(), manoeuvre(20))
+    poses, _, _ = follow(engine, engine.reset(), manoeuvre(20))
+    other_poses, _, _ = follow(again, again.reset(), manoeuvre(20))
     assert torch.equal(poses, other_poses)
 
 

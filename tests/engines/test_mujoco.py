@@ -11,33 +11,10 @@ from buggy_rl import keys
 from buggy_rl.engines.mujoco import MujocoEngine
 from buggy_rl.engines.mujoco.engine import PHYSICS_STATE
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+from tests.engines.steps import follow, start, step
 
 IDLE = {"rolling_resistance": 0.0, "viscous_drag": 0.0, "quadratic_drag": 0.0}
 PROMPT = {"steering_lag": 0.0, "steering_dead_time": 0.0}
-
-
-def start(engine, velocity, pose=(0.0, 0.0, 0.0)):
-    given = TensorDict(batch_size=engine.batch_size)
-    for key, value in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
-        value = torch.as_tensor(value, dtype=torch.float32)
-        given[key] = value.expand(*engine.batch_size, 3).clone()
-    return engine.reset(given)
-
-
-def step(engine, state, action):
-    action = torch.as_tensor(action, dtype=torch.float32)
-    acted = state.clone().set(keys.ACTION, action.expand(*engine.batch_size, 2).clone())
-    return engine.step(acted)["next"]
-
-
-def follow(engine, state, actions):
-    """Poses and velocities [T, *, 3], and the last state."""
-    poses, velocities = [], []
-    for action in actions:
-        state = step(engine, state, action)
-        poses.append(state[keys.POSE])
-        velocities.append(state[keys.VELOCITY])
-    return torch.stack(poses), torch.stack(velocities), state
 
 
 def excitation(cars, seconds=1.0, seed=0):

@@ -33,7 +33,6 @@ def proof(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
     return folder, prove(folder)
 
 
-@pytest.mark.slow  # minutes, of which `make test` has too few left
 @pytest.mark.timeout(900)  # half of it waiting, where other tests have the other core
 def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     folder, done = proof
@@ -54,7 +53,6 @@ def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     assert "first name right, decidable single effects | at least 90 % | 100.0 % (34.2" in page
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_what_is_done_is_not_done_again(proof):
     folder, _ = proof

@@ -25,12 +25,12 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
 from buggy_rl import keys
-from buggy_rl.engines.base import Engine
 from buggy_rl.engines.mujoco.actuators import RESTING, Actuators, memory_length
 from buggy_rl.engines.mujoco.car import Tyres, make_car, model_fields
 from buggy_rl.engines.mujoco.declared import declared_parameters
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
+from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 PHYSICS_STATE = "physics_state"
@@ -44,7 +44,7 @@ ACTUATORS = "actuators"
 SUBSTEPS: dict[Tyres, int] = {"explicit": 4, "contact": 10}
 
 
-class MujocoEngine(Engine):
+class MujocoEngine(RowsEngine):
     """Rear-driven buggy on four sprung wheels.
 
     The parameter values as shipped are a plausible guess, not fitted to any drive.
@@ -187,16 +187,6 @@ class MujocoEngine(Engine):
     def _split(self, physics: NDArray) -> tuple[NDArray, NDArray]:
         nq, nv = self.car.model.nq, self.car.model.nv
         return physics[:, :nq], physics[:, nq : nq + nv]
-
-    def _rows(self, tensor: Tensor) -> NDArray:
-        """A tensor [*batch, ...] as float64 rows [n, ...]."""
-        inner = tensor.shape[len(self.batch_size) :]
-        return tensor.detach().to("cpu", torch.float64).reshape(-1, *inner).numpy()
-
-    def _tensor(self, rows: NDArray) -> Tensor:
-        """Rows [n, ...] as a tensor [*batch, ...]."""
-        tensor = torch.from_numpy(np.ascontiguousarray(rows))
-        return tensor.reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         return type(self)(

@@ -34,7 +34,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
 from buggy_rl import keys
-from buggy_rl.engines.base import Engine
+from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.parameters import Parameter
 from buggy_rl.proving.plants.commonroad_car import (
     FRONT_WHEEL,
@@ -94,7 +94,7 @@ def make_commonroad(
     return CommonroadPlant(cars, parameters=parameters, faults=faults)
 
 
-class CommonroadPlant(Engine):
+class CommonroadPlant(RowsEngine):
     """Cars of the library, stepped one after the other.
 
     Args:
@@ -246,16 +246,6 @@ class CommonroadPlant(Engine):
         cos, sin = np.cos(cars[:, STEERING]), np.sin(cars[:, STEERING])
         front = vx * cos + (vy + self._own["cg_to_front_axle"] * cars[:, YAW_RATE]) * sin
         return np.maximum(np.stack([front, vx], -1), 0.0)
-
-    def _rows(self, tensor: Tensor) -> NDArray:
-        """A tensor [*batch, ...] as float64 rows [n, ...]."""
-        inner = tensor.shape[len(self.batch_size) :]
-        return tensor.detach().to("cpu", torch.float64).reshape(-1, *inner).numpy()
-
-    def _tensor(self, rows: NDArray) -> Tensor:
-        """Rows [n, ...] as a tensor [*batch, ...]."""
-        tensor = torch.from_numpy(np.ascontiguousarray(rows))
-        return tensor.reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         chosen: dict[str, Any] = {name: p.value for name, p in self.parameters.items()}
