@@ -1,3 +1,4 @@
+import math
 from dataclasses import dataclass, field
 
 import pytest
@@ -157,11 +158,19 @@ def test_new_drives_may_be_as_wrong_as_old_ones_differ():
 def test_what_is_usual_is_no_excess_but_not_closed_either():
     cut = stretches(drives(), 1.0, 0.5)
     usually = Usual(mean=0.2, error=0.1)
-    # Excess 1 at first and 0.4 at last: within 0.2 + 3 * 0.1, but (0.4 - 0.2) / (1 - 0.2) open,
-    # and no less than the 0.1 by which drives differ.
+    # Excess 1 at first and 0.4 at last: within 0.2 + 3 * 0.1, but (0.4 - 0.2) / (1 - 0.2) open.
     rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.4 * flat(cut), usually)
     assert rest.share == 0.0
-    assert rest.unclosed == pytest.approx(0.25, rel=1e-3)
+    assert rest.unclosed == pytest.approx(0.25, rel=0.01)
+    # As little as usual: drives differ by 0.1, E[max(0, x)] of which is 0.1 / sqrt(2 pi).
+    rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.2 * flat(cut), usually)
+    assert rest.unclosed == pytest.approx(0.1 / (2 * math.pi) ** 0.5 / 0.8, rel=1e-3)
+    # Less than that: nearly nothing; and where drives do not differ, nothing at all.
+    rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.0 * flat(cut), usually)
+    assert 0 < rest.unclosed < 0.002
+    same = Usual(mean=0.2)
+    rest = remaining(cut, torch.arange(10, 101, 10), 2 * flat(cut), 1.0 * flat(cut), same)
+    assert rest.unclosed == 0.0
 
 
 def flat(cut):

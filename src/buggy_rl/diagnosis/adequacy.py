@@ -1,5 +1,6 @@
 """Is what remains noise? And if not: how much, in which channel, growing with what?"""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ class Remaining:
     memory: bool
     """Whether gaps go on from instant to instant as a hidden state's would."""
     unclosed: float = 0.0
-    """Share of the excess beyond the usual that remains, or may, however little that is."""
+    """Share of the excess beyond the usual that is expected to remain, however little that is."""
 
 
 def misfit(square: Tensor, given: Tensor | None = None) -> float:
@@ -79,6 +80,19 @@ def usual(square: Tensor, group: Tensor, others: int) -> Usual:
     return Usual(max(0.0, float(means.mean()) - 1), spread / others**0.5)
 
 
+def _expected(over: float, error: float) -> float:
+    """What is over, of which drives differ by themselves, where there cannot be less than none.
+
+    E[max(0, x)], x ~ N(over, error^2): over Phi(over / error) + error phi(over / error).
+    """
+    if error <= 0:
+        return max(0.0, over)
+    ratio = over / error
+    below = 0.5 * math.erfc(ratio / math.sqrt(2))
+    density = math.exp(-0.5 * ratio**2) / math.sqrt(2 * math.pi)
+    return over * (1 - below) + error * density
+
+
 def typical(square: Tensor) -> float:
     """Median of |W e|^2 / D of stretches [N]."""
     return float(square.median())
@@ -94,8 +108,7 @@ def remaining(
     """
     given = before.square().mean(-1)
     first, last = (misfit(w.square().mean(-1), given) - 1 for w in (before, after))
-    # What drives differ by themselves may be more of what remains, or less.
-    over = max(0.0, last - usually.mean, usually.error)
+    over = _expected(last - usually.mean, usually.error)
     count = len(after)
     readings = after.view(count, -1, 6)  # (N, K, 6)
     square = readings.square().clamp_max(25.0)
