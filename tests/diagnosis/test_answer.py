@@ -152,6 +152,22 @@ def test_the_lines_say_where_what_how_sure_and_how_much_better():
     ]
 
 
+@pytest.mark.parametrize(
+    ("verdict", "share", "line"),
+    [
+        ("missing_physics", 0.42, "Physics is missing from the simulator, and 42% of the gap has "
+         "no name."),
+        ("wrong_parameters", 0.29, "The simulator's parameters are off, and 29% of the gap has no "
+         "name."),
+        ("wrong_parameters", 0.05, "The simulator's parameters are off; no physics is missing."),
+        ("unknown_physics", 0.6, "Part of what is missing has a name, 60% has none."),
+    ],
+)  # fmt: skip
+def test_the_first_line_does_not_hide_what_has_no_name(verdict, share, line):
+    rest = Remaining(1.0, share, {"vx": 1.0}, [], False)
+    assert replace(an_answer(verdict=verdict), remaining=rest).lines()[0] == line
+
+
 def test_what_remains_is_described_and_never_named():
     assert described(Remaining(0.05, 0.0, {"vx": 1.0}, ["vx"], True)) == "What remains is noise."
     assert an_answer().to_dict()["unexplained"]["description"] == (

@@ -3,10 +3,14 @@
 from dataclasses import replace
 
 import pytest
+import torch
 
+from buggy_rl.diagnosis import retuning
 from buggy_rl.diagnosis.adequacy import misfit
+from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.evidence import Evidence
+from buggy_rl.diagnosis.fit import Fitted, Fitter
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.proof import prove
 from buggy_rl.diagnosis.retuning import retuned, with_own
@@ -91,3 +95,31 @@ def test_what_is_held_out_of_the_proof_is_held_out_of_the_re_tuning_too(case, ag
     errors = prove(case.player, case.recordings, case.cut, case.likelihood, again.as_given, best)
     assert errors["after"].median[1.0] < 0.1 * errors["before"].median[1.0]
     assert misfit(errors["after"].white) == pytest.approx(1.0, abs=0.1)
+
+
+def sides(left, right, covariance):
+    """Two locks that were fitted, with what is known of them."""
+    names = ("left_angle", "right_angle", "drive_force")
+    declared = {name: make_engine("single_track", 1).parameters[name] for name in names}
+    library = Library([], declared)
+    causes = [f"parameter:{name}" for name in names]
+    fitted = Fitted(
+        tuple(causes),
+        library.unknowns(causes),
+        torch.tensor([left, right, 0.0, 0.0]),
+        torch.zeros(1, 1),
+    )
+    known = torch.diag(torch.tensor([1.0, 1.0, 1.0, 1.0]))
+    known[:2, :2] = torch.tensor(covariance)
+    return Candidate(fitted, Evidence(torch.zeros(1), known))
+
+
+def test_sides_that_certainly_differ_are_wrong_though_neither_is_known_well():
+    # Each is known to 0.5 of its size, their difference to 0.14.
+    together = [[0.25, 0.24], [0.24, 0.25]]
+    found = {n.name: n.sentence for n in retuning._wrong(sides(-0.3, 0.6, together))}
+    assert set(found) == {"parameter:left_angle", "parameter:right_angle"}
+    assert all(s.endswith("left and right certainly differ") for s in found.values())
+    # What is as uncertain as each of them is no difference; nor is what both have moved by.
+    assert retuning._wrong(sides(-0.3, 0.6, [[0.25, 0.0], [0.0, 0.25]])) == []
+    assert retuning._wrong(sides(0.6, 0.6, together)) == []

@@ -15,6 +15,7 @@ Verdict = Literal[
 SCHEMA = 1
 SPOKEN = 5  # causes of which a sentence is said on the terminal
 NORMAL = 1.96  # standard deviations of a 95 % interval
+UNNAMED = 0.1  # share of the gap that remains, of which the first line says so
 
 
 @dataclass(frozen=True)
@@ -159,16 +160,7 @@ class Answer:
         """The answer in a few lines of plain words."""
         share = max(self.located.channel_share.items(), key=lambda i: i[1])
         words = {"vx": "speed", "vy": "sideways speed", "yaw_rate": "turning"}
-        first = {
-            "missing_physics": "Physics is missing from the simulator.",
-            "wrong_parameters": "The simulator's parameters are off; no physics is missing.",
-            "unknown_physics": "Something is missing that is not in the library.",
-            "no_mismatch": "Simulator and drives agree as well as the sensor can tell.",
-            "cannot_tell": "These drives cannot tell for sure what is missing.",
-        }[self.verdict]
-        if self.verdict == "unknown_physics" and self.effects:
-            first = f"Part of what is missing has a name, {self.remaining.share:.0%} has none."
-        result = [first]
+        result = [self._headline()]
         if self.verdict != "no_mismatch":
             result.append(f"It shows most in {words[share[0]]} ({share[1]:.0%} of the error).")
         for e in self.effects[:SPOKEN]:
@@ -190,6 +182,23 @@ class Answer:
         if self.suggest:
             result.append(f"Drive next: {self.suggest[0]}.")
         return result
+
+    def _headline(self) -> str:
+        first = {
+            "missing_physics": "Physics is missing from the simulator",
+            "wrong_parameters": "The simulator's parameters are off",
+            "unknown_physics": "Something is missing that is not in the library",
+            "no_mismatch": "Simulator and drives agree as well as the sensor can tell",
+            "cannot_tell": "These drives cannot tell for sure what is missing",
+        }[self.verdict]
+        share = self.remaining.share
+        if self.verdict == "unknown_physics" and self.effects:
+            first = f"Part of what is missing has a name, {share:.0%} has none"
+        elif self.effects and share >= UNNAMED:
+            first += f", and {share:.0%} of the gap has no name"
+        elif self.verdict == "wrong_parameters":
+            first += "; no physics is missing"
+        return f"{first}."
 
 
 def described(remaining: Remaining) -> str:

@@ -57,23 +57,46 @@ def with_own(case: Case, best: Fitted) -> Fitted:
 
 
 def _wrong(candidate: Candidate) -> list[Named]:
-    """Parameters that have certainly moved."""
+    """Parameters that have certainly moved, by themselves or apart from their other side's."""
     fitted = candidate.fitted
     spread = candidate.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
+    apart = _apart(candidate)
     found: list[tuple[float, Named]] = []
-    for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
-        if not unknown.cause or abs(z) < max(MOVED, CERTAIN * sd):
+    places = zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True)
+    for index, (unknown, z, sd) in enumerate(places):
+        moved = abs(z) >= max(MOVED, CERTAIN * sd)
+        if not unknown.cause or not (moved or index in apart):
             continue
         p = unknown.parameter
         low, value, high = (float(p.value_at(z + k * NORMAL * sd)) for k in (-1, 0, 1))
+        words = sentence(unknown.cause, {p.name: value}, p.unit, float(p.value))
         named = Named(
             name=unknown.cause,
             kind="parameter",
             equation="",
-            sentence=sentence(unknown.cause, {p.name: value}, p.unit, float(p.value)),
+            sentence=words if moved else f"{words}: left and right certainly differ",
             parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
             confidence=CEILING,
             held_out_gain=0.0,
         )
         found.append((abs(z), named))
     return [named for _, named in sorted(found, key=lambda item: -item[0])]
+
+
+def _apart(candidate: Candidate) -> set[int]:
+    """Indices of parameters of a left and a right side of which one has certainly moved.
+
+    What turns a car as much to both sides, such as its mass, leaves each side's number open, but
+    not the difference of the two.
+    """
+    fitted, covariance = candidate.fitted, candidate.evidence.covariance
+    place = {u.parameter.name: i for i, u in enumerate(fitted.unknowns) if u.cause}
+    found: set[int] = set()
+    for name, left in place.items():
+        right = place.get(name.replace("left", "right"), left)
+        way = float(fitted.place[left] - fitted.place[right])
+        variance = covariance[left, left] + covariance[right, right] - 2 * covariance[left, right]
+        sd = float(variance.clamp_min(0.0).sqrt())
+        if right != left and abs(way) >= max(MOVED, CERTAIN * sd):
+            found |= {left, right}
+    return found

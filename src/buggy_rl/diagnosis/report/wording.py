@@ -16,8 +16,8 @@ VERDICTS: dict[Verdict, str] = {
 MEANINGS: dict[Verdict, str] = {
     "missing_physics": "With what is named below in it, the simulator foretells drives it was not "
     "fitted to.",
-    "wrong_parameters": "The simulator has the right physics in it with wrong numbers; the right "
-    "ones are below.",
+    "wrong_parameters": "What is named below is in the simulator already, with wrong numbers; here "
+    "are the right ones.",
     "unknown_physics": "There is a gap that no cause in the library closes well enough to be "
     "called its name. What is named below, if anything, is at most a part of it.",
     "no_mismatch": "Nothing is named because nothing has to be: what is left is the sensor's noise "
