@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import pytest
 
 from buggy_rl.diagnosis import exchange
+from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.exchange import exchanges
 from buggy_rl.diagnosis.search import Search
 from tests.diagnosis.planted import fitter
@@ -49,3 +52,14 @@ def test_the_better_one_takes_the_place_and_is_not_tried_again(search):
     assert better.causes == ("steering_gain", "viscous_drag")
     assert search.exchanged(better) is better
     assert begun(search) == []
+
+
+def test_one_that_does_not_earn_its_place_does_not_take_it(drives):
+    search = Search(fitter(drives["two"], FEW))
+    search.null = search.fit([search.fitter.start(())])[0]
+    search.fit([search.fitter.start(c) for c in (*ALONE, ("steering_dead_time", "viscous_drag"))])
+    wrong = search.tried["steering_dead_time", "viscous_drag"]
+    search.merit = replace(search.merit, usual=Usual(mean=0.0, error=1e9))
+    assert search.exchanged(wrong) is wrong
+    # It was tried all the same: whoever weighs rivals knows how near it came.
+    assert ("steering_gain", "viscous_drag") in search.tried

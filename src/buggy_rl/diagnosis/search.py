@@ -236,10 +236,14 @@ class Search:
         return candidate
 
     def exchanged(self, best: Candidate) -> Candidate:
-        """The best, or what is better with a rival in the place of one of its causes."""
+        """The best, or what is better with a rival in the place of one of its causes.
+
+        All of its causes must earn their place: one that mends the baseline likewise does not.
+        """
         fitted = self.fit(exchanges(self.fitter, best, self.tried, self.null))
         other = min(fitted, key=self.loss, default=best)
-        return other if self.loss(best) - self.loss(other) > NATS else best
+        better = self.loss(best) - self.loss(other) > NATS
+        return other if better and self.eliminated(other) is other else best
 
     def without_one(self, candidate: Candidate) -> list[Candidate]:
         """The same without each of its effects, fitted."""
