@@ -12,13 +12,17 @@ FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
 ALONE = [(), ("steering_dead_time",), ("steering_gain",)]
 
 
-@pytest.fixture(scope="module")
-def search(drives):
-    """One that knows two rivals alone, and the wrong one beside a drag that is there."""
+def knowing(drives):
+    """A search that knows two rivals alone, and the wrong one beside a drag that is there."""
     search = Search(fitter(drives["two"], FEW))
     search.null = search.fit([search.fitter.start(())])[0]
     search.fit([search.fitter.start(c) for c in (*ALONE, ("steering_dead_time", "viscous_drag"))])
     return search
+
+
+@pytest.fixture(scope="module")
+def search(drives):
+    return knowing(drives)
 
 
 def begun(search):
@@ -55,9 +59,7 @@ def test_the_better_one_takes_the_place_and_is_not_tried_again(search):
 
 
 def test_one_that_does_not_earn_its_place_does_not_take_it(drives):
-    search = Search(fitter(drives["two"], FEW))
-    search.null = search.fit([search.fitter.start(())])[0]
-    search.fit([search.fitter.start(c) for c in (*ALONE, ("steering_dead_time", "viscous_drag"))])
+    search = knowing(drives)
     wrong = search.tried["steering_dead_time", "viscous_drag"]
     search.merit = replace(search.merit, usual=Usual(mean=0.0, error=1e9))
     assert search.exchanged(wrong) is wrong

@@ -1,10 +1,11 @@
 """The figures that count, from outcomes."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from buggy_rl.proving.classes import KEYS, classes, right_by
 from buggy_rl.proving.equivalents import expected
 from buggy_rl.proving.outcome import SURE, Outcome
 from buggy_rl.proving.statistics import (
@@ -20,7 +21,6 @@ from buggy_rl.proving.statistics import (
 Value = TypeVar("Value", float, bool)
 
 CLOSE = 0.1  # relative error of a number that counts as right
-NATS = (10, 30, 100, 300, 1000, 10_000)  # bounds of the classes of detectability
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ def score(outcomes: Sequence[Outcome]) -> Score:
     one = of(outcomes, "one")
     return Score(
         rows=_rows(outcomes),
-        breakdown={name: _by(one, key) for name, key in KEYS.items()},
+        breakdown={name: right_by(one, key) for name, key in KEYS.items()},
         false_positives={
             nuisance: share(_named(same))
-            for nuisance, same in _classes(of(outcomes, "nothing"), lambda o: o.case.nuisance)
+            for nuisance, same in classes(of(outcomes, "nothing"), lambda o: o.case.nuisance)
         },
         confusion=_confusion(outcomes),
         calibration=calibration(claims(outcomes)),
@@ -162,7 +162,7 @@ def _honesty(outcomes: Sequence[Outcome]) -> list[Row]:
     lost = [o.verdict == "unknown_physics" for o in unknown]
     sure = f"named with confidence above {SURE:g}, outside the library"
     error = bootstrapped(claims(outcomes), calibration_error)
-    by_nuisance = _classes(nothing, lambda o: o.case.nuisance)
+    by_nuisance = classes(nothing, lambda o: o.case.nuisance)
     return [
         Row("something named where nothing is", share(_named(nothing)), 0.02, True),
         *(Row(f"  {name}", share(_named(same)), 0.05, True) for name, same in by_nuisance),
@@ -248,39 +248,6 @@ def _covered(outcomes: Iterable[Outcome]) -> list[bool]:
         for name, value in expected(o.case, said.name).items()
         if name in said.parameters
     ]
-
-
-def _detectability(o: Outcome) -> str:
-    if o.nats is None:
-        return "not weighed"
-    place = sum(o.nats >= bound for bound in NATS)
-    if place in (0, len(NATS)):
-        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
-    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
-
-
-KEYS: dict[str, Callable[[Outcome], str]] = {
-    "effect": lambda o: o.case.truth[0],
-    "pairing": lambda o: o.case.pairing,
-    "plant": lambda o: o.case.plant,
-    "nuisance": lambda o: o.case.nuisance,
-    "size": _detectability,
-    "drive length": lambda o: f"{o.case.seconds:g} s",
-    "driving": lambda o: o.case.driving,
-}
-
-
-def _classes(
-    outcomes: Iterable[Outcome], key: Callable[[Outcome], str]
-) -> list[tuple[str, list[Outcome]]]:
-    found: dict[str, list[Outcome]] = {}
-    for o in outcomes:
-        found.setdefault(key(o), []).append(o)
-    return sorted(found.items())
-
-
-def _by(outcomes: Iterable[Outcome], key: Callable[[Outcome], str]) -> dict[str, Figure]:
-    return {name: share([o.right for o in same]) for name, same in _classes(outcomes, key)}
 
 
 def _confusion(outcomes: Iterable[Outcome]) -> dict[str, Counter]:
