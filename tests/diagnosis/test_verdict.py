@@ -27,6 +27,9 @@ GRIP = cause("parameter:grip_front", "parameter")
         (1.0, rest(0.5, 0.5), [cause(sure=0.3)], "unknown_physics"),
         # Spins that nobody foretells do not take a sound name away.
         (1.0, rest(0.4, 0.4), [cause(sure=0.55)], "missing_physics"),
+        # Nor do two names that share what is likely.
+        (1.0, rest(0.4, 0.4), [cause(sure=0.41, steering_dead_time=0.45)], "cannot_tell"),
+        (1.0, rest(0.5, 0.5), [cause(sure=0.15, steering_dead_time=0.5)], "unknown_physics"),
         (1.0, rest(0.0), [cause(sure=0.3)], "cannot_tell"),
         (1.0, rest(0.0), [cause(sure=0.85, steering_dead_time=0.12)], "cannot_tell"),
         (1.0, rest(0.0), [cause(sure=0.95, steering_dead_time=0.04)], "missing_physics"),

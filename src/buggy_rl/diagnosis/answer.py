@@ -45,6 +45,12 @@ class Named:
     at_bound: tuple[str, ...] = ()
     """Parameters that lie at the end of their range."""
 
+    @property
+    def sound(self) -> float:
+        """How likely it is right if none of its rivals is: what remains alone speaks against it."""
+        alone = 1.0 - sum(self.confused_with.values())
+        return self.confidence / alone if alone > self.confidence else 1.0
+
 
 @dataclass(frozen=True)
 class Tried:

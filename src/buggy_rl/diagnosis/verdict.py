@@ -22,8 +22,10 @@ def verdict_of(given: float, rest: Remaining, named: Sequence[Named], usual: Usu
     if given < usual.most and not named:
         return "no_mismatch"
     unsure = max((n.confidence for n in named), default=0.0) < UNDECIDED
-    # Much may remain beside a name that is sound: where a car spins, nobody foretells it all.
-    if not named or (unsure and rest.share > SOUND):
+    # Much may remain beside a name that is sound: where a car spins, nobody foretells it all. Nor
+    # is physics unknown because two names that are both known share what is likely.
+    doubtful = max((n.sound for n in named), default=0.0) < UNDECIDED
+    if not named or (doubtful and rest.share > SOUND):
         return "unknown_physics" if rest.excess > usual.most else "no_mismatch"
     if unsure or sum(named[0].confused_with.values()) > RIVALLED:
         return "cannot_tell"
