@@ -16,8 +16,10 @@ LOST = 0.3  # of the nats won in some blocks that may be lost in others
 FAINT = 0.1  # of its typical size: what is smaller is no cause
 MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
 SHARE = 0.05  # nor what closes less of the gap that there was at first,
-TWINS = 0.2  # and as much more if it does the same as the others: see `Merit.likeness`
+TWINS = 0.1  # and as much more if it does the same as the others: see `Merit.likeness`
 UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
+ENOUGH = 0.15  # or a quarter, if that is more than this: twice what any cause closed of 66 cars
+# with nothing wrong
 LIKEWISE = 0.2  # of what a cause wins, that it may win on drives from before the change
 
 
@@ -41,11 +43,7 @@ class Merit:
         """Whether causes earn their place on what they were not fitted to.
 
         They must help by enough nats, whichever block of the drives is left out; lose little where
-        they do not help; and close a part of the gap that was there at first that matters. What
-        does much the same as the other causes must close more of it: an equation that is nearly
-        right leaves a gap that resembles what it describes, and a lag that is not quite of first
-        order is not a lag and a dead time. Where the simulator is as right as on its baseline, half
-        of what gap there is.
+        they do not help; and close a part of the gap that was there at first that matters.
         """
         gain = advantage(
             self.fitter.likelihood,
@@ -55,10 +53,7 @@ class Merit:
             self.group,
         )
         added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        share = SHARE + TWINS * self.likeness(more.fitted, set(less.causes))
-        gap = size(null, null)
-        if gap < self.usual.most:
-            share = max(share, UNASKED)
+        least = self.least(size(null, null), self.likeness(more.fitted, set(less.causes)))
         coordinates = [
             abs(z)
             for u, z in zip(more.fitted.unknowns, more.fitted.place.tolist(), strict=True)
@@ -68,9 +63,26 @@ class Merit:
             max(coordinates, default=0.0) > FAINT
             and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
-            and size(less, null) - size(more, null) > max(MATTERS, self.usual.error, share * gap)
+            and size(less, null) - size(more, null) > least
             and not self.stands(more, less)
         )
+
+    def least(self, gap: float, likeness: float = 0.0) -> float:
+        """What a cause must close at least, as an excess over the noise.
+
+        What does much the same as the other causes must close more: an equation that is nearly
+        right leaves a gap that resembles what it describes, and a lag that is not quite of first
+        order is not a lag and a dead time. Where the simulator is as right as on its baseline, half
+        of what gap there is, or a quarter that is more than what any cause closes of nothing.
+
+        Args:
+            gap: Excess of the simulator as given.
+            likeness: See there.
+        """
+        least = max(MATTERS, self.usual.error, (SHARE + TWINS * likeness) * gap)
+        if gap < self.usual.most:
+            least = max(least, min(UNASKED * gap, max(ENOUGH, UNASKED / 2 * gap)))
+        return least
 
     def stands(self, more: Candidate, less: Candidate) -> bool:
         """Whether causes mend the baseline likewise: then they are nothing that has changed.

@@ -1,0 +1,24 @@
+import pytest
+
+from buggy_rl.diagnosis.adequacy import Usual
+from buggy_rl.diagnosis.merit import Merit
+
+
+@pytest.mark.parametrize(
+    ("gap", "usual", "likeness", "least"),
+    [
+        (4.0, Usual(), 0.0, 0.2),  # one part in twenty of the gap
+        (4.0, Usual(), 1.0, 0.6),  # three, of what does just what another cause does
+        (0.1, Usual(), 0.0, 0.01),  # and never less than what matters
+        (1.0, Usual(mean=0.1, error=0.2), 0.0, 0.2),  # nor than what drives differ by themselves
+        # As right as on its baseline: half of the gap, or a quarter that is more than anything
+        # ever closes where nothing is wrong.
+        (0.2, Usual(mean=0.5), 0.0, 0.1),
+        (0.4, Usual(mean=0.5), 0.0, 0.15),
+        (2.0, Usual(mean=3.0), 0.0, 0.5),
+        (0.6, Usual(mean=0.5), 0.0, 0.03),  # more than that: something has changed
+    ],
+)
+def test_how_much_a_cause_must_close(gap, usual, likeness, least):
+    merit = Merit(None, None, usual)
+    assert merit.least(gap, likeness) == pytest.approx(least)
