@@ -48,7 +48,7 @@ def test_failing_cases_tell_what_was_said_and_what_was_true(scores):
     assert text.splitlines()[2:] == [
         "| 0000002 | reference -> reference | jitter | 2 x 45 s rich | "
         "wind force_x 0.2, force_y -0.3 | missing physics: viscous_drag rate 0.123 (0.80) "
-        "| 12 nats |"
+        "| 12 nats | wind is not named; viscous_drag is not there |"
     ]
     assert failing([]) == "None."
 

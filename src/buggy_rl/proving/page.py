@@ -7,6 +7,7 @@ from pathlib import Path
 from buggy_rl.proving.case import DRIVING, NUISANCES
 from buggy_rl.proving.outcome import OURS, Outcome
 from buggy_rl.proving.proof import ProofConfig
+from buggy_rl.proving.reasons import reason
 from buggy_rl.proving.score import Row, Score, written
 from buggy_rl.proving.statistics import Figure
 
@@ -141,10 +142,10 @@ def singles(outcomes: Sequence[Outcome]) -> str:
 
 
 def failing(outcomes: Sequence[Outcome]) -> str:
-    """Cases that were not answered as one could ask, with what was said and what was true."""
+    """Cases that were not answered as one could ask: what was said, what was true, and why."""
     if not outcomes:
         return "None."
-    head = ["case", "pairing", "nuisance", "drives", "true", "said", "margin"]
+    head = ["case", "pairing", "nuisance", "drives", "true", "said", "margin", "why"]
     return _markdown(head, [_failed(o) for o in outcomes])
 
 
@@ -167,6 +168,7 @@ def _failed(o: Outcome) -> list[str]:
         true or "nothing",
         f"{verdict}: {said}" if said else verdict,
         "" if o.margin is None else f"{o.margin:.0f} nats",
+        reason(o),
     ]
 
 
