@@ -56,6 +56,8 @@ def test_the_better_one_takes_the_place_and_is_not_tried_again(search):
     assert better.causes == ("steering_gain", "viscous_drag")
     assert search.exchanged(better) is better
     assert begun(search) == []
+    # Nor need it be: what was tried on the way is better as well.
+    assert search.exchanged(wrong) is better
 
 
 def test_one_that_does_not_earn_its_place_does_not_take_it(drives):

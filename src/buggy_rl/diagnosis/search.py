@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.adequacy import Usual
-from buggy_rl.diagnosis.candidate import Candidate, size
+from buggy_rl.diagnosis.candidate import Candidate, in_its_place, size
 from buggy_rl.diagnosis.evidence import blocks, evidences
 from buggy_rl.diagnosis.exchange import exchanges
 from buggy_rl.diagnosis.fit import Fitted, Fitter
@@ -236,12 +236,16 @@ class Search:
         return candidate
 
     def exchanged(self, best: Candidate) -> Candidate:
-        """The best, or what is better with a rival in the place of one of its causes.
+        """The best, or what is better with a rival in the place of one of its several causes.
 
         All of its causes must earn their place: one that mends the baseline likewise does not.
         """
-        fitted = self.fit(exchanges(self.fitter, best, self.tried, self.null))
-        other = min(fitted, key=self.loss, default=best)
+        if len(best.causes) < 2:
+            return best
+        self.fit(exchanges(self.fitter, best, self.tried, self.null))
+        beside = (in_its_place(self.tried, frozenset(best.causes) - {c}) for c in best.causes)
+        others = [c for rivals in beside for rival, c in rivals.items() if rival]
+        other = min(others, key=self.loss)
         better = self.loss(best) - self.loss(other) > NATS
         return other if better and self.eliminated(other) is other else best
 
