@@ -18,6 +18,7 @@ from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
+from buggy_rl.effects.base import EffectParameter
 
 TOLD = 24  # explanations that are written down
 
@@ -79,8 +80,7 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         if unknown.cause != cause:
             continue
         p = unknown.parameter
-        ends = sorted(p.value_at(z + k * NORMAL * sd) for k in (-1, 0, 1))
-        values[p.name] = Value(float(p.value_at(z)), float(ends[0]), float(ends[-1]), p.unit)
+        values[p.name] = Value(float(p.value_at(z)), *interval(p, z, sd), p.unit)
         if min(abs(p.value_at(z) - p.lower), abs(p.value_at(z) - p.upper)) < 1e-6 * p.size:
             bound.append(p.name)
     numbers = {name: v.value for name, v in values.items()}
@@ -98,6 +98,22 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         confused_with=sure.rivals,
         at_bound=tuple(bound),
     )
+
+
+def interval(parameter: EffectParameter, place: float, sd: float) -> tuple[float, float]:
+    """Bounds of a number's 95 % interval, neither beyond the parameter's own.
+
+    A rate's would turn over there: what is as little as no limit at all has no upper bound.
+
+    Args:
+        parameter: The number's.
+        place: Its coordinate,
+        sd: and standard deviation.
+    """
+    first, last = sorted(parameter.coordinate(b) for b in (parameter.lower, parameter.upper))
+    reached = (min(max(place + side * NORMAL * sd, first), last) for side in (-1, 1))
+    low, high = sorted(parameter.value_at(end) for end in reached)
+    return float(low), float(high)
 
 
 def _tried(search: Search, found: Found) -> list[Tried]:
