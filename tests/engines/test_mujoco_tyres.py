@@ -8,11 +8,11 @@ from buggy_rl.engines.mujoco.tyres import SLIP_STIFFNESS, SLOWEST_ROLLING, tyre_
 GRIP, CORNERING, LOAD = 0.9, 8.0, 4.0  # [-], [1/rad], [N]
 
 
-def force(slip_x, slip_y, rolling, load=None):
+def force(slip_x, slip_y, rolling, load=None, shape=1.0):
     load = LOAD if load is None else load
     arrays = np.broadcast_arrays(*np.atleast_1d(slip_x, slip_y, rolling, load))
     sx, sy, v, fz = (np.asarray(a, np.float64)[None] for a in arrays)
-    return tyre_force(sx, sy, v, fz, GRIP, CORNERING)
+    return tyre_force(sx, sy, v, fz, GRIP, CORNERING, shape)
 
 
 @pytest.mark.parametrize("speed", [-3.0, 0.2, 1.0, 3.0, 8.0])
@@ -37,6 +37,24 @@ def test_the_force_stays_within_the_friction_circle_and_nearly_fills_it():
     share = np.hypot(f.fx, f.fy) / (GRIP * load)
     assert share.max() <= 1.0
     assert share.max() > 0.99
+
+
+def test_with_shape_one_the_force_comes_to_what_the_grip_allows():
+    slip = np.linspace(0.01, 50.0, 200)
+    s = CORNERING * slip / GRIP  # at 1 m/s
+    expected = GRIP * LOAD * s / np.sqrt(1.0 + s**2)
+    np.testing.assert_allclose(force(0.0, slip, 1.0).fy[0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [1.3, 1.6])
+def test_with_more_it_peaks_and_falls_in_a_slide(shape):
+    peak = shape * np.tan(np.pi / 2 / shape) * GRIP / CORNERING  # of slip_y at 1 m/s
+    slip = peak * np.array([0.8, 1.0, 1.5, 1e6])
+    share = force(0.0, slip, 1.0, shape=shape).fy[0] / (GRIP * LOAD)
+    assert share[1] == pytest.approx(1.0)
+    assert share[0] < 1.0
+    assert share[1] > share[2] > share[3]
+    assert share[3] == pytest.approx(np.sin(shape * np.pi / 2), abs=1e-4)
 
 
 def test_the_force_opposes_the_slip():

@@ -32,6 +32,7 @@ NEAR = {
     "cornering_stiffness_rear": "grip_balance",
     "front_stiffness": "grip_balance",
     "rear_stiffness": "grip_balance",
+    "tyre_shape": "tire_grip",
     "front_shape": "grip_balance",
     "rear_shape": "grip_balance",
     "steering_left": "steering_asymmetry",

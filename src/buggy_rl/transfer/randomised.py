@@ -36,6 +36,7 @@ SPREADS = (
     Spread(
         ("cornering_stiffness_front", "cornering_stiffness_rear"), 0.7, 1.3, False, "other rubber"
     ),
+    Spread(("tyre_shape",), 0.0, 0.4, True, "drives in a room hardly tell how a tyre slides"),
     Spread(("steering_left", "steering_right"), 0.85, 1.15, False, "half a hole of a servo horn"),
     Spread(("steering_offset",), -0.03, 0.03, True, "a few clicks of trim, 1.7 degrees"),
     Spread(("steering_lag",), 0.0, 0.05, True, "a servo at low voltage takes twice its time"),

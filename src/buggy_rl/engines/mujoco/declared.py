@@ -59,6 +59,15 @@ def _tyres() -> list[Parameter]:
             "1/rad",
             "Lateral force over load a radian of slip angle, rear; explicit tyres only.",
         ),
+        Parameter(
+            "tyre_shape",
+            1.0,
+            1.0,
+            1.9,
+            "-",
+            "Pacejka's shape factor: 1 never slides for good, 1.5 loses grip in a slide; explicit "
+            "tyres only.",
+        ),
     ]
 
 

@@ -147,9 +147,9 @@ class Forces:
         cos[:2], sin[:2] = np.cos(steering_angle), np.sin(steering_angle)
         rolling = cos * patch_x + sin * patch_y  # wheel axes
         sideways = cos * patch_y - sin * patch_x
-        force = tyre_force(
-            spin * self.radius - rolling, -sideways, rolling, load, self._grip, self._cornering
-        )
+        slip_x = spin * self.radius - rolling
+        shape = self.values["tyre_shape"]
+        force = tyre_force(slip_x, -sideways, rolling, load, self._grip, self._cornering, shape)
         fx, fy = self._implicit(force, motion, cos, sin, torque, slope, resistance)
         # The linearised force may leave the friction circle: put it back on the rim.
         limit = self._grip * load

@@ -13,6 +13,7 @@ SLIP_STIFFNESS = 12.0  # [-] longitudinal force over load and slip ratio; plausi
 # Below this rolling speed slip is taken over it, so that a parked tyre is a viscous damper
 # instead of dividing by zero.
 SLOWEST_ROLLING = 0.1  # [m/s]
+TINY = 1e-9  # [-] slip below which there is no direction
 
 
 class TyreForce(NamedTuple):
@@ -30,14 +31,15 @@ class TyreForce(NamedTuple):
 
 
 def tyre_force(
-    slip_x: NDArray, slip_y: NDArray, rolling: NDArray, load: NDArray, grip, cornering
+    slip_x: NDArray, slip_y: NDArray, rolling: NDArray, load: NDArray, grip, cornering, shape
 ) -> TyreForce:
-    """Combined-slip tyre force.
+    """Combined-slip tyre force, Pacejka's magic formula.
 
-    s = (k_x kappa, C tan(-alpha)) / mu,  F = mu F_z s / sqrt(1 + |s|^2), with the slip ratio
-    kappa = slip_x / |v| and the slip angle tan(-alpha) = slip_y / |v|: the magic formula
-    D sin(C atan(B s)) with shape factor 1. So |F| < mu F_z always, and at small slip angles
-    F_y = -C F_z alpha at every speed above `SLOWEST_ROLLING`.
+    s = (k_x kappa, c tan(-alpha)) / mu,  F = mu F_z sin(C atan(|s| / C)) s / |s|, with the slip
+    ratio kappa = slip_x / |v| and the slip angle tan(-alpha) = slip_y / |v|. So |F| <= mu F_z
+    always, and at small slip angles F_y = -c F_z alpha at every speed above `SLOWEST_ROLLING`.
+    With C = 1 the force comes to mu F_z in the end, F = mu F_z s / sqrt(1 + |s|^2); with more it
+    does so at |s| = C tan(pi / 2C), and falls in a slide.
 
     Args:
         slip_x: Circumference minus patch speed, omega r - v_x [m/s].
@@ -45,23 +47,27 @@ def tyre_force(
         rolling: v_x of the patch [m/s].
         load: F_z [N], not negative.
         grip: mu [-].
-        cornering: C [1/rad].
+        cornering: c [1/rad].
+        shape: C [-], 1 to 2.
     """
     per_speed = 1.0 / np.maximum(np.abs(rolling), SLOWEST_ROLLING)
     bx = (SLIP_STIFFNESS * per_speed) / grip  # (4, n)
     by = cornering * per_speed / grip
     sx, sy = bx * slip_x, by * slip_y
-    shrink = 1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
-    secant = grip * load * shrink
-    fx, fy = secant * sx, secant * sy
-    # dF/ds = mu F_z / q (1 - s s^T / q^2),  q = sqrt(1 + |s|^2)
-    nx, ny = sx * shrink, sy * shrink
-    cross = -secant * nx * ny
+    slip = np.maximum(np.sqrt(sx * sx + sy * sy), TINY)
+    angle = shape * np.arctan(slip / shape)
+    most = grip * load
+    secant = most * np.sin(angle) / slip
+    # Where a slide has less force the faster it is, the end of a substep is not sought by slope.
+    slope = most * np.maximum(np.cos(angle), 0.0) / (1.0 + (slip / shape) ** 2)
+    # dF/ds = secant (1 - n n^T) + slope n n^T,  n = s / |s|
+    nx, ny, over = sx / slip, sy / slip, secant - slope
+    cross = -over * nx * ny
     return TyreForce(
-        fx,
-        fy,
-        fx_sx=secant * (1.0 - nx * nx) * bx,
+        secant * sx,
+        secant * sy,
+        fx_sx=(secant - over * nx * nx) * bx,
         fx_sy=cross * by,
         fy_sx=cross * bx,
-        fy_sy=secant * (1.0 - ny * ny) * by,
+        fy_sy=(secant - over * ny * ny) * by,
     )
