@@ -9,7 +9,7 @@ Prints of each set how many paths it holds, their spacing, and how sharply they 
 from dataclasses import replace
 from pathlib import Path
 
-from buggy_rl.config import from_command_line
+from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
@@ -39,4 +39,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,7 +10,7 @@ logs as CSV and for TensorBoard. `resume=true` goes on where a run stopped, bit 
 import os
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, save_run
+from buggy_rl.config import from_command_line, plain, run, save_run
 
 
 def main() -> None:
@@ -27,25 +27,27 @@ def main() -> None:
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     save_run(config, folder)
-    run = PolicyRun(config)
+    training = PolicyRun(config)
     loggers, rows = make_loggers(config, folder), []
     steps = config.ppo.steps
-    bar = tqdm(total=steps, initial=run.ppo.steps, unit="step", unit_scale=True, desc=folder.name)
+    bar = tqdm(
+        total=steps, initial=training.ppo.steps, unit="step", unit_scale=True, desc=folder.name
+    )
     try:
-        for metrics in run.metrics():
-            bar.update(run.batch)
+        for metrics in training.metrics():
+            bar.update(training.batch)
             bar.set_postfix_str(
                 f"reward {metrics['reward']:.3f}, {metrics['waypoints']:.1f} closed"
             )
             rows.append(metrics)
-            if run.checkpoint_is_due:
+            if training.checkpoint_is_due:
                 log(loggers, rows)  # just before the checkpoint, so that a resumed log repeats none
-                run.checkpoint()
+                training.checkpoint()
     except NonFiniteLossError as error:
         file = folder / "failed_batch.pt"
         raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
     bar.close()
-    print(f"{folder / 'best.pt'}: {run.best:.1f} waypoints on the validation paths")
+    print(f"{folder / 'best.pt'}: {training.best:.1f} waypoints on the validation paths")
 
 
 def make_loggers(config, folder):
@@ -72,4 +74,4 @@ def log(loggers, rows) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -11,7 +11,6 @@ evaluate, page. Writes OUTPUT/transfer.md, transfer.json, transfer.png; how OUTP
 stands in src/buggy_rl/transfer/plan.py. What is done is not done again: stop it, start it.
 """
 
-import signal
 import sys
 from pathlib import Path
 
@@ -36,7 +35,6 @@ def main() -> None:
     from buggy_rl.transfer.score import answers, pairs, results
     from buggy_rl.transfer.workshop import worked
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what runs is ended, too
     folder, scripts = Path(config.output), Path(__file__).parent
     if not config.cars:
         raise ValueError("no car: name some, as cars.CAR.EFFECT.PARAMETER=VALUE")

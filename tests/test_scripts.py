@@ -113,6 +113,19 @@ def run_here(monkeypatch):
     return run_one
 
 
+@pytest.mark.parametrize(
+    ("script", "arguments"),
+    [
+        ("train_policy", ["engine.simulator=nowhere.yaml"]),
+        ("show_policies", ["policies.mine=nowhere.pt"]),
+        ("show_paths", ["paths.kind=file", "paths.file=nowhere.csv"]),
+    ],
+)
+def test_a_missing_file_is_one_line_not_a_traceback(run_here, tmp_path, script, arguments):
+    with pytest.raises(SystemExit, match=r"^error: .*nowhere"):
+        run_here(script, *arguments, f"output={tmp_path / 'made'}")
+
+
 def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
     engine = "engine.simulator=kinematic"
     small = ("rounds=1", "candidates=4", "tuning_paths=2", "steps=60", "random_paths=2")

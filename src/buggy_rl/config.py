@@ -12,6 +12,7 @@ import importlib
 import importlib.util
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -220,8 +221,10 @@ def load_named(name: str) -> Any:
 def run(main: Callable[[], None]) -> None:
     """Runs a script's main so that what a user can mend is one line, not a traceback.
 
-    Set BUGGY_RL_TRACEBACK=1 to see where an error comes from all the same.
+    Killed by SIGTERM it ends as by Ctrl-C, so that what it has started ends with it. Set
+    BUGGY_RL_TRACEBACK=1 to see where an error comes from all the same.
     """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         main()
     except (ValueError, KeyError, OSError, FloatingPointError) as error:

@@ -13,11 +13,12 @@ import pytest
 from buggy_rl.proving.exam import Examiner
 
 TOOL = """
-import pathlib, sys, time
+import os, pathlib, sys, time
 question, output = sys.argv[1], pathlib.Path(sys.argv[2].removeprefix("output="))
 do = pathlib.Path(question).read_text().strip()
 with open(output / "asked", "a") as asked:
     asked.write("x")
+(output / "pid").write_text(str(os.getpid()))
 if do == "crash":
     sys.exit("the wheel came off")
 if do != "answer":
@@ -79,26 +80,33 @@ EXAM = """
 import signal
 import sys
 from pathlib import Path
+from buggy_rl.config import run
 from buggy_rl.proving.exam import Examiner
 tool, root = Path(sys.argv[1]), Path(sys.argv[2])
 folders = [(root / "cases" / str(n), root / "answers" / str(n)) for n in range(3)]
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored below a shell's background
-for outcome in Examiner(tool, workers=1).run(folders):
-    print(outcome["status"], flush=True)
+def main():
+    for outcome in Examiner(tool, workers=1).run(folders):
+        print(outcome["status"], flush=True)
+run(main)
 """
 
 
-@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_after_a_kill_the_exam_goes_on_where_it_stopped(tool, tmp_path, blow):
     folders = asked(tmp_path, "answer", "6", "answer")
     command = [sys.executable, "-c", EXAM, str(tool), str(tmp_path)]
     exam = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, stderr=subprocess.DEVNULL)
     assert exam.stdout is not None
     assert exam.stdout.readline() == "answered\n"
-    while not (folders[1][1] / "asked").exists():
+    pid = folders[1][1] / "pid"
+    while not (pid.exists() and pid.read_text()):
         time.sleep(0.02)
     os.kill(exam.pid, blow)
     assert exam.wait(20) != 0
+    if blow != signal.SIGKILL:  # of which it hears nothing
+        with pytest.raises(ProcessLookupError):  # the tool has ended with the exam
+            os.kill(int(pid.read_text()), 0)
     assert [(said / "outcome.json").exists() for _, said in folders] == [True, False, False]
 
     (folders[1][0] / "question.yaml").write_text("answer")
