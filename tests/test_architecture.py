@@ -28,7 +28,8 @@ ALLOWED = {
     "env": SIMULATION,
     "gym": SIMULATION,
     "courses": GROUND | {"paths", "env"},
-    "driving": GROUND | {"transforms"},
+    "marshal": GROUND | {"transforms"},
+    "driving": GROUND | {"transforms", "marshal"},
     "drivers": GROUND | {"paths", "camera", "transforms", "env", "driving"},
     "policy": GROUND | {"transforms", "env"},
     "checkpoint": GROUND,
@@ -48,7 +49,7 @@ ALLOWED = {
     "visual": JUDGEMENT | {"comparison", "policy_drives", "learning_curves"},
     "diagnosis": JUDGEMENT,
     "proving": JUDGEMENT | {"diagnosis", "visual"},
-    "transfer": JUDGEMENT | {"courses", "driving", "policy_tables", "proving", "visual"},
+    "transfer": JUDGEMENT | {"courses", "driving", "marshal", "policy_tables", "proving", "visual"},
     "car": set(),
 }
 SHARED_BY_ENGINES = {"base", "actuation", "rows"}  # beside these, none knows of another

@@ -1,4 +1,4 @@
-"""How well a driver follows paths: one episode a car, scored from what the task reports."""
+"""How well a driver follows paths: one drive a car, scored from what the task reports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -17,6 +17,7 @@ from buggy_rl.keys import (
     LATERAL_ERROR,
     WAYPOINTS_CLOSED,
 )
+from buggy_rl.marshal import Marshal
 
 Driver = Callable[[TensorDictBase], TensorDictBase]
 """Writes `action` into the TensorDict it is given, and returns it."""
@@ -29,7 +30,8 @@ class Scores:
     waypoints: Tensor
     """Closed."""
     kept_on: Tensor
-    """Share of the allotted steps driven before leaving the path; 1 also when it was completed."""
+    """Share of the allotted steps driven before leaving the path, or not in a marshal's hands; 1
+    also when the path was completed."""
     lateral_mean: Tensor
     """Mean distance from the path [m]."""
     lateral_rms: Tensor
@@ -51,17 +53,21 @@ class Scores:
 
 
 @torch.no_grad()
-def drive(env: EnvBase, driver: Driver, steps: int) -> Scores:
+def drive(env: EnvBase, driver: Driver, steps: int, marshal: Marshal | None = None) -> Scores:
     """Lets each car drive one episode; what it does after its end does not count.
+
+    With a marshal it does not end where the car leaves its path: there it is put back, and only
+    what it does in the marshal's hands does not count.
 
     Args:
         env: From `make_env`, with a batch of N cars and `order: fixed` for one path each.
         driver: A policy's `driver()`, or one of `buggy_rl.drivers`.
         steps: Of an episode.
+        marshal: Of the same env, for this drive alone.
     """
     state = env.reset()
     count = env.batch_size.numel()
-    alive = torch.ones(count, 1)
+    alive = going = torch.ones(count, 1)
     sums = {name: torch.zeros(count, 1) for name in SUMMED}
     furthest, driven = torch.zeros(count, 1), torch.zeros(count, 1)
     completed = torch.zeros(count, 1, dtype=torch.bool)
@@ -78,8 +84,9 @@ def drive(env: EnvBase, driver: Driver, steps: int) -> Scores:
             flagged += alive * following[keys.OUT_OF_RANGE]
         driven += alive
         completed |= (alive > 0) & following[COMPLETED]
-        alive = alive * ~following[keys.DONE]
-        if not alive.any():
+        going = going * ~following[keys.DONE if marshal is None else COMPLETED]
+        alive = going if marshal is None else going * ~marshal(following)
+        if not going.any():
             break
         state = step_mdp(state)
     mean = {name: (total / driven).squeeze(-1) for name, total in sums.items()}

@@ -5,8 +5,11 @@ has the real ones.
 """
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +23,23 @@ OPTIONS = (
     "draw.names=[steering_gain,gyro_bias]", "rivals=2",
     "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
 )  # fmt: skip
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from buggy_rl.config import run
+from buggy_rl.proving.proof import side_by_side
+from tests.proving.test_proof import linger
+run(lambda: list(side_by_side(linger, [(Path(sys.argv[1]),)], 1)))
+"""
+
+
+def linger(file: Path) -> None:
+    """Tells its process, and stays."""
+    file.with_suffix(".partial").write_text(str(os.getpid()))
+    file.with_suffix(".partial").replace(file)
+    time.sleep(60)
 
 
 def prove(folder: Path, *more: str) -> subprocess.CompletedProcess:
@@ -62,3 +82,14 @@ def test_what_is_done_is_not_done_again(proof):
     done = prove(folder)
     assert done.returncode == 0, done.stderr
     assert {p: p.stat().st_mtime_ns for p in before} == before
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "pid")]
+    parent = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
+    while not (tmp_path / "pid").exists():
+        time.sleep(0.05)
+    parent.send_signal(signal.SIGTERM)
+    assert parent.wait(20) != 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)

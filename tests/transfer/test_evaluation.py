@@ -61,6 +61,13 @@ def test_paths_without_an_end_are_driven_as_long_as_is_asked(files):
     assert minutes["random"] == pytest.approx(5.0 / 60)
 
 
+def test_a_car_that_stands_is_put_back_and_counted(files, tmp_path):
+    standing = policy_file(tmp_path, 0, -1.0)
+    times = {row["course"]: row["put_back"] for row in driven(judged([standing], seconds=9.0))}
+    # After 2 s, and every 4 s from then on: 2 s in hands, 2 s in vain.
+    assert times == {"lap": 2.0, "infinity": 2.0, "random": 1.0}
+
+
 def test_the_car_has_what_is_concealed_in_it(files):
     cars = {"right": {}, "weak": {"throttle_gain": {"gain": 0.5}}}
     config = TransferConfig("out", cars=cars)

@@ -26,7 +26,7 @@ def rows(arm: str, closed: float, lateral: float):
     return [
         {
             "arm": arm, "seed": seed, "course": "lap", "minutes": 0.5,
-            "waypoints": closed + seed - 1, "lateral_mean": lateral, "kept_on": 1.0,
+            "waypoints": closed + seed - 1, "lateral_mean": lateral, "put_back": 1.0,
         }
         for seed in range(3)
     ]  # fmt: skip
@@ -112,7 +112,7 @@ def test_the_page_says_all_of_it(config):
     assert "| **lost** | **80.0**, 80.0 .. 80.0 |" in text
     assert "steering_dead_time dead_time 0.08 | missing physics | " in text
     assert "dead_time 0.0791 (97 % sure)" in text
-    assert "0.100 (0.020); 100 %" in text
+    assert "0.100 (0.020), 2.0 (2.0) times" in text
     assert text.count("Met:") == 2
     assert "learned: 13.7 of 66.0" in text
 

@@ -116,6 +116,8 @@ def side_by_side(
                 yield future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()  # a killed parent's workers hear nothing of it
             raise
 
 

@@ -17,6 +17,7 @@ from buggy_rl.config import from_plain
 from buggy_rl.courses import courses, judging
 from buggy_rl.driving import Driver, drive
 from buggy_rl.env import TaskConfig, make_env, make_simulator
+from buggy_rl.marshal import Marshal
 from buggy_rl.policy import load_policy
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.exam import write_json
@@ -50,7 +51,7 @@ class Judged:
         """What the file was made of, as JSON holds it."""
         case = None if self.case is None else self.case.to_dict()
         listed = [list(policy) for policy in self.policies]
-        rest = {"seconds": self.seconds, "drives": self.drives}
+        rest = {"seconds": self.seconds, "drives": self.drives, "marshal": True}
         return {"place": self.place, "case": case, "policies": listed, **rest}
 
     @property
@@ -114,7 +115,8 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
     """One row for each policy and path: means over its drives.
 
     Yields:
-        `arm`, `seed`, `course`, `minutes` allotted, and the scores of `driving.Scores`.
+        `arm`, `seed`, `course`, `minutes` allotted, the scores of `driving.Scores`, and `put_back`,
+        times that the marshal had to.
     """
     loaded = [load_policy(file) for _, _, file in judged.policies]
     task = from_plain(TaskConfig, loaded[0][1]["config"]["task"], judged.policies[0][2])
@@ -128,11 +130,14 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
         with torch.random.fork_rng():
             torch.manual_seed(0)
             cars = judged.cars(len(loaded) * judged.drives)
-            scores = drive(make_env(cars, task=seen), driver, steps)
+            env = make_env(cars, task=seen)
+            marshal = Marshal(env)
+            scores = drive(env, driver, steps, marshal)
         minutes = steps * CONTROL_PERIOD / 60.0
         for place, (arm, seed, _) in enumerate(judged.policies):
             rows = slice(place * judged.drives, (place + 1) * judged.drives)
             means = {name: mean_of(value[rows]) for name, value in vars(scores).items()}
+            means["put_back"] = mean_of(marshal.times[rows])
             yield {"arm": arm, "seed": seed, "course": course, "minutes": minutes, **means}
 
 

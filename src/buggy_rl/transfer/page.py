@@ -37,8 +37,8 @@ def page(
         lost_table(drives),
         _original(),
         f"![Waypoints closed in simulation and on the car]({picture})",
-        "Mean distance from the path on the car (in its own simulator) [m]; share of the time "
-        "that it was kept to:",
+        "Mean distance from the path on the car (in its own simulator) [m], and times a minute "
+        "that it had to be put back:",
         lateral_table(drives),
     ]
     if said:
@@ -78,11 +78,11 @@ def lateral_table(drives: Sequence[Pair]) -> str:
     arms = kinds(drives, "arm")
 
     def cell(car: str, arm: str) -> str:
-        there, own, kept = (
+        there, own, lost, own_lost = (
             mean(drives, column, car=car, arm=arm)
-            for column in ("lateral", "own_lateral", "kept_on")
+            for column in ("lateral", "own_lateral", "put_back", "own_put_back")
         )
-        return f"{there:.3f} ({own:.3f}); {100 * kept:.0f} %"
+        return f"{there:.3f} ({own:.3f}), {lost:.1f} ({own_lost:.1f}) times"
 
     rows = [[car, *(cell(car, arm) for arm in arms)] for car in kinds(drives, "car")]
     return _markdown(["car", *arms], rows)
@@ -116,8 +116,8 @@ def _about(config: TransferConfig, drives: Sequence[Pair], command: str) -> str:
         "The cars are reference cars in which something is wrong, seen through their camera; "
         f"{config.drives} drives of {config.seconds:g} s by a room driver are all that is known of "
         f"one. Lap and infinity are driven for {config.judged_seconds:g} s, the tight random path "
-        "for 5 s; a policy that leaves its path closes nothing more. Nothing on this page is "
-        "written by hand."
+        "for 5 s. A car that leaves its path, or closes no waypoint in 2 s, is put back on it, "
+        "at rest, and held for 2 s. Nothing on this page is written by hand."
     )
 
 

@@ -11,7 +11,7 @@ from buggy_rl.policy_tables import ORIGINAL, mean_interval
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 
 CURED = 0.2  # share of the unrepaired one's loss that the repaired one may have
-COUNTED = ("own", "there", "lost", "own_lateral", "lateral", "kept_on")
+COUNTED = ("own", "there", "lost", "own_lateral", "lateral", "own_put_back", "put_back")
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,10 @@ class Pair:
     """Mean distance from the path in its simulator [m]."""
     lateral: float
     """Mean distance from the path on the car [m]."""
-    kept_on: float
-    """Share of the time on the car before it left the path."""
+    own_put_back: float
+    """Times a minute that it had to be put back in its simulator."""
+    put_back: float
+    """Times a minute that it had to be put back on the car."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def _pair(car: str, own: dict[str, Any], there: dict[str, Any]) -> Pair:
         lost=at_home - away,
         own_lateral=own["lateral_mean"],
         lateral=there["lateral_mean"],
-        kept_on=there["kept_on"],
+        own_put_back=own["put_back"] / own["minutes"],
+        put_back=there["put_back"] / there["minutes"],
     )
 
 

@@ -100,6 +100,12 @@ class Waypoints(TaskTransform):
             tensordict.set(keys.POSE, self._set_down(tensordict.get(PATH)))
         return tensordict
 
+    def last_closed(self, tensordict: TensorDictBase) -> Tensor:
+        """Pose [*, 3] on the waypoint that each car closed last, along the path to the next."""
+        row = self._row(tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT))
+        end_x, end_y, along_x, along_y, length, _, yaw = _columns(self.pieces, row)
+        return torch.cat([end_x - length * along_x, end_y - length * along_y, yaw], -1)
+
     def _set_down(self, path: Tensor) -> Tensor:
         """Pose [*, 3] about the start of `path` [*, 1]."""
         start = self.start[path.squeeze(-1)]
