@@ -62,7 +62,7 @@ def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path)
 
 
 def test_there_must_be_something_to_resume(train, tmp_path):
-    with pytest.raises(ValueError, match="no checkpoint"):
+    with pytest.raises(SystemExit, match="no checkpoint"):
         train(f"output={tmp_path}", "resume=true")
 
 
