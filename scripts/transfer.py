@@ -26,11 +26,11 @@ def main() -> None:
     from buggy_rl.proving.exam import write_json
     from buggy_rl.proving.proof import side_by_side
     from buggy_rl.transfer.evaluation import judge, unjudged
+    from buggy_rl.transfer.factory import write_factories
     from buggy_rl.transfer.job import Job
     from buggy_rl.transfer.jobs import diagnoses, models, trainings
     from buggy_rl.transfer.page import page
     from buggy_rl.transfer.pictures import transfer_figure
-    from buggy_rl.transfer.randomised import write_randomised
     from buggy_rl.transfer.recordings import record, recorded
     from buggy_rl.transfer.score import answers, pairs, results
     from buggy_rl.transfer.workshop import worked
@@ -39,7 +39,7 @@ def main() -> None:
     if not config.cars:
         raise ValueError("no car: name some, as cars.CAR.EFFECT.PARAMETER=VALUE")
     save_run(config, folder)
-    write_randomised(config.simulator, config.randomised)
+    write_factories(config)
 
     def work(what: str, jobs: list[Job], unit: str) -> None:
         come = {job.name: job.work * job.done for job in jobs}

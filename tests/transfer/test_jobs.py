@@ -39,7 +39,7 @@ def test_the_diagnosis_is_told_drives_and_simulator_and_nothing_of_what_is_conce
     assert asked.simulator == config.simulator
     assert asked.recordings == ["out/cars/late/recordings"]
     assert asked.baseline == ["out/cars/late/baseline"]
-    assert f"{asked.output}/repaired.yaml" == config.simulator_of("repaired", "late")
+    assert f"{asked.output}/repaired.yaml" == config.fitted("repaired", "late")
     assert not any("dead_time" in part for part in job.command)
 
 

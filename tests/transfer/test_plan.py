@@ -10,12 +10,12 @@ LATE = {"steering_dead_time": {"dead_time": 0.08}}
 HEAVY = {"payload": {"mass_ratio": 1.4}}
 
 
-def test_the_shipped_study_has_seven_cars_and_forty_eight_policies(repository):
+def test_the_shipped_study_has_seven_cars_with_a_fault_and_one_without(repository):
     config = build(TransferConfig, [str(repository / "configs" / "transfer.yaml")])
-    assert len(config.cars) == 7
+    assert [bool(concealed) for concealed in config.cars.values()] == [True] * 7 + [False]
     assert [len(case.concealed) for case in config.cases.values()].count(2) == 1
-    # 2 arms that know the car x 7 cars x 3 seeds, and 2 that do not x 3 seeds.
-    assert len(config.policies()) == 2 * 7 * 3 + 2 * 3
+    # 2 arms that know the car x 8 cars x 3 seeds, and 2 that do not x 3 seeds.
+    assert len(config.policies()) == 2 * 8 * 3 + 2 * 3
     assert all(set(c.concealed) <= abilities("reference") for c in config.cases.values())
 
 

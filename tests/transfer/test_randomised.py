@@ -7,7 +7,8 @@ from buggy_rl import keys
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.base import Engine
 from buggy_rl.env import make_env, make_simulator
-from buggy_rl.transfer.randomised import SPREADS, randomised, write_randomised
+from buggy_rl.transfer.factory import write_factory
+from buggy_rl.transfer.randomised import SPREADS, randomised
 
 CARS = 400
 
@@ -78,7 +79,7 @@ def test_values_stay_within_what_the_simulator_allows():
 
 def test_the_file_is_a_simulator_that_every_script_takes(tmp_path):
     (tmp_path / "right.yaml").write_text("engine: mujoco\nparameters: {mass: 2.0}\n")
-    write_randomised(str(tmp_path / "right.yaml"), tmp_path / "deep" / "randomised.py")
+    write_factory(randomised, str(tmp_path / "right.yaml"), tmp_path / "deep" / "randomised.py")
     torch.manual_seed(3)
     cars = make_simulator(f"{tmp_path / 'deep' / 'randomised.py'}:make", 8)
     assert isinstance(cars, Engine)

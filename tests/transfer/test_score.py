@@ -11,7 +11,10 @@ from buggy_rl.transfer.pictures import transfer_figure
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 from buggy_rl.transfer.score import kinds, mean, original_loss, pairs, results, targets
 
-CARS = {"late": {"steering_dead_time": {"dead_time": 0.08}}, "heavy": {}}
+CARS = {
+    "late": {"steering_dead_time": {"dead_time": 0.08}},
+    "heavy": {"payload": {"mass_ratio": 1.4}},
+}
 # Waypoints in half a minute: in the own simulator, and on the two cars.
 CLOSED = {
     "unrepaired": (60.0, {"late": 10.0, "heavy": 30.0}),
@@ -115,6 +118,23 @@ def test_the_page_says_all_of_it(config):
     assert "0.100 (0.020), 2.0 (2.0) times" in text
     assert text.count("Met:") == 2
     assert "learned: 13.7 of 66.0" in text
+
+
+def test_a_car_with_nothing_wrong_is_shown_and_not_counted(config):
+    control = replace(config, cars=CARS | {"unchanged": {}})
+    there = [row for arm, (own, _) in CLOSED.items() for row in rows(arm, own / 2, 0.1)]
+    write(control.car_drives("unchanged"), there)
+    for arm in ("repaired", "learned"):
+        write(control.own_drives(arm, "unchanged"), rows(arm, CLOSED[arm][0], 0.02))
+    drives = pairs(control)
+    assert kinds(drives, "car") == [*CARS, "unchanged"]
+    assert targets(drives) == targets(pairs(config))
+    text = page(control, drives, {}, "python scripts/transfer.py x.yaml", "transfer.png")
+    assert "| unchanged | 60.0 (120.0) | 50.0 (100.0) |" in text
+    assert "| **mean** | **40.0 (120.0)**, 35.0 .. 45.0 |" in text
+    assert results(control, drives)["arms"] == results(config, pairs(config))["arms"]
+    alone = [drive for drive in drives if drive.control]
+    assert targets(alone)[0].sentence.startswith("The repaired simulator's policy loses 50.0")
 
 
 def test_results_are_plain_json(config):

@@ -14,6 +14,7 @@ drives: 3
 seconds: 12.0
 judged_seconds: 2.0
 judged_drives: 1
+undecided: false
 diagnosis: [stretches=16, "effects=[steering_dead_time]"]
 model: [runs.model.model.kind=mlp, runs.model.training.epochs=2]
 policy: [configs/ppo.yaml, validation_steps=50]

@@ -74,10 +74,8 @@ def judgements(config: TransferConfig) -> list[Judged]:
         found = (p for pair in wanted for p in config.policies() if (p.arm, p.car) == pair)
         return tuple((p.arm, p.seed, str(config.folder(p) / "best.pt")) for p in found)
 
-    own = [(arm, "") for arm in config.arms if arm in SHARED]
-    own += [(arm, car) for car in config.cars for arm in config.arms if arm not in SHARED]
     listed = []
-    for arm, car in own:
+    for arm, car in config.places():
         place, policies = config.simulator_of(arm, car), trained((arm, car))
         listed.append(Judged(config.own_drives(arm, car), place, None, policies, *how))
     for car, case in config.cases.items():
@@ -125,7 +123,7 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
         known = courses(task.paths, 1)[course]
         endless = course in ENDLESS
         steps = round(judged.seconds / CONTROL_PERIOD) if endless else known.steps
-        # The car is seen through its camera; a simulator shows what it does.
+        # The car is seen through its camera; a simulator as in training.
         seen = replace(judging(task, steps, judged.case is not None), paths=known.paths)
         with torch.random.fork_rng():
             torch.manual_seed(0)

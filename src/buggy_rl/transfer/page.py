@@ -5,7 +5,16 @@ from statistics import pstdev
 from typing import Any
 
 from buggy_rl.transfer.plan import ARMS, TransferConfig
-from buggy_rl.transfer.score import Pair, kinds, mean, original_loss, over_seeds, targets, values
+from buggy_rl.transfer.score import (
+    Pair,
+    counted,
+    kinds,
+    mean,
+    original_loss,
+    over_seeds,
+    targets,
+    values,
+)
 
 
 def page(
@@ -30,7 +39,7 @@ def page(
         _about(config, drives, command),
         "\n".join(goals),
         "Closed on the car (in its own simulator), waypoints a minute, mean over seeds and paths; "
-        "of the mean over cars the 95 % interval over seeds:",
+        "of the mean over the cars in which something is concealed the 95 % interval over seeds:",
         closed_table(drives),
         "Lost from simulator to car by path, waypoints a minute, mean ± sd over cars and seeds "
         "(the original's table 7.7):",
@@ -48,22 +57,23 @@ def page(
 
 def closed_table(drives: Sequence[Pair]) -> str:
     """A row for each car, one for their mean, and one for what is lost in the mean."""
-    arms = kinds(drives, "arm")
+    arms, judged = kinds(drives, "arm"), counted(drives)
 
-    def cell(**where: object) -> str:
-        return f"{mean(drives, 'there', **where):.1f} ({mean(drives, 'own', **where):.1f})"
+    def cell(of: Sequence[Pair], **where: object) -> str:
+        return f"{mean(of, 'there', **where):.1f} ({mean(of, 'own', **where):.1f})"
 
     def interval(arm: str, column: str) -> str:
-        return _range(*over_seeds(drives, arm, column))
+        return _range(*over_seeds(judged, arm, column))
 
-    rows = [[car, *(cell(car=car, arm=arm) for arm in arms)] for car in kinds(drives, "car")]
-    rows.append(["**mean**", *(f"**{cell(arm=a)}**, {interval(a, 'there')}" for a in arms)])
-    lost = [f"**{mean(drives, 'lost', arm=a):.1f}**, {interval(a, 'lost')}" for a in arms]
+    rows = [[c, *(cell(drives, car=c, arm=arm) for arm in arms)] for c in kinds(drives, "car")]
+    rows.append(["**mean**", *(f"**{cell(judged, arm=a)}**, {interval(a, 'there')}" for a in arms)])
+    lost = [f"**{mean(judged, 'lost', arm=a):.1f}**, {interval(a, 'lost')}" for a in arms]
     return _markdown(["car", *arms], [*rows, ["**lost**", *lost]])
 
 
 def lost_table(drives: Sequence[Pair]) -> str:
     """A row for each path, as in the original's table 7.7."""
+    drives = counted(drives)
     arms, rows = kinds(drives, "arm"), []
     for course in kinds(drives, "course"):
         lost = [values(drives, "lost", course=course, arm=arm) for arm in arms]

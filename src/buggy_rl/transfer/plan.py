@@ -4,6 +4,7 @@ OUTPUT/cars/CAR/recordings/      two minutes of driving, and baseline/ from befo
 OUTPUT/cars/CAR/diagnosis/       repaired.yaml
 OUTPUT/cars/CAR/learned/         the model of the same two minutes
 OUTPUT/cars/CAR/policies/ARM_N/  policies for this car; those of no car in OUTPUT/policies
+.../policies/ARM.py              the simulator that they train in, where its cars differ
 .../policies/ARM.json            their drives in their own simulator
 OUTPUT/cars/CAR/driven.json      drives of all policies on the car
 """
@@ -24,6 +25,7 @@ ARMS = {
     "learned": "a model learned from the same two minutes",
     "randomised": "MuJoCo with randomised physics",
 }
+DRAWN = ("unrepaired", "repaired", "randomised")  # MuJoCo, whose cars may differ
 SHARED = ("unrepaired", "randomised")  # know nothing of the car, so they are trained once a seed
 FIRST_SEED = 700_000_000  # of cars: no case of the proof has it
 
@@ -37,7 +39,8 @@ class TransferConfig:
     simulator: str = "runs/sample/mujoco_fitted.yaml"
     """The simulator as it was before the change."""
     cars: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
-    """What is concealed, as cars.CAR.EFFECT.PARAMETER=VALUE; new ones go to the end."""
+    """What is concealed, as cars.CAR.EFFECT.PARAMETER=VALUE; new ones go to the end. A car of {}
+    is one with nothing wrong, for control: it is shown, and not counted in means."""
     arms: list[str] = field(default_factory=lambda: list(ARMS))
     """Where policies are trained: any of unrepaired, repaired, learned, randomised."""
     seeds: list[int] = field(default_factory=lambda: [0, 1, 2])
@@ -52,7 +55,10 @@ class TransferConfig:
     """Options of scripts/diagnose.py; MuJoCo takes its time, so not all stretches of a second."""
     model: list[str] = field(default_factory=lambda: list(LEARNED))
     """Options of scripts/train_models.py: the model, which must be called `model`."""
-    policy: list[str] = field(default_factory=lambda: ["configs/ppo.yaml"])
+    undecided: bool = True
+    """Whether cars that unrepaired and repaired policies train on differ by what the fit of
+    `simulator` left open; else all are its best guess."""
+    policy: list[str] = field(default_factory=lambda: ["configs/ppo.yaml", "configs/ppo_car.yaml"])
     """YAML files and options of scripts/train_policy.py, the same for every policy."""
     steps: int = 3_000_000
     """The budget: steps of PPO for each policy."""
@@ -104,25 +110,32 @@ class TransferConfig:
         """Folder of a car."""
         return Path(self.output) / "cars" / name
 
+    def fitted(self, arm: str, car: str) -> str:
+        """The one MuJoCo that an arm's simulator is made from."""
+        repaired = self.car(car) / "diagnosis" / "repaired.yaml"
+        return str(repaired) if arm == "repaired" else self.simulator
+
+    def factory(self, arm: str, car: str) -> Path | None:
+        """File of the simulator in which an arm's cars differ; None where they are all alike."""
+        if arm not in DRAWN or (arm != "randomised" and not self.undecided):
+            return None
+        return self.folder(Trained(arm, car, 0)).with_name(f"{arm}.py")
+
     def simulator_of(self, arm: str, car: str) -> str:
         """What an arm's policies are trained in."""
-        return {
-            "unrepaired": self.simulator,
-            "repaired": str(self.car(car) / "diagnosis" / "repaired.yaml"),
-            "learned": str(self.car(car) / "learned" / "models" / "model.pt"),
-            "randomised": f"{self.randomised}:make",
-        }[arm]
+        if arm == "learned":
+            return str(self.car(car) / "learned" / "models" / "model.pt")
+        factory = self.factory(arm, car)
+        return self.fitted(arm, car) if factory is None else f"{factory}:make"
 
-    @property
-    def randomised(self) -> Path:
-        """File of the simulator whose cars differ."""
-        return Path(self.output) / "policies" / "randomised.py"
+    def places(self) -> list[tuple[str, str]]:
+        """Every arm, and the car that it is for; those of no car, empty, first."""
+        shared = [(arm, "") for arm in self.arms if arm in SHARED]
+        return shared + [(a, car) for car in self.cars for a in self.arms if a not in SHARED]
 
     def policies(self) -> list["Trained"]:
-        """Every policy of the study; those of no car first."""
-        places = [(arm, "") for arm in self.arms if arm in SHARED]
-        places += [(arm, car) for car in self.cars for arm in self.arms if arm not in SHARED]
-        return [Trained(arm, car, seed) for arm, car in places for seed in self.seeds]
+        """Every policy of the study."""
+        return [Trained(*place, seed) for place in self.places() for seed in self.seeds]
 
     def folder(self, policy: "Trained") -> Path:
         """Of a policy."""

@@ -6,7 +6,6 @@ Each car of a batch keeps what was drawn for it; one that begins a new episode s
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -46,14 +45,6 @@ SPREADS = (
     Spread(("drive_speed_loss",), 0.8, 1.25, False, "another winding"),
     Spread(("rolling_resistance", "viscous_drag"), 0.7, 1.3, False, "carpet, bearings, grease"),
 )
-SOURCE = '''"""{simulator} with randomised physics; written by scripts/transfer.py."""
-
-from functools import partial
-
-from buggy_rl.transfer.randomised import randomised
-
-make = partial(randomised, {simulator!r})
-'''
 
 
 def randomised(simulator: str, batch_size: int | Sequence[int], device: str = "cpu") -> EnvBase:
@@ -87,9 +78,3 @@ def drawn(engine: Engine) -> dict[str, Tensor]:
                 values[name] = value + number if spread.added else value * number
     ranges = engine.parameters
     return {n: v.clamp(ranges[n].lower, ranges[n].upper) for n, v in values.items()}
-
-
-def write_randomised(simulator: str, file: Path) -> None:
-    """Writes it as a simulator that every script takes, as `FILE:make`."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(SOURCE.format(simulator=simulator))

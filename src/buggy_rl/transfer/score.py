@@ -36,6 +36,8 @@ class Pair:
     """Times a minute that it had to be put back in its simulator."""
     put_back: float
     """Times a minute that it had to be put back on the car."""
+    control: bool = False
+    """Whether the car is one with nothing wrong."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def pairs(config: TransferConfig) -> list[Pair]:
         for row in _drives(config.car_drives(car)):
             key = row["arm"], row["seed"], row["course"]
             if key in own:
-                found.append(_pair(car, own[key], row))
+                found.append(_pair(car, own[key], row, not config.cars[car]))
     if not found:
         raise ValueError(f"{config.output} has no drives yet: run the stages before page")
     return found
@@ -71,7 +73,7 @@ def _drives(file: Path) -> list[dict[str, Any]]:
     return json.loads(file.read_text())["drives"] if file.exists() else []
 
 
-def _pair(car: str, own: dict[str, Any], there: dict[str, Any]) -> Pair:
+def _pair(car: str, own: dict[str, Any], there: dict[str, Any], control: bool) -> Pair:
     at_home, away = (row["waypoints"] / row["minutes"] for row in (own, there))
     return Pair(
         car,
@@ -85,7 +87,13 @@ def _pair(car: str, own: dict[str, Any], there: dict[str, Any]) -> Pair:
         lateral=there["lateral_mean"],
         own_put_back=own["put_back"] / own["minutes"],
         put_back=there["put_back"] / there["minutes"],
+        control=control,
     )
+
+
+def counted(drives: Sequence[Pair]) -> list[Pair]:
+    """Without the cars that have nothing wrong, unless there are no others."""
+    return [drive for drive in drives if not drive.control] or list(drives)
 
 
 def values(drives: Sequence[Pair], column: str, **where: object) -> list[float]:
@@ -111,6 +119,7 @@ def over_seeds(drives: Sequence[Pair], arm: str, column: str) -> tuple[float, fl
 
 def targets(drives: Sequence[Pair]) -> list[Target]:
     """What the study has to show, and whether it does; none without both arms it is about."""
+    drives = counted(drives)
     arms = kinds(drives, "arm")
     if not {"unrepaired", "repaired"} <= set(arms):
         return []
@@ -146,18 +155,18 @@ def answers(config: TransferConfig) -> dict[str, dict[str, Any]]:
 def results(config: TransferConfig, drives: Sequence[Pair]) -> dict[str, Any]:
     """Everything that was counted, as JSON holds it."""
 
-    def means(*what: str) -> list[dict[str, Any]]:
-        groups = dict.fromkeys(tuple(getattr(d, name) for name in what) for d in drives)
+    def means(of: Sequence[Pair], *what: str) -> list[dict[str, Any]]:
+        groups = dict.fromkeys(tuple(getattr(d, name) for name in what) for d in of)
         named = [dict(zip(what, group, strict=True)) for group in groups]
-        return [g | {column: mean(drives, column, **g) for column in COUNTED} for g in named]
+        return [g | {column: mean(of, column, **g) for column in COUNTED} for g in named]
 
     return {
         "unit": "waypoints a minute",
         "seeds": config.seeds,
         "steps": config.steps,
         "targets": [asdict(target) for target in targets(drives)],
-        "arms": means("arm"),
-        "cars": means("car", "arm"),
-        "courses": means("course", "arm"),
+        "arms": means(counted(drives), "arm"),
+        "cars": means(drives, "car", "arm"),
+        "courses": means(counted(drives), "course", "arm"),
         "drives": [asdict(drive) for drive in drives],
     }

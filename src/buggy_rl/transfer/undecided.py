@@ -1,0 +1,73 @@
+"""A fitted simulator whose cars differ by what its fit could not decide.
+
+Drives in a room leave some parameters open: grip in front from grip behind, the shape of a tyre's
+curve. A policy that is trained at the single best guess learns to drive at the limit of that one
+car. Here each car of a batch keeps a guess of its own, evenly from the fit's 95 % intervals: narrow
+where the drives were telling, wide where they were not.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+import yaml
+from tensordict import TensorDict
+from torchrl.envs import Compose, EnvBase, TransformedEnv
+
+from buggy_rl.effects import make_effects
+from buggy_rl.engines import read_simulator
+from buggy_rl.engines.base import Engine
+from buggy_rl.env import make_simulator
+
+
+def undecided(
+    simulator: str | Path,
+    batch_size: int | Sequence[int],
+    device: str = "cpu",
+    tuned: Mapping[str, float] | None = None,
+) -> EnvBase:
+    """Cars of a fitted simulator, each as likely as the others; effects over it stay as they are.
+
+    Parameters are drawn one by one: two that a fit can tell only together differ by more than it
+    leaves open. They come from PyTorch's global generator, so that a run's seed fixes its cars.
+
+    Args:
+        simulator: A file written by a fit, or one that puts effects over such a file.
+        batch_size: Number of cars or a shape.
+        device: Where the state lives.
+        tuned: Parameters that are known otherwise, and not drawn.
+
+    Raises:
+        ValueError: No fit has written it, or a file cannot be read.
+    """
+    file = Path(simulator)
+    if file.suffix not in (".yaml", ".yml"):
+        raise ValueError(
+            f"{simulator} has no intervals to draw from: use a file that scripts/fit_mujoco.py has "
+            "written, or undecided=false"
+        )
+    content, known = read_simulator(file), dict(tuned or {})
+    fitted = yaml.safe_load(file.read_text()).get("_fit")
+    if fitted is None:
+        known = {**content["parameters"], **known}
+        engine = undecided(content["engine"], batch_size, device, known)
+    else:
+        engine = make_simulator(file, batch_size, device, known)
+        assert isinstance(engine, Engine)
+        intervals = {name: fitted[name] for name in fitted.keys() - known}
+        engine = engine.with_parameters(_drawn(engine, intervals))
+    if not content["effects"]:
+        return engine
+    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
+    for effect in make_effects(content["effects"]):
+        env.append_transform(effect)
+    return env
+
+
+def _drawn(engine: Engine, intervals: Mapping[str, Mapping[str, float]]) -> TensorDict:
+    values = {}
+    for name, interval in sorted(intervals.items()):
+        bounds, share = engine.parameters[name], torch.rand(engine.batch_size)
+        value = interval["low"] + (interval["high"] - interval["low"]) * share
+        values[name] = value.clamp(bounds.lower, bounds.upper)
+    return TensorDict(values, engine.batch_size)
