@@ -2,8 +2,10 @@
 
 Drives in a room leave some parameters open: grip in front from grip behind, the shape of a tyre's
 curve. A policy that is trained at the single best guess learns to drive at the limit of that one
-car. Here each car of a batch keeps a guess of its own, evenly from the fit's 95 % intervals: narrow
-where the drives were telling, wide where they were not.
+car. Here each car of a batch keeps a guess of its own, evenly from twice the fit's 95 % intervals:
+narrow where the drives were telling, wide where they were not, and twice because an interval knows
+of noise and nothing of what no parameter of the simulator stands for. A learned correction is such
+a guess as well: of it a car feels anything from nothing to twice of what the repair put in.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,9 +17,12 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 
 from buggy_rl.effects import make_effects
+from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.engines import read_simulator
 from buggy_rl.engines.base import Engine
 from buggy_rl.env import make_simulator
+
+WIDER = 2.0  # than the fit's 95 % intervals, from its best guess
 
 
 def undecided(
@@ -26,10 +31,11 @@ def undecided(
     device: str = "cpu",
     tuned: Mapping[str, float] | None = None,
 ) -> EnvBase:
-    """Cars of a fitted simulator, each as likely as the others; effects over it stay as they are.
+    """Cars of a fitted simulator, each as likely as the others.
 
-    Parameters are drawn one by one: two that a fit can tell only together differ by more than it
-    leaves open. They come from PyTorch's global generator, so that a run's seed fixes its cars.
+    Physics that has a name stays over it as it is. Parameters are drawn one by one: two that a fit
+    can tell only together differ by more than it leaves open. They come from PyTorch's global
+    generator, so that a run's seed fixes its cars.
 
     Args:
         simulator: A file written by a fit, or one that puts effects over such a file.
@@ -60,6 +66,9 @@ def undecided(
         return engine
     env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
     for effect in make_effects(content["effects"]):
+        if isinstance(effect, ResidualAcceleration):
+            felt = 2.0 * effect.values["strength"] * torch.rand(engine.batch_size)
+            effect = effect.with_parameters(TensorDict({"strength": felt}, engine.batch_size))
         env.append_transform(effect)
     return env
 
@@ -67,7 +76,8 @@ def undecided(
 def _drawn(engine: Engine, intervals: Mapping[str, Mapping[str, float]]) -> TensorDict:
     values = {}
     for name, interval in sorted(intervals.items()):
-        bounds, share = engine.parameters[name], torch.rand(engine.batch_size)
-        value = interval["low"] + (interval["high"] - interval["low"]) * share
-        values[name] = value.clamp(bounds.lower, bounds.upper)
+        bounds, best = engine.parameters[name], engine.values[name]
+        width = interval["high"] - interval["low"]
+        drawn = interval["low"] + width * torch.rand(engine.batch_size)
+        values[name] = (best + WIDER * (drawn - best)).clamp(bounds.lower, bounds.upper)
     return TensorDict(values, engine.batch_size)
