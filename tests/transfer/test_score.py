@@ -118,6 +118,9 @@ def test_the_page_says_all_of_it(config):
     assert "0.100 (0.020), 2.0 (2.0) times" in text
     assert text.count("Met:") == 2
     assert "learned: 13.7 of 66.0" in text
+    assert "each car has its own share of what the fit" in text
+    alike = page(replace(config, undecided=False), drives, said, "python x.py", "transfer.png")
+    assert "All cars of the first two are alike." in alike
 
 
 def test_a_car_with_nothing_wrong_is_shown_and_not_counted(config):

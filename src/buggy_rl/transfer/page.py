@@ -122,13 +122,19 @@ def _about(config: TransferConfig, drives: Sequence[Pair], command: str) -> str:
     return (
         f"Made by\n\n```sh\n{command}\n```\n\n"
         f"Policies of {config.steps / 1e6:g} million steps of PPO, "
-        f"{len(kinds(drives, 'seed'))} seeds each, trained in\n\n{arms}\n\n"
+        f"{len(kinds(drives, 'seed'))} seeds each, trained in\n\n{arms}\n\n{_cars(config)} "
         "The cars are reference cars in which something is wrong, seen through their camera; "
         f"{config.drives} drives of {config.seconds:g} s by a room driver are all that is known of "
         f"one. Lap and infinity are driven for {config.judged_seconds:g} s, the tight random path "
         "for 5 s. A car that leaves its path, or closes no waypoint in 2 s, is put back on it, "
         "at rest, and held for 2 s. Nothing on this page is written by hand."
     )
+
+
+def _cars(config: TransferConfig) -> str:
+    if not config.undecided:
+        return "All cars of the first two are alike."
+    return "In the first two each car has its own share of what the fit of MuJoCo left open."
 
 
 def _original() -> str:
