@@ -8,12 +8,19 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from buggy_rl.config import build, plain
+from buggy_rl.policy import load_policy
 from buggy_rl.policy_run import PolicyRunConfig
 from buggy_rl.transforms.rate_limit import RateLimit
 
 ROOT = Path(__file__).parents[1]
+FITTED = {
+    "engine": "mujoco",
+    "parameters": {"steering_lag": 0.03},
+    "_fit": {"steering_lag": {"low": 0.02, "high": 0.04}},
+}
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(bash|python)\n(.*?)^```", README, re.M | re.S)
 
@@ -46,6 +53,28 @@ def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
         del config["engine"], config["output"]
     assert learned == mujoco
     assert learned["task"]["transforms"]["rewards"]["options"]  # ours, not the bare defaults
+
+
+def test_a_policy_for_a_car_trains_in_cars_that_differ(tmp_path: Path):
+    (block,) = [b for b in re.findall(r"^```sh\n(.*?)^```", README, re.M | re.S) if "cars.py" in b]
+    for part in ("scripts", "configs"):
+        shutil.copytree(ROOT / part, tmp_path / part)
+    fitted = tmp_path / "runs" / "my_car" / "mujoco_fitted.yaml"
+    fitted.parent.mkdir(parents=True)
+    fitted.write_text(yaml.safe_dump(FITTED))
+    small = (
+        " ppo.steps=128 ppo.cars=8 ppo.batch_steps=16 ppo.minibatch=64"
+        " validation_steps=20 validations=1"
+    )
+    path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+    environment = {"PATH": path, "OMP_NUM_THREADS": "1", "HOME": str(tmp_path)}
+    command = ["bash", "-ec", block.rstrip() + small]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    _, about = load_policy(fitted.parent / "policy_robust" / "best.pt")
+    task = about["config"]["task"]["transforms"]
+    assert task["noise"]["name"] == "observation_noise"
+    assert "last_action" in task["observation"]["options"]["inputs"]
 
 
 @pytest.mark.slow

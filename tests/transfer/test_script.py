@@ -14,10 +14,15 @@ drives: 3
 seconds: 12.0
 judged_seconds: 2.0
 judged_drives: 1
-undecided: false
 diagnosis: [stretches=16, "effects=[steering_dead_time]"]
 model: [runs.model.model.kind=mlp, runs.model.training.epochs=2]
 policy: [configs/ppo.yaml, validation_steps=50]
+"""
+
+FITTED = """
+engine: mujoco
+parameters: {grip_front: 0.8}
+_fit: {grip_front: {low: 0.75, high: 0.85}}
 """
 
 
@@ -44,7 +49,7 @@ def test_a_study_without_cars_is_refused_in_one_line(repository, tmp_path):
 @pytest.mark.timeout(1800)
 def test_the_whole_chain_leaves_a_table_and_does_nothing_twice(repository, tmp_path):
     simulator, study = tmp_path / "mujoco.yaml", tmp_path / "study.yaml"
-    simulator.write_text("engine: mujoco\n")
+    simulator.write_text(FITTED)
     study.write_text(QUICK)
     arguments = [str(study), f"simulator={simulator}", f"output={tmp_path / 'out'}"]
     done = run(repository, *arguments)
