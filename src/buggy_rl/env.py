@@ -99,10 +99,15 @@ def make_simulator(
     merged = {**content["parameters"], **(parameters or {})}
     settings = {**content["options"], **options}
     engine = make_simulator(content["engine"], batch_size, device, merged or None, **settings)
-    if not content["effects"]:
+    return with_effects(engine, make_effects(content["effects"]))
+
+
+def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:
+    """Puts missing physics over an engine, from the engine outwards; without any, it is itself."""
+    if not effects:
         return engine
     env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-    for effect in make_effects(content["effects"]):
+    for effect in effects:
         env.append_transform(effect)
     return env
 

@@ -14,13 +14,14 @@ from pathlib import Path
 import torch
 import yaml
 from tensordict import TensorDict
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import EnvBase
 
 from buggy_rl.effects import make_effects
+from buggy_rl.effects.base import Effect
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.engines import read_simulator
 from buggy_rl.engines.base import Engine
-from buggy_rl.env import make_simulator
+from buggy_rl.env import make_simulator, with_effects
 
 WIDER = 2.0  # than the fit's 95 % intervals, from its best guess
 
@@ -50,7 +51,7 @@ def undecided(
     if file.suffix not in (".yaml", ".yml"):
         raise ValueError(
             f"{simulator} has no intervals to draw from: use a file that scripts/fit_mujoco.py has "
-            "written, or undecided=false"
+            "written (or, in scripts/transfer.py, undecided=false)"
         )
     content, known = read_simulator(file), dict(tuned or {})
     fitted = yaml.safe_load(file.read_text()).get("_fit")
@@ -62,15 +63,15 @@ def undecided(
         assert isinstance(engine, Engine)
         intervals = {name: fitted[name] for name in fitted.keys() - known}
         engine = engine.with_parameters(_drawn(engine, intervals))
-    if not content["effects"]:
-        return engine
-    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-    for effect in make_effects(content["effects"]):
-        if isinstance(effect, ResidualAcceleration):
-            felt = 2.0 * effect.values["strength"] * torch.rand(engine.batch_size)
-            effect = effect.with_parameters(TensorDict({"strength": felt}, engine.batch_size))
-        env.append_transform(effect)
-    return env
+    effects = [_felt(effect, engine.batch_size) for effect in make_effects(content["effects"])]
+    return with_effects(engine, effects)
+
+
+def _felt(effect: Effect, batch_size: torch.Size) -> Effect:
+    if not isinstance(effect, ResidualAcceleration):
+        return effect
+    strength = 2.0 * effect.values["strength"] * torch.rand(batch_size)
+    return effect.with_parameters(TensorDict({"strength": strength}, batch_size))
 
 
 def _drawn(engine: Engine, intervals: Mapping[str, Mapping[str, float]]) -> TensorDict:
