@@ -88,6 +88,14 @@ def test_what_is_judged_is_not_judged_again_unless_it_is_something_else(files, t
     assert not judged(files, file=one.file).done
 
 
+def test_a_policy_that_is_trained_anew_is_judged_anew(tmp_path):
+    one = judged([policy_file(tmp_path / "0", 0, -0.6)], file=tmp_path / "driven.json", seconds=0.1)
+    judge(one)
+    assert one.done
+    policy_file(tmp_path / "0", 0, 0.0)
+    assert not one.done
+
+
 def test_a_study_drives_every_arm_in_its_own_simulator_and_on_every_car(tmp_path):
     config = TransferConfig(str(tmp_path), cars={"late": LATE, "right": {}}, seeds=[0, 1])
     found = {(str(j.file.relative_to(tmp_path))): j for j in judgements(config)}

@@ -39,7 +39,7 @@ def test_the_diagnosis_is_told_drives_and_simulator_and_nothing_of_what_is_conce
     assert asked.simulator == config.simulator
     assert asked.recordings == ["out/cars/late/recordings"]
     assert asked.baseline == ["out/cars/late/baseline"]
-    assert f"{asked.output}/repaired.yaml" == config.fitted("repaired", "late")
+    assert f"{asked.output}/repaired.yaml" == config.made_from("repaired", "late")
     assert not any("dead_time" in part for part in job.command)
 
 
@@ -52,6 +52,17 @@ def test_the_learned_model_lies_where_the_policy_looks_for_it(config):
     # The drive that only judges is not one of the two minutes.
     assert study.data.held_out == ["before_0"]
     assert study.data.validation == ["drive_3"]
+
+
+def test_a_policy_hangs_on_its_settings_and_on_the_car_it_was_trained_in(config):
+    made = {job.name: job.inputs for job in trainings(config, Path("scripts"))}
+    settings = ("configs/ppo.yaml", "configs/ppo_car.yaml")
+    assert made == {
+        "unrepaired, 5": (*settings, config.simulator),
+        "randomised, 5": (*settings, config.simulator),
+        "repaired, late, 5": (*settings, "out/cars/late/diagnosis/repaired.yaml"),
+        "learned, late, 5": (*settings, "out/cars/late/learned/models/model.pt"),
+    }
 
 
 def test_arms_that_are_not_wanted_cost_nothing(config):

@@ -29,10 +29,10 @@ def job(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
 
-    def make(name: str, do: str = "0") -> Job:
+    def make(name: str, do: str = "0", inputs: tuple[str, ...] = ()) -> Job:
         folder = tmp_path / name
         command = (str(script), f"do={do}", f"output={folder}")
-        return Job(name, folder, command, checkpoint="checkpoint")
+        return Job(name, folder, command, inputs, checkpoint="checkpoint")
 
     return make
 
@@ -93,8 +93,41 @@ def test_a_folder_begun_otherwise_is_not_taken_for_ones_own(job):
         list(worked([job("one", "0.1")], 1, LOOK))
 
 
+@pytest.mark.parametrize("do", ["0", "fail"])
+def test_what_was_made_from_a_file_that_has_changed_is_refused(job, tmp_path, do):
+    settings, same = tmp_path / "settings.yaml", tmp_path / "same.yaml"
+    settings.write_text("discount: 0.98")
+    same.write_text("")
+    one = job("one", do, (str(settings), str(same)))
+    try:
+        list(worked([one], 1, LOOK))
+    except ValueError:
+        assert do == "fail"
+    assert one.done == (do != "fail")
+    settings.write_text("discount: 0.99")
+    with pytest.raises(ValueError, match=rf"was begun before {settings} had changed"):
+        list(worked([one], 1, LOOK))
+    assert calls(one) == "begun "
+
+
+def test_a_file_that_changes_while_a_script_runs_is_not_taken_for_what_it_read(job, tmp_path):
+    settings = tmp_path / "settings.yaml"
+    settings.write_text("discount: 0.98")
+    one = job("one", "0.3", (str(settings),))
+    running = worked([one], 1, LOOK)
+    next(running)
+    settings.write_text("discount: 0.99")
+    list(running)
+    with pytest.raises(ValueError, match="had changed"):
+        _ = one.done
+
+
 def test_the_record_tells_the_command(job):
     one = job("one")
     list(worked([one], 1, LOOK))
     record = json.loads((one.folder / "job.json").read_text())
-    assert record == {"command": ["script.py", *one.command[1:]], "done": True}
+    assert record == {
+        "command": ["script.py", *one.command[1:]],
+        "inputs": {},
+        "done": True,
+    }

@@ -22,6 +22,7 @@ from buggy_rl.policy import load_policy
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.exam import write_json
 from buggy_rl.proving.plants import make_plant
+from buggy_rl.transfer.job import digest
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -50,7 +51,7 @@ class Judged:
     def asked(self) -> dict[str, Any]:
         """What the file was made of, as JSON holds it."""
         case = None if self.case is None else self.case.to_dict()
-        listed = [list(policy) for policy in self.policies]
+        listed = [[*policy, digest(policy[2])] for policy in self.policies]
         rest = {"seconds": self.seconds, "drives": self.drives, "marshal": True}
         return {"place": self.place, "case": case, "policies": listed, **rest}
 

@@ -37,4 +37,4 @@ def write_factories(config: TransferConfig) -> None:
     for arm, car in config.places():
         if (file := config.factory(arm, car)) is not None:
             draw = randomised if arm == "randomised" else undecided
-            write_factory(draw, config.fitted(arm, car), file)
+            write_factory(draw, config.made_from(arm, car), file)

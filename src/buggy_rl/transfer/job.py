@@ -1,5 +1,6 @@
 """A script that is run once, in a process of its own, and remembered in its folder."""
 
+import hashlib
 import json
 import os
 import subprocess
@@ -22,6 +23,8 @@ class Job:
     folder: Path
     command: tuple[str, ...]
     """The script and its options."""
+    inputs: tuple[str, ...] = ()
+    """Files that it reads, and whose content its result hangs on."""
     work: int = 1
     """What it counts for beside others."""
     checkpoint: str = ""
@@ -34,7 +37,7 @@ class Job:
         """Whether it was run to its end.
 
         Raises:
-            ValueError: It was begun with another command.
+            ValueError: It was begun with another command, or from files that have changed since.
         """
         if not (self.folder / RECORD).exists():
             return False
@@ -44,12 +47,17 @@ class Job:
                 f"{self.folder} was begun by {' '.join(record['command'])!r}, now wanted is "
                 f"{' '.join(self._told())!r}: use another output, or move the folder away"
             )
+        if changed := [name for name, was in record["inputs"].items() if digest(name) != was]:
+            raise ValueError(
+                f"{self.folder} was begun before {', '.join(changed)} had changed: use another "
+                "output, or move the folder away"
+            )
         return record["done"]
 
     def start(self) -> subprocess.Popen:
         """Runs the script, or goes on where it was stopped."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.note(done=False)
+        self._note(False, {name: digest(name) for name in self.inputs})
         resumed = bool(self.checkpoint) and (self.folder / self.checkpoint).exists()
         with open(self.folder / LOG, "a") as log:
             return subprocess.Popen(
@@ -60,9 +68,13 @@ class Job:
                 env=os.environ | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"},
             )
 
-    def note(self, done: bool) -> None:
-        """Writes down how it stands."""
-        write_json(self.folder / RECORD, {"command": self._told(), "done": done})
+    def finish(self) -> None:
+        """Writes down that its script came to its end."""
+        self._note(True, json.loads((self.folder / RECORD).read_text())["inputs"])
+
+    def _note(self, done: bool, inputs: dict[str, str]) -> None:
+        record = {"command": self._told(), "inputs": inputs, "done": done}
+        write_json(self.folder / RECORD, record)
 
     def _told(self) -> list[str]:
         """The command, wherever the scripts lie."""
@@ -71,3 +83,8 @@ class Job:
     def last_words(self, length: int = 300) -> str:
         """The end of what the script said, in one line."""
         return " ".join((self.folder / LOG).read_text(errors="replace").split())[-length:]
+
+
+def digest(file: str) -> str:
+    """Of its content; empty where there is none."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""

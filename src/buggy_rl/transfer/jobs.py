@@ -22,7 +22,8 @@ def diagnoses(config: TransferConfig, scripts: Path) -> list[Job]:
             *config.diagnosis,
             f"output={folder}",
         )
-        jobs.append(Job(f"diagnosis, {car}", folder, (str(scripts / "diagnose.py"), *options)))
+        command = (str(scripts / "diagnose.py"), *options)
+        jobs.append(Job(f"diagnosis, {car}", folder, command, (config.simulator,)))
     return jobs
 
 
@@ -41,7 +42,8 @@ def models(config: TransferConfig, scripts: Path) -> list[Job]:
             *config.model,
             f"output={folder}",
         )
-        jobs.append(Job(f"model, {car}", folder, (str(scripts / "train_models.py"), *options)))
+        command = (str(scripts / "train_models.py"), *options)
+        jobs.append(Job(f"model, {car}", folder, command, _files(config.model)))
     return jobs
 
 
@@ -64,10 +66,16 @@ def _training(config: TransferConfig, policy: Trained, scripts: Path) -> Job:
         ", ".join(str(part) for part in policy if part != ""),
         folder,
         (str(scripts / "train_policy.py"), *options),
+        (*_files(config.policy), config.made_from(policy.arm, policy.car)),
         config.steps,
         CHECKPOINT,
         partial(share_trained, folder, config.steps),
     )
+
+
+def _files(options: list[str]) -> tuple[str, ...]:
+    """Those of a script's options that are files."""
+    return tuple(option for option in options if option.endswith((".yaml", ".yml")))
 
 
 def share_trained(folder: Path, steps: int) -> float:

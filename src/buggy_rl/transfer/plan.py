@@ -110,10 +110,10 @@ class TransferConfig:
         """Folder of a car."""
         return Path(self.output) / "cars" / name
 
-    def fitted(self, arm: str, car: str) -> str:
-        """The one MuJoCo that an arm's simulator is made from."""
-        repaired = self.car(car) / "diagnosis" / "repaired.yaml"
-        return str(repaired) if arm == "repaired" else self.simulator
+    def made_from(self, arm: str, car: str) -> str:
+        """File of the one car that an arm's simulator is made from."""
+        own = {"repaired": "diagnosis/repaired.yaml", "learned": "learned/models/model.pt"}
+        return str(self.car(car) / own[arm]) if arm in own else self.simulator
 
     def factory(self, arm: str, car: str) -> Path | None:
         """File of the simulator in which an arm's cars differ; None where they are all alike."""
@@ -123,10 +123,8 @@ class TransferConfig:
 
     def simulator_of(self, arm: str, car: str) -> str:
         """What an arm's policies are trained in."""
-        if arm == "learned":
-            return str(self.car(car) / "learned" / "models" / "model.pt")
         factory = self.factory(arm, car)
-        return self.fitted(arm, car) if factory is None else f"{factory}:make"
+        return self.made_from(arm, car) if factory is None else f"{factory}:make"
 
     def places(self) -> list[tuple[str, str]]:
         """Every arm, and the car that it is for; those of no car, empty, first."""

@@ -37,7 +37,7 @@ def worked(jobs: Sequence[Job], workers: int, look: float = LOOK) -> Iterator[tu
                 if process.returncode:
                     failed.append(f"{job.name}: {job.last_words()}")
                 else:
-                    job.note(done=True)
+                    job.finish()
                 yield job, 1.0
     finally:
         for _, process in running.values():
