@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+ROUNDING = 1e-9  # of a bound: a file says 0.1218 where 1.4 x 0.087 is 0.12179999999999998
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -17,8 +19,9 @@ class Parameter:
     """One sentence in plain words."""
 
     def __post_init__(self) -> None:
-        if not self.lower <= self.value <= self.upper:
+        slack = ROUNDING * max(abs(self.lower), abs(self.upper))
+        if not self.lower - slack <= self.value <= self.upper + slack:
             raise ValueError(
                 f"parameter {self.name!r} is {self.value} {self.unit}, outside its range "
-                f"[{self.lower}, {self.upper}]: correct the value or widen the range"
+                f"[{self.lower:.6g}, {self.upper:.6g}]: correct the value or widen the range"
             )
