@@ -13,7 +13,9 @@ def axle(value: float) -> Parameter:
 
 @pytest.mark.parametrize("value", [0.0522, 0.087, 0.1218])
 def test_a_bound_that_was_rounded_in_a_file_is_within_the_range(value):
-    assert axle(value).value == value
+    read = axle(value)
+    assert read.lower <= read.value <= read.upper
+    assert read.value == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize("value", [0.0521, 0.05219999, 0.12180001, 0.1219, float("nan")])

@@ -25,3 +25,5 @@ class Parameter:
                 f"parameter {self.name!r} is {self.value} {self.unit}, outside its range "
                 f"[{self.lower:.6g}, {self.upper:.6g}]: correct the value or widen the range"
             )
+        # On the bound, not beyond it: what fits from here wants a start within the range.
+        object.__setattr__(self, "value", min(max(self.value, self.lower), self.upper))
