@@ -88,7 +88,7 @@ def _about(config: ProofConfig, command: str, opened: int) -> str:
         "answers are published before the diagnosis, a process of its own, sees the drives. "
         f"Nothing on this page is written by hand. {times} Intervals are 95 %: Wilson's of "
         "shares, a bootstrap's of medians. A case is decidable when the true effect, fitted to the "
-        "same drives, beats every other single effect by 10 nats."
+        "same drives, beats every other single effect by 10 nats. What misses its target is bold."
     )
 
 
