@@ -56,6 +56,10 @@ def test_a_case_is_settled_when_nothing_is_left_to_do_and_once(vault, tmp_path):
     assert ledger.open([CASE, OTHER]) == [CASE, OTHER]
     write_json(vault.weighed(CASE.id), WEIGHED)
     assert ledger.settle(vault) == 0  # other methods have not answered
+    answered(vault, CASE)  # asked anew: what was weighed was another answer
+    assert not vault.is_weighed(CASE.id)
+    assert ledger.settle(vault, compared=False) == 0
+    write_json(vault.weighed(CASE.id), WEIGHED)
     assert ledger.settle(vault, compared=False) == 1
     assert ledger.settle(vault, compared=False) == 0
     assert ledger.open([CASE, OTHER]) == [OTHER]

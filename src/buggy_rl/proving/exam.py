@@ -40,9 +40,9 @@ class Examiner:
         pool = ThreadPoolExecutor(self.workers)
         try:
             for future in as_completed([pool.submit(self.ask, *folders) for folders in open_]):
-                outcome = future.result()
-                if outcome is not None:
-                    yield outcome
+                come = future.result()
+                if come is not None:
+                    yield come
         finally:
             self._stopped = True
             pool.shutdown(wait=False, cancel_futures=True)
@@ -77,18 +77,23 @@ class Examiner:
                 self._running.discard(process)
         if self._stopped:
             return None
-        outcome = {
+        come = {
             "status": status,
             "seconds": round(time.monotonic() - begun, 1),
             "last_words": (said / "log.txt").read_text(errors="replace")[-TAIL:],
         }
-        write_json(said / "outcome.json", outcome)
-        return outcome
+        write_json(outcome_file(said), come)
+        return come
+
+
+def outcome_file(said: Path) -> Path:
+    """File that tells how asking ended, beside the answer."""
+    return said / "outcome.json"
 
 
 def finished(said: Path) -> bool:
     """Whether a case has an outcome."""
-    return (said / "outcome.json").exists()
+    return outcome_file(said).exists()
 
 
 def write_json(file: Path, content: object) -> None:

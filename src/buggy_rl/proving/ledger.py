@@ -90,7 +90,7 @@ def whole(vault: Vault, case: Case, compared: bool = True) -> bool:
     asked_again = asked_for(vault, case) is None or finished(vault.said(again(case)))
     return (
         finished(vault.said(case.id))
-        and vault.weighed(case.id).exists()
+        and vault.is_weighed(case.id)
         and asked_again
         and not (compared and missing(vault, case))
     )

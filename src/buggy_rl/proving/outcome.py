@@ -9,6 +9,7 @@ from buggy_rl.proving import baselines
 from buggy_rl.proving.again import again
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.equivalents import error, expected
+from buggy_rl.proving.exam import finished, outcome_file
 from buggy_rl.proving.names import alike, meant
 from buggy_rl.proving.sealing import Vault
 
@@ -138,12 +139,12 @@ def gathered(vault: Vault) -> dict[str, list[Outcome]]:
     found: dict[str, list[Outcome]] = {OURS: []}
     for case in vault.cases():
         folder = vault.said(case.id)
-        if (folder / "outcome.json").exists():
-            about = json.loads((folder / "outcome.json").read_text())
+        if finished(folder):
+            about = json.loads(outcome_file(folder).read_text())
             answer, weighed = {}, {}
             if about["status"] == "answered":
                 answer = json.loads((folder / "diagnosis.json").read_text())
-            if vault.weighed(case.id).exists():
+            if vault.is_weighed(case.id):
                 weighed = json.loads(vault.weighed(case.id).read_text())
             own = outcome(case, about, answer, weighed)
             found[OURS].append(replace(own, decided=_decided(vault, case)))
@@ -159,9 +160,9 @@ def gathered(vault: Vault) -> dict[str, list[Outcome]]:
 
 def _decided(vault: Vault, case: Case) -> bool | None:
     folder = vault.said(again(case))
-    if not (folder / "outcome.json").exists():
+    if not finished(folder):
         return None
-    about, answer = json.loads((folder / "outcome.json").read_text()), {}
+    about, answer = json.loads(outcome_file(folder).read_text()), {}
     if about["status"] == "answered":
         answer = json.loads((folder / "diagnosis.json").read_text())
     second = outcome(case, about, answer, {})

@@ -98,9 +98,7 @@ def unanswered(vault: Vault, ids: Sequence[str]) -> list[tuple[Path, Path]]:
 def unweighed(vault: Vault, cases: Sequence[Case]) -> list[Case]:
     """Answered cases to which the true structure is still to be fitted."""
     return [
-        case
-        for case in cases
-        if finished(vault.said(case.id)) and not vault.weighed(case.id).exists()
+        case for case in cases if finished(vault.said(case.id)) and not vault.is_weighed(case.id)
     ]
 
 

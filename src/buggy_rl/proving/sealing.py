@@ -16,6 +16,7 @@ from pathlib import Path
 import yaml
 
 from buggy_rl.proving.case import Case
+from buggy_rl.proving.exam import outcome_file
 from buggy_rl.proving.measuring import measured
 from buggy_rl.proving.motion import Motion, moved
 from buggy_rl.proving.question import MODEL, prepared_name, question, simulator_content
@@ -52,6 +53,11 @@ class Vault:
     def weighed(self, id_: str) -> Path:
         """What could be known of a case: tells the answer, so it lies with what is sealed."""
         return self.sealed / "weighed" / f"{id_}.json"
+
+    def is_weighed(self, id_: str) -> bool:
+        """Whether the answer that is there has been weighed; an earlier one's weighing is none."""
+        file, said = self.weighed(id_), outcome_file(self.said(id_))
+        return file.exists() and file.stat().st_mtime_ns >= said.stat().st_mtime_ns
 
     @property
     def prepared(self) -> Path:
