@@ -128,6 +128,16 @@ def test_it_is_strict_json_and_what_is_no_number_is_null():
     assert content["fit"]["position_mse"]["black_box"] == {"1 s": None}
 
 
+def test_a_lookalike_is_said_to_be_one():
+    [named] = an_answer().effects
+    alike = replace(named, varies_with="vx", confidence=0.3)
+    lines = an_answer(verdict="unknown_physics", effects=[alike]).lines()
+    assert lines[0].startswith("Something is missing that is not in the library, and resembles")
+    assert "it changes with speed: rather a lookalike" in lines[2]
+    other = an_answer(verdict="unknown_physics", effects=[alike, named]).lines()
+    assert other[0].startswith("Part of what is missing has a name")
+
+
 @pytest.mark.parametrize(
     "verdict",
     ["missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"],

@@ -5,11 +5,15 @@ import torch
 
 from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.constancy import Varying
 from buggy_rl.diagnosis.search import Found, Search
 
 
-def _candidate(causes, excess):
-    return SimpleNamespace(causes=causes, held_out=torch.full((4,), (1 + excess) ** 2))
+def _candidate(causes, *excesses):
+    """Leaves an excess over the noise in each of four stretches, or the same one in all."""
+    root = 1 + torch.tensor(excesses).expand(4)
+    white = SimpleNamespace(white=root.unsqueeze(-1).expand(4, 6))
+    return SimpleNamespace(causes=causes, held_out=root.square(), fitted=white)
 
 
 @pytest.fixture
@@ -33,17 +37,17 @@ class _Search:
 
 def test_a_small_second_cause_is_no_surer_for_closing_much_of_a_small_rest(found):
     closed = {cause: found.closed(cause) / 5.0 for cause in found.best.causes}
-    sure = confidences(_Search(), found, closed, 0.4 / 5.0)
+    sure = confidences(_Search(), found, closed, 0.4 / 5.0, dict.fromkeys(closed, Varying()))
     assert sure["large"].sure > 0.9
     assert sure["small"].sure < 0.5
 
 
-def _rivalry(own, its, gap=5.0):
+def _rivalry(own, its, gap=5.0, changing=Varying()):  # noqa: B008  frozen
     """How sure a cause is that leaves `own` of a gap where a rival leaves `its`."""
     tried = {(): _candidate((), gap), ("a",): _candidate(("a",), own)}
     tried["b",] = _candidate(("b",), its)
     found = Found(tried[()], tried["a",], tried)
-    return confidences(_Search(), found, {"a": 1.0}, 0.0)["a"]
+    return confidences(_Search(), found, {"a": 1.0}, 0.0, {"a": changing})["a"]
 
 
 def test_a_rival_that_leaves_little_more_than_the_best_is_not_ruled_out():
@@ -88,3 +92,22 @@ def test_the_smallest_goes_first_and_the_others_are_looked_at_again_without_it()
     sizes = {(): 5.0, ("a",): 1.2, ("b",): 2.0, ("c",): 4.9, ("a", "b"): 0.5, ("a", "c"): 1.1,
              ("b", "c"): 1.9, ("a", "b", "c"): 0.4}  # fmt: skip
     assert _left_of(sizes) == ("a", "b")
+
+
+def test_a_name_whose_number_changes_with_how_one_drives_is_not_sure_and_says_with_what():
+    assert _rivalry(0.2, 2.0).varies == ""
+    found = _rivalry(0.2, 2.0, changing=Varying("vx", 0.5, 300.0))
+    assert found.sure < 0.1
+    assert found.varies == "vx"
+
+
+def test_a_rival_is_ruled_out_where_the_two_differ_however_much_else_was_driven():
+    # Of four stretches one was driven to decide; the rest would be the same with both.
+    tried = {(): _candidate((), 8.0), ("a",): _candidate(("a",), 0.5, 0.5, 0.5, 0.0)}
+    tried["b",] = _candidate(("b",), 0.5, 0.5, 0.5, 0.8)
+    found = Found(tried[()], tried["a",], tried)
+    decided = confidences(_Search(), found, {"a": 1.0}, 0.0, {"a": Varying()})["a"]
+    assert decided.sure > 0.95
+    tried["b",] = _candidate(("b",), 0.55, 0.55, 0.55, 0.0)
+    undecided = confidences(_Search(), found, {"a": 1.0}, 0.0, {"a": Varying()})["a"]
+    assert set(undecided.rivals) == {"b"}

@@ -298,6 +298,14 @@ def test_a_value_at_its_bound_is_no_more_than_a_hint(diagnosis):
     assert "end of its range" not in Page(causes.named(case.library, said.effects)).text
 
 
+def test_a_name_whose_numbers_are_not_the_same_everywhere_is_said_to_be_a_lookalike(diagnosis):
+    case, _, _, said = diagnosis
+    lookalike = replace(said.effects[0], varies_with="abs_steering")
+    text = Page(causes.named(case.library, [lookalike])).text
+    assert "they change with how far is steered" in text
+    assert "resembles" not in Page(causes.named(case.library, said.effects)).text
+
+
 def test_a_simulator_that_gives_no_numbers_is_drawn_as_far_as_it_goes(diagnosis):
     case, search, found, said = diagnosis
 

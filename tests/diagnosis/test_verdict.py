@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from buggy_rl.diagnosis.adequacy import Remaining, Usual
@@ -14,6 +16,9 @@ def rest(excess=0.0, share=0.0):
 
 
 GRIP = cause("parameter:grip_front", "parameter")
+
+
+LOOKALIKE = replace(cause(sure=0.3), varies_with="vx")
 
 
 @pytest.mark.parametrize(
@@ -36,6 +41,9 @@ GRIP = cause("parameter:grip_front", "parameter")
         # A second cause that has a rival does not put the first in doubt.
         (1.0, rest(0.0), [cause(), cause("wind", "motion", 0.6, floor_slope=0.4)],
          "missing_physics"),
+        # Names that only resemble what is missing are none, however little remains.
+        (1.0, rest(0.0), [LOOKALIKE], "unknown_physics"),
+        (1.0, rest(0.0), [LOOKALIKE, cause()], "missing_physics"),
     ],
 )  # fmt: skip
 def test_verdicts(given, left, named, verdict):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from buggy_rl.diagnosis.adequacy import Remaining
+from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.locate import Located
 from buggy_rl.effects import effect_class
 
@@ -44,6 +45,8 @@ class Named:
     """Rivals and how probable they are instead."""
     at_bound: tuple[str, ...] = ()
     """Parameters that lie at the end of their range."""
+    varies_with: str = ""
+    """Condition with which its parameters change: then it is rather a lookalike."""
 
     @property
     def sound(self) -> float:
@@ -172,6 +175,8 @@ class Answer:
         for e in self.effects[:SPOKEN]:
             rivals = [f"{n} ({p:.0%})" for n, p in e.confused_with.items()]
             other = f"; could also be {', '.join(rivals)}" if rivals else ""
+            if e.varies_with:
+                other += f"; it changes with {WORDS[e.varies_with]}: rather a lookalike"
             sentence = e.sentence[:1].upper() + e.sentence[1:]
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
         if more := [e.name for e in self.effects[SPOKEN:]]:
@@ -198,7 +203,10 @@ class Answer:
             "cannot_tell": "These drives cannot tell for sure what is missing",
         }[self.verdict]
         share = self.remaining.share
-        if self.verdict == "unknown_physics" and self.effects:
+        if self.verdict == "unknown_physics" and all(e.varies_with for e in self.effects):
+            if self.effects:
+                first += ", and resembles what is named here"
+        elif self.verdict == "unknown_physics" and self.effects:
             first = f"Part of what is missing has a name, {share:.0%} has none"
         elif self.effects and share >= UNNAMED:
             first += f", and {share:.0%} of the gap has no name"
@@ -232,6 +240,7 @@ def _named(e: Named) -> dict[str, Any]:
         "held_out_gain": e.held_out_gain,
         "confused_with": [{"name": n, "confidence": c} for n, c in e.confused_with.items()],
         "at_bound": list(e.at_bound),
+        "varies_with": e.varies_with,
     }
 
 

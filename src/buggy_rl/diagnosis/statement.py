@@ -10,6 +10,7 @@ from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Tried, Value
 from buggy_rl.diagnosis.candidate import size
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
+from buggy_rl.diagnosis.constancy import varying
 from buggy_rl.diagnosis.excitation import suggestions, weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
@@ -49,7 +50,8 @@ def stated(
     given = before.square().mean(-1)
     first = misfit(given, given) - 1
     closed = {c: found.closed(c) / max(first, 1e-9) for c in found.best.causes}
-    sure = confidences(search, found, closed, rest.unclosed)
+    varies = {c: varying(search.fitter, found.best, found.null, search.group, c) for c in closed}
+    sure = confidences(search, found, closed, rest.unclosed, varies)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
@@ -97,6 +99,7 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         held_out_gain=found.closed(cause) / max(found.without(cause), 1e-9),
         confused_with=sure.rivals,
         at_bound=tuple(bound),
+        varies_with=sure.varies,
     )
 
 

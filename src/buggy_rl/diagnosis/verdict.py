@@ -27,6 +27,8 @@ def verdict_of(given: float, rest: Remaining, named: Sequence[Named], usual: Usu
     doubtful = max((n.sound for n in named), default=0.0) < UNDECIDED
     if not named or (doubtful and rest.share > SOUND):
         return "unknown_physics" if rest.excess > usual.most else "no_mismatch"
+    if all(n.varies_with for n in named):
+        return "unknown_physics"  # whatever it is, these names only resemble it
     if unsure or sum(named[0].confused_with.values()) > RIVALLED:
         return "cannot_tell"
     if all(n.kind == "parameter" for n in named):

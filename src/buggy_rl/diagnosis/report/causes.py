@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from buggy_rl.diagnosis.answer import Named
+from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.merit import NATS
 from buggy_rl.diagnosis.report import wording
@@ -83,7 +84,7 @@ def _effect(library: Library, effect: Named, retuned: bool) -> Markup:
         )
         for name, v in effect.parameters.items()
     ]
-    bound = [
+    warnings = [
         tag(
             "p",
             f"{wording.plain(p)} lies at the end of its range: take it as a hint.",
@@ -91,6 +92,12 @@ def _effect(library: Library, effect: Named, retuned: bool) -> Markup:
         )
         for p in effect.at_bound
     ]
+    if effect.varies_with:
+        changing = (
+            "Its numbers are not the same everywhere: they change with "
+            f"{WORDS[effect.varies_with]}. So it is rather something that resembles it."
+        )
+        warnings.append(tag("p", changing, of="warning"))
     said = effect.sentence[:1].upper() + effect.sentence[1:]
     share = wording.percent(effect.held_out_gain)
     closes = (
@@ -107,7 +114,7 @@ def _effect(library: Library, effect: Named, retuned: bool) -> Markup:
         tag("code", effect.equation, of="equation") if effect.equation else "",
         table(("", "found", "95% interval", "as given"), rows),
         tag("p", " ".join(numbers[name].meaning for name in effect.parameters), of="quiet"),
-        *bound,
+        *warnings,
         tag("p", closes),
         of="effect",
     )
