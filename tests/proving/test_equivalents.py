@@ -8,7 +8,7 @@ from buggy_rl import keys
 from buggy_rl.effects import effect_class
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.proving.case import Case
-from buggy_rl.proving.equivalents import REFERENCE, ROLLING_MASS, error, expected
+from buggy_rl.proving.equivalents import ROLLING_MASS, TABLES, error, expected
 from buggy_rl.proving.names import GROUPS, NEAR, SAME, alike, meant
 from buggy_rl.proving.plants import PLANTS, make_plant
 from buggy_rl.vehicle import CONTROL_PERIOD
@@ -52,7 +52,7 @@ def gained(plant, faults, speed, throttle):
 def test_what_the_textbook_and_the_car_have_in_common_is_left_alone():
     case = Case(1, "reference", "reference", concealed={"payload": {"mass_ratio": 1.3}})
     assert expected(case, "payload") == {"mass_ratio": 1.3}
-    for effect, numbers in REFERENCE.items():
+    for effect, numbers in TABLES["reference"].items():
         assert set(numbers) <= {p.name for p in effect_class(effect).parameters}
 
 

@@ -34,17 +34,8 @@ def _spinning(share: float) -> dict[str, dict[str, Equivalent]]:
 
 # Of the reference car. Shares of mass: wheels and rotor add 11.8 % to what a force has to move.
 ROLLING_MASS = 1.1176
-REFERENCE: dict[str, dict[str, Equivalent]] = {
-    **_spinning(1 / ROLLING_MASS),
-    "wind": {
-        name: Equivalent(_times(1 / ROLLING_MASS), "the push has to spin the wheels up too")
-        for name in ("force_x", "force_y")
-    },
-}
-
-
 TABLES: dict[str, Mapping[str, Mapping[str, Equivalent]]] = {
-    "reference": REFERENCE,
+    "reference": _spinning(1 / ROLLING_MASS),
     "mujoco": _spinning(0.92),  # their wheels and rotors, as the plants' docstrings have it
     "commonroad": _spinning(0.90),
 }

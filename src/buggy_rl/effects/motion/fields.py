@@ -15,6 +15,8 @@ from buggy_rl.effects.motion.base import Motion, MotionEffect
 from buggy_rl.vehicle import GRAVITY, rotate
 
 SIDE_AREA = 2.0  # side over front; the buggy is about twice as long as it is wide
+STREAM = 0.0068  # [1/m] rho c_d A / (2 m): 0.15 m x 0.12 m in front, c_d 1, 1.6 kg
+FAINT = 0.03  # [m/s^2] below which the wind's speed grows with its push, not with the root of it
 
 
 class FloorSlope(MotionEffect):
@@ -35,21 +37,26 @@ class FloorSlope(MotionEffect):
         return f"the floor slopes by {angle:.3g} degrees, down towards {down:.0f} degrees from x"
 
     def _change(self, motion: Motion) -> Tensor:
-        return _felt(motion, self._here("along_x"), self._here("along_y"), 1.0)
+        world = torch.stack([self._here("along_x"), self._here("along_y")], -1)
+        pull = rotate(world.expand(*motion.heading.shape, 2), -motion.heading)
+        change = motion.dt * motion.setting_off.unsqueeze(-1) * pull
+        return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
 
 
 class Wind(MotionEffect):
-    """A steady draught: it finds twice the area on the car's side that it finds on its front.
+    """A steady draught: what it adds to the air that the car drives through anyway.
 
-    That the car's own motion adds to the wind, and where on the side the wind presses, is left
-    out.
+    F(w) = c |w| (w_x, 2 w_y) of an air stream w past the car: it finds twice the area on the side
+    that it finds on the front. The wind W adds F(W - v) - F(-v), so it holds a car that drives
+    against it by the more, the faster that is. W is told by what it does to a standing car,
+    c (1 + 2) / 2 W^2, the mean of front and side. Where on the side the wind presses is left out.
     """
 
     name = "wind"
-    equation = "dv/dt = diag(1, 2) R(-yaw) (force_x, force_y) tanh(speed / 0.1 m/s)"
+    equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
     parameters = (
-        EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "On the front, world x.", 0.2, 0.03),
-        EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "On the front, world y.", 0.2, 0.03),
+        EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.2, 0.03),
+        EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.2, 0.03),
     )
 
     @classmethod
@@ -57,17 +64,21 @@ class Wind(MotionEffect):
         push = math.hypot(values["force_x"], values["force_y"])
         towards = math.degrees(math.atan2(values["force_y"], values["force_x"]))
         return (
-            f"wind towards {towards:.0f} degrees from x pushes the car by {push:.3g} m/s a second "
-            "lengthwise, twice that from the side"
+            f"wind towards {towards:.0f} degrees from x pushes a standing car by {push:.3g} m/s a "
+            "second, one that drives against it by more"
         )
 
     def _change(self, motion: Motion) -> Tensor:
-        return _felt(motion, self._here("force_x"), self._here("force_y"), SIDE_AREA)
+        force = torch.stack([self._here("force_x"), self._here("force_y")], -1)
+        size = (force.square().sum(-1, keepdim=True) + FAINT**2).sqrt()
+        wind = force / (0.5 * (1 + SIDE_AREA) * STREAM * size).sqrt()  # [m/s]
+        still = -motion.after[..., :2]
+        blown = still + rotate(wind.expand_as(still), -motion.heading)
+        change = motion.dt * motion.setting_off.unsqueeze(-1) * (_air(blown) - _air(still))
+        return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
 
 
-def _felt(motion: Motion, x: Tensor, y: Tensor, side: float) -> Tensor:
-    """Change [n, 3] of the velocity by a world-frame acceleration, `side` times as much across."""
-    world = torch.stack([x, y], -1).expand(*motion.heading.shape, 2)
-    ax, ay = rotate(world, -motion.heading).unbind(-1)
-    step = motion.dt * motion.setting_off
-    return torch.stack([ax * step, side * ay * step, torch.zeros_like(ax)], -1)
+def _air(stream: Tensor) -> Tensor:
+    """Acceleration [n, 2] by an air stream [n, 2] [m/s] past the car."""
+    flow = (stream.square().sum(-1, keepdim=True) + 1e-12).sqrt()  # differentiable at none
+    return STREAM * flow * stream * stream.new_tensor([1.0, SIDE_AREA])
