@@ -29,6 +29,19 @@ def test_a_simulator_foretells_its_own_drive(quiet):
     assert float(wrong.square().mean()) > 100 * float(gap.square().mean())
 
 
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [("steering_rate_limit", {"rate": 0.8}), ("steering_lag", {"time_constant": 0.5})],
+)
+def test_what_a_slow_servo_was_told_long_before_a_stretch_is_known(effect, value):
+    # From lock to lock it takes longer than the warm-up: begun there, it would be on its way still.
+    [drives] = planted_drives([{effect: value}], 1, 6.0, quality=QUIET)
+    cut = stretches(drives, 1.0, 1.0)
+    values = {effect: {name: torch.tensor([number]) for name, number in value.items()}}
+    gap = Player(single_track).play(cut, values)
+    assert float(gap[:, 1:, :, 5].abs().max()) < 0.15  # [rad/s]
+
+
 def test_each_set_is_a_row_as_if_it_were_alone(quiet):
     player = Player(single_track)
     both = player.play(quiet[0], sets(0.8, 1.2), {"mass": torch.tensor([1.5, 2.0])})

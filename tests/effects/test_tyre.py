@@ -187,6 +187,20 @@ def test_a_patch_is_slippery_inside_only():
     assert float(near[2]) < 0.8 * float(far[2])
 
 
+def test_only_the_axle_that_stands_on_a_patch_slides():
+    # The sensor is at the origin, the axles 0.06 m before and 0.11 m behind it; the edge of the
+    # patch lies between. A car that slides to the left is pushed to the right by both axles.
+    def turned(x):
+        patch = {"x": x, "y": 0.0, "radius": 2.0, "grip": 0.3}
+        env = over([make_effect("grip_patch", patch)], "single_track")
+        state = follow(env, start(env, (2.0, 1.0, 0.0)), torch.tensor([[-1.0, 0.0]]))[-1]
+        return float(state[keys.VELOCITY][2])
+
+    neither = turned(10.0)
+    assert turned(2.0) > neither + 0.05  # the front one holds less: the tail is pushed to the right
+    assert turned(-2.05) < neither - 0.05
+
+
 def test_the_tyre_law_its_inverse_and_its_slope_belong_together():
     shape, slip = torch.tensor(1.2), torch.linspace(0.05, 2.0, 20, dtype=torch.float64)
     use = law(slip, shape)

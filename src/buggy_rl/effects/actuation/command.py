@@ -48,7 +48,8 @@ class RememberingCommand(CommandEffect):
     """
 
     lasting: ClassVar[bool] = False
-    """Whether what was told seconds ago still matters, as it does where there is play."""
+    """Whether what was told seconds ago still matters: where there is play, on a long way of a slow
+    servo, after a long lag."""
 
     @property
     def size(self) -> int:

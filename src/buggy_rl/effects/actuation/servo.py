@@ -55,6 +55,7 @@ class SteeringRateLimit(ServoEffect):
     r + m - m |m| / (2 rate dt).
     """
 
+    lasting = True
     name = "steering_rate_limit"
     equation = "|du'/dt| <= rate"
     parameters = (

@@ -48,6 +48,7 @@ class Lag(RememberingCommand):
     """
 
     equation = "time_constant du'/dt = u - u'"
+    lasting = True
 
     def _values_changed(self) -> None:
         lag = self._here("time_constant").clamp_min(SHORTEST_LAG)

@@ -87,7 +87,7 @@ class GripBalance(TyreEffect):
 
 
 class GripPatch(TyreEffect):
-    """A slippery place: `tire_grip` inside of a circle, with an edge of some centimetres."""
+    """A slippery place: `tire_grip` of an axle inside of a circle, with an edge of centimetres."""
 
     name = "grip_patch"
     equation = "tire_grip within radius of (x, y)"
@@ -107,8 +107,15 @@ class GripPatch(TyreEffect):
         )
 
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        away = motion.pose[..., :2] - torch.stack([self._here("x"), self._here("y")], -1)
+        d = self.dimensions
+        ahead = torch.stack([torch.cos(motion.heading), torch.sin(motion.heading)], -1)
+        front, behind = d.cg_to_front_axle - d.sensor_to_cg, d.cg_to_rear_axle + d.sensor_to_cg
+        place = motion.pose[..., :2]
+        return self._grip_at(place + front * ahead), self._grip_at(place - behind * ahead)
+
+    def _grip_at(self, place: Tensor) -> Tensor:
+        """Share of the friction [n] that an axle has at a place [n, 2]."""
+        away = place - torch.stack([self._here("x"), self._here("y")], -1)
         distance = (away.square().sum(-1) + 1e-12).sqrt()
         inside = torch.sigmoid((self._here("radius") - distance) / EDGE)
-        grip = 1 + (self._here("grip").clamp_min(1e-2) - 1) * inside
-        return grip, grip
+        return 1 + (self._here("grip").clamp_min(1e-2) - 1) * inside
