@@ -1,7 +1,13 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.stretches import SMOOTHING, sensor_noise, stretches
+from buggy_rl.diagnosis.stretches import (
+    SMOOTHING,
+    colour,
+    sensor_noise,
+    start_noise,
+    stretches,
+)
 from buggy_rl.evaluation import WARM_UP
 from tests.drives import counting_drive, toy_drive
 
@@ -62,6 +68,37 @@ def test_the_noise_of_the_sensor_is_estimated_within_10_percent():
         drive.data["velocity"] += noise[:, 3:]
     found = sensor_noise(stretches(drives, 1.0, 0.5))
     torch.testing.assert_close(found, deviation, rtol=0.1, atol=0)
+
+
+def coloured(rho: float, seed: int, rows: int = 4000) -> torch.Tensor:
+    """[rows, 6] of variance 1, correlated by rho from row to row."""
+    fresh = torch.randn(rows, 6, generator=torch.Generator().manual_seed(seed))
+    noise = [fresh[0]]
+    for row in fresh[1:]:
+        noise.append(rho * noise[-1] + (1 - rho**2) ** 0.5 * row)
+    return torch.stack(noise)
+
+
+@pytest.mark.parametrize(("rho", "off"), [(0.0, 0.1), (0.6, 0.15), (0.9, 0.3)])
+def test_noise_whose_rows_go_together_is_not_taken_for_less(rho, off):
+    # White noise would be told within a few percent; of rho 0.9 a parabola leaves 12 % only.
+    deviation = torch.tensor([0.002, 0.003, 0.004, 0.02, 0.03, 0.05])
+    drive = counting_drive("a", 4000)
+    noise = coloured(rho, 3) * deviation
+    drive.data["pose"], drive.data["velocity"] = noise[:, :3], noise[:, 3:]
+    cut = stretches([drive], 1.0, 1.31)
+    assert colour(cut) == pytest.approx(rho, abs=0.12)
+    torch.testing.assert_close(sensor_noise(cut), deviation, rtol=off, atol=0)
+    smooth = torch.cat([cut.smooth_pose, cut.smooth_velocity], -1).flatten(0, 1)
+    torch.testing.assert_close(start_noise(cut), smooth.std(0), rtol=off, atol=0)
+
+
+def test_a_car_that_moves_fast_in_some_channels_is_no_coloured_noise():
+    drive = counting_drive("a", 4000)
+    noise = coloured(0.0, 3)
+    noise[:, 4:] += 10 * coloured(0.95, 4)[:, 4:]
+    drive.data["pose"], drive.data["velocity"] = noise[:, :3], noise[:, 3:]
+    assert colour(stretches([drive], 1.0, 1.31)) == 0.0
 
 
 def test_a_sensor_without_noise_is_taken_to_round():

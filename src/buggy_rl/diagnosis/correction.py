@@ -15,7 +15,7 @@ from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.evidence import BLOCK, blocks
 from buggy_rl.diagnosis.likelihood import HEAVY, Likelihood, likelihood
 from buggy_rl.diagnosis.rollouts import Player, explained
-from buggy_rl.diagnosis.stretches import START_SHARE, Stretches, sensor_noise
+from buggy_rl.diagnosis.stretches import Stretches, sensor_noise, start_noise
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
 from buggy_rl.evaluation import WARM_UP
@@ -83,7 +83,7 @@ def _flat(gap: Tensor) -> Tensor:
 def sensed_covariance(player: Player, cut: Stretches) -> Tensor:
     """[D, D] mean over stretches of the sensor's noise and of the error of the start."""
     noise = sensor_noise(cut)
-    shift = torch.cat([torch.zeros(1, 6), torch.diag(START_SHARE * noise)])
+    shift = torch.cat([torch.zeros(1, 6), torch.diag(start_noise(cut))])
     gap = player.play(cut, {}, shift=shift).double()  # (7, N, K, 6)
     slopes = (gap[1:] - gap[:1]).flatten(2).movedim(0, -1).nan_to_num(0.0).clamp(-10, 10)
     spread = (slopes @ slopes.mT).mean(0)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.rollouts import Player, Values
-from buggy_rl.diagnosis.stretches import START_SHARE, Stretches, sensor_noise
+from buggy_rl.diagnosis.stretches import Stretches, sensor_noise, start_noise
 
 Settings = tuple[Values, Mapping[str, Tensor], Tensor]
 HEAVY = 4.0  # a stretch this many times worse than expected begins to count for less
@@ -71,8 +71,7 @@ def likelihood(
         extra: [D, D] covariance of what the simulator gets wrong where it is right.
     """
     noise = sensor_noise(cut)
-    start = START_SHARE * noise  # (6,)
-    shift = torch.cat([torch.zeros(1, 6), torch.diag(start)])
+    shift = torch.cat([torch.zeros(1, 6), torch.diag(start_noise(cut))])
     effects, parameters, offset = settings or ({}, {}, torch.zeros(1))
     many = {e: {p: v.expand(7) for p, v in ps.items()} for e, ps in effects.items()}
     own = {name: v.expand(7) for name, v in parameters.items()}

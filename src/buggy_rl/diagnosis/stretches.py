@@ -1,9 +1,13 @@
 """What drives are compared by: stretches of about a second, and how noisily they were measured."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
+import numpy as np
 import torch
+from scipy.signal import savgol_coeffs
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -16,6 +20,9 @@ from buggy_rl.vehicle import rotate
 AHEAD = 30  # rows known beyond a stretch's start, for sensors that report late
 EARLIER = 300  # rows before a stretch that tell where play in a linkage lies
 SMOOTHING = 15  # rows of the parabola through what was measured: keeps what a car can do
+# Correlations of noise that are told apart: what lasts longer than 2/3 of the parabola looks alike.
+COLOURS = tuple(math.exp(-1.5 * k / SMOOTHING) for k in (math.inf, *np.geomspace(20, 1, 40)))
+FAINT = 0.3  # and what is less than this may be the car
 
 
 @dataclass(frozen=True)
@@ -118,16 +125,59 @@ def _smoothed(recording: Recording) -> Recording:
 
 
 def sensor_noise(cut: Stretches) -> Tensor:
-    """Standard deviation [6] of x, y, yaw, vx, vy, yaw_rate from row to row.
+    """Standard deviation [6] of x, y, yaw, vx, vy, yaw_rate of a row.
 
     What a parabola over `SMOOTHING` rows leaves, in the median over the rows, and made up for the
-    share of white noise that such a parabola follows.
+    share of the noise that such a parabola follows.
     """
-    rest = torch.cat([cut.pose - cut.smooth_pose, cut.velocity - cut.smooth_velocity], -1)
-    spread = 1.4826 * rest.flatten(0, 1).abs().median(0).values
-    followed = 9 / (4 * SMOOTHING)  # variance of the parabola's middle over that of a row
+    spread = 1.4826 * _rest(cut).flatten(0, 1).abs().median(0).values
     floor = torch.tensor([1e-4, 1e-4, 3e-4, 1e-3, 1e-3, 1e-3])  # [m, rad, m/s, rad/s] rounding
-    return torch.maximum(spread / (1 - followed) ** 0.5, floor)
+    return torch.maximum(spread / followed(colour(cut)).left ** 0.5, floor)
 
 
-START_SHARE = (9 / (4 * SMOOTHING)) ** 0.5  # sd of a smoothed row over that of a measured one
+def start_noise(cut: Stretches) -> Tensor:
+    """Standard deviation [6] of a smoothed row, from which a rollout starts."""
+    return followed(colour(cut)).kept ** 0.5 * sensor_noise(cut)
+
+
+def colour(cut: Stretches) -> float:
+    """Correlation rho of the noise from row to row, the same in all channels; 0 for white noise.
+
+    By how often two rows that follow one another lie on the same side of their parabolas: of
+    Gaussian noise P = 1/2 + asin(r) / pi. Of the channels the middle one counts, since in some
+    the car itself moves faster than a parabola; and `FAINT` colour is taken for none.
+    """
+    rest = _rest(cut)
+    same = ((rest[:, 1:] * rest[:, :-1]) > 0).double().mean((0, 1))  # (6,)
+    seen = float(torch.sin(torch.pi * (same - 0.5)).median())
+    rho = float(np.interp(seen, [followed(r).along for r in COLOURS], COLOURS))
+    return rho if rho >= FAINT else 0.0
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a parabola over `SMOOTHING` rows makes of noise of variance 1."""
+
+    kept: float
+    """Variance of the parabola's middle."""
+    left: float
+    """Variance of what it leaves."""
+    along: float
+    """Correlation of what it leaves from row to row."""
+
+
+@cache
+def followed(rho: float) -> Followed:
+    """Of noise whose rows are correlated by rho^|lag|."""
+    middle = savgol_coeffs(SMOOTHING, 2)
+    rest = -middle
+    rest[SMOOTHING // 2] += 1.0
+    lag = np.subtract.outer(np.arange(SMOOTHING), np.arange(SMOOTHING))
+    now, next_ = (float(rho) ** np.abs(lag - shift) for shift in (0, 1))
+    left = float(rest @ now @ rest)
+    return Followed(float(middle @ now @ middle), left, float(rest @ next_ @ rest) / left)
+
+
+def _rest(cut: Stretches) -> Tensor:
+    """[N, L, 6] measured less smoothed."""
+    return torch.cat([cut.pose - cut.smooth_pose, cut.velocity - cut.smooth_velocity], -1)
