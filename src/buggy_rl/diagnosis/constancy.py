@@ -102,7 +102,8 @@ def varying(fitter: Fitter, best: Candidate, null: Candidate, group: Tensor, cau
 def _held_out(fitter: Fitter, best: Candidate, group: Tensor, more: Tensor) -> Tensor:
     """[N] |W e|^2 with further columns [N, D, Q], when a stretch's block was held out."""
     fitted = best.fitted
-    columns = torch.cat([fitted.slopes, more], -1)  # type: ignore[list-item]
+    assert fitted.slopes is not None
+    columns = torch.cat([fitted.slopes, more], -1)
     weight = fitter.likelihood.weight(fitted.square, fitter.temper) / fitter.temper
     curve = torch.einsum("ndp,ndq,n->npq", columns, columns, weight)
     score = torch.einsum("ndp,nd,n->np", columns, fitted.white, weight)
