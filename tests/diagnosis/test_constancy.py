@@ -20,13 +20,16 @@ def fits():
     return [fitter(drives) for drives in planted_drives(DRAGS)]
 
 
-def changing(fit: Fitter, cause: str) -> Varying:
+def explained(fit: Fitter, cause: str) -> list[Candidate]:
+    """The simulator as given, and with a cause."""
     group = blocks(fit.cut)
-    null, best = (
-        Candidate(fitted, evidence(fit, fitted, group))
-        for fitted in fit.fit([fit.start(()), fit.start([cause])])
-    )
-    return varying(fit, best, null, group, cause)
+    fitted = fit.fit([fit.start(()), fit.start([cause])])
+    return [Candidate(each, evidence(fit, each, group)) for each in fitted]
+
+
+def changing(fit: Fitter, cause: str) -> Varying:
+    null, best = explained(fit, cause)
+    return varying(fit, best, null, blocks(fit.cut), cause)
 
 
 def test_the_number_of_what_is_there_is_one_number(fits):
@@ -43,13 +46,9 @@ def test_the_number_of_a_lookalike_changes_with_how_one_drives(fits):
 
 def test_nothing_is_rolled_out_for_it(fits, monkeypatch):
     fit = fits[1]
-    group = blocks(fit.cut)
-    null, best = (
-        Candidate(fitted, evidence(fit, fitted, group))
-        for fitted in fit.fit([fit.start(()), fit.start(["viscous_drag"])])
-    )
+    null, best = explained(fit, "viscous_drag")
     monkeypatch.setattr(fit, "evaluate", None)
-    assert varying(fit, best, null, group, "viscous_drag").nats > 0
+    assert varying(fit, best, null, blocks(fit.cut), "viscous_drag").nats > 0
 
 
 def test_conditions_are_counted_about_their_median(fits):

@@ -1,8 +1,8 @@
 """Is the number of a named cause one number? That of a lookalike changes with how one drives.
 
-What the library has no equation for is closed in part by one that resembles it: play that grows
-with the steering's speed passes for play, a car that steers by leaning for a steering gain. But the
-number that fits best is then another at another speed. Structural change of a regression's
+What the library has no equation for is closed in part by one that resembles it: a servo that sticks
+passes for play, a car that steers by leaning for a steering gain. But the number that fits best is
+then another at another speed. Structural change of a regression's
 coefficients is an old test of its form (Chow 1960; Brown, Durbin, Evans 1975).
 """
 

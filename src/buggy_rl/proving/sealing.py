@@ -57,7 +57,9 @@ class Vault:
     def is_weighed(self, id_: str) -> bool:
         """Whether the answer that is there has been weighed; an earlier one's weighing is none."""
         file, said = self.weighed(id_), outcome_file(self.said(id_))
-        return file.exists() and file.stat().st_mtime_ns >= said.stat().st_mtime_ns
+        if not (file.exists() and said.exists()):
+            return False
+        return file.stat().st_mtime_ns >= said.stat().st_mtime_ns
 
     @property
     def prepared(self) -> Path:

@@ -38,9 +38,7 @@ class FloorSlope(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         world = torch.stack([self._here("along_x"), self._here("along_y")], -1)
-        pull = rotate(world.expand(*motion.heading.shape, 2), -motion.heading)
-        change = motion.dt * motion.setting_off.unsqueeze(-1) * pull
-        return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
+        return _pushed(motion, rotate(world.expand(*motion.heading.shape, 2), -motion.heading))
 
 
 class Wind(MotionEffect):
@@ -74,8 +72,13 @@ class Wind(MotionEffect):
         wind = force / (0.5 * (1 + SIDE_AREA) * STREAM * size).sqrt()  # [m/s]
         still = -motion.after[..., :2]
         blown = still + rotate(wind.expand_as(still), -motion.heading)
-        change = motion.dt * motion.setting_off.unsqueeze(-1) * (_air(blown) - _air(still))
-        return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
+        return _pushed(motion, _air(blown) - _air(still))
+
+
+def _pushed(motion: Motion, acceleration: Tensor) -> Tensor:
+    """Change [n, 3] of the velocity by an acceleration [n, 2] that does not turn the car."""
+    change = motion.dt * motion.setting_off.unsqueeze(-1) * acceleration
+    return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
 
 
 def _air(stream: Tensor) -> Tensor:
