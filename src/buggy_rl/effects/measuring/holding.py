@@ -13,6 +13,7 @@ from buggy_rl.vehicle import CONTROL_PERIOD
 Make = Callable[[int], EnvBase]
 
 SETTLING = 40  # steps in which delays and wheel speeds settle
+THROTTLES = (-1.0, 0.0)  # among which the one is looked for that keeps a speed
 
 
 def period(make: Make) -> float:
@@ -22,6 +23,14 @@ def period(make: Make) -> float:
 def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
     """Velocity [n, 3] a step after the velocities [n, 3] were held until delays have settled."""
     return next_velocities(make, held, throttle, 0.0, 0)[0]
+
+
+def keeping_throttle(make: Make, speed: float) -> float:
+    """Throttle with which the simulator, rolling straight ahead, loses and gains least."""
+    throttles = torch.linspace(*THROTTLES, 21)
+    held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
+    lost = (next_velocity(make, held, throttles)[:, 0] - speed).abs()
+    return float(throttles[int(lost.argmin())])
 
 
 @torch.no_grad()

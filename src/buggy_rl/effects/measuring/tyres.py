@@ -4,12 +4,16 @@ import numpy as np
 import torch
 from scipy.optimize import least_squares
 
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period
+from buggy_rl.effects.measuring.drive import measured_drive
+from buggy_rl.effects.measuring.holding import Make, keeping_throttle, next_velocity, period
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
 
 CORNERING_SPEED = 2.5  # [m/s] at which the tyres are measured
 SLIPS = 0.5  # [rad] the largest slip angle they are measured at
+SLIDES = 9  # of the 20 slips that are measured: those at which tyres slide, from 0.3 rad on
+PUSH = 0.4  # more throttle, for what driving wheels have left for the side
+LEAST_GAIN = 0.3  # [m/s^2] by that throttle, or nothing is learnt from it
 LEAST_USE = 0.2  # of its load with which any tyre pushes back that slides sideways
 # D, C / D and c of a tyre: wide enough for a plain factor and for a slope that never bends.
 TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
@@ -18,32 +22,27 @@ TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
 def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:
     """What a simulator's axles give sideways: F = D sin(c atan(C slip / (c D))) of their load.
 
-    The car slides straight ahead at an angle, so both axles have the same slip.
+    The car slides straight ahead at an angle, so both axles have the same slip, under a throttle
+    that would keep its speed: braked by its motor, it would lean on the front axle.
 
     Returns:
-        `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear.
+        `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear, and
+        `resistance`, as `TyreEffect` takes them.
 
     Raises:
         ValueError: The simulator's answer is not finite, or no tyre's.
     """
-    d = dimensions
-    angle = torch.linspace(-SLIPS, SLIPS, 41)
-    at_cg = torch.stack([torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)], -1)
-    at_cg[:, :2] *= CORNERING_SPEED
-    held = shift_velocity(at_cg, d.sensor_to_cg)
-    after = shift_velocity(next_velocity(make, held, -1.0), -d.sensor_to_cg)
-    dt = period(make)
-    motion = Motion(torch.zeros_like(held), at_cg, after, torch.zeros(len(held), 2), dt)
-    _, ay, yaw = motion.acceleration
-    share = torch.tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
-    spin = d.yaw_inertia / d.mass / d.wheelbase * yaw
-    force = ay.unsqueeze(-1) + torch.stack([spin, -spin], -1) / share  # (41, 2) over load share
-    force = 0.5 * (force.flip(0) - force)  # trim turns both sides alike
-    use = (force[21:] / GRAVITY).double().numpy()  # (20, 2) at slips to the left
+    d, dt = dimensions, period(make)
+    throttle = keeping_throttle(make, CORNERING_SPEED)
+    slip, use, gained = _slid(make, d, throttle)
+    _, pushed, more = _slid(make, d, throttle + PUSH)
+    share = np.array([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
+    coasting = np.array(measured_drive(make)["coasting"])
+    lost = float(coasting @ [1.0, CORNERING_SPEED])
+    resists = lost * _borne(use, pushed, np.array([gained, more]), share, lost)
     a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
     mobility = np.array([[1 + a * a / i, 1 - a * b / i], [1 - a * b / i, 1 + b * b / i]])
-    settling = 0.5 * dt * GRAVITY / CORNERING_SPEED * mobility * share.double().numpy()
-    slip = angle[21:].double().numpy()
+    settling = 0.5 * dt * GRAVITY / CORNERING_SPEED * mobility * share
     laws = [_law_of(slip, use[:, axle]) for axle in (0, 1)]
     for _ in range(3):  # what the slip settles within the step depends on the law
         slopes = np.stack([_slope(slip, *laws[axle]) for axle in (0, 1)], -1)  # (20, 2)
@@ -54,7 +53,57 @@ def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[
         "friction": np.round(friction, 4).tolist(),
         "stiffness": np.round(friction * ratio, 4).tolist(),
         "shape": np.round(shape, 4).tolist(),
+        "resistance": np.round(resists / lost * coasting if resists else [0.0, 0.0], 4).tolist(),
     }
+
+
+def _slid(
+    make: Make, d: VehicleDimensions, throttle: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Slips [20] [rad], each axle's force over its load at them [20, 2], acceleration [m/s^2]."""
+    angle = torch.linspace(-SLIPS, SLIPS, 41)
+    at_cg = torch.stack([torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)], -1)
+    at_cg[:, :2] *= CORNERING_SPEED
+    held = shift_velocity(at_cg, d.sensor_to_cg)
+    after = shift_velocity(next_velocity(make, held, throttle), -d.sensor_to_cg)
+    motion = Motion(torch.zeros_like(held), at_cg, after, torch.zeros(len(held), 2), period(make))
+    ax, ay, yaw = motion.acceleration
+    share = torch.tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
+    spin = d.yaw_inertia / d.mass / d.wheelbase * yaw
+    force = ay.unsqueeze(-1) + torch.stack([spin, -spin], -1) / share  # (41, 2) over load share
+    force = 0.5 * (force.flip(0) - force)  # trim turns both sides alike
+    slip, use = angle[21:], force[21:] / GRAVITY
+    return slip.double().numpy(), use.double().numpy(), float(ax[-SLIDES:].mean())
+
+
+def _borne(
+    use: np.ndarray, pushed: np.ndarray, gained: np.ndarray, share: np.ndarray, lost: float
+) -> float:
+    """Share in 0..1 of what a coasting car loses that its rear tyres push against when they drive.
+
+    More throttle leans the car backwards, which the front axle shows, and takes from the side of
+    the rear one what it gives lengthwise, of which the acceleration shows only a part.
+
+    Args:
+        use: Force of each axle over its load [20, 2], at a kept speed.
+        pushed: Likewise, with more throttle.
+        gained: Acceleration with both [2] [m/s^2].
+        share: Of the weight [2], on the front axle and on the rear one.
+        lost: By a coasting car [m/s^2].
+    """
+    if not gained[1] - gained[0] > LEAST_GAIN or lost <= 0.0:
+        return 0.0
+    front, rear = pushed[-SLIDES:].mean(0) / use[-SLIDES:].mean(0)
+    rear /= 1 + (1 - front) * share[0] / share[1]
+    circle = GRAVITY * share[1] * use[-SLIDES:, 1].mean()  # [m/s^2]
+    borne = np.linspace(0.0, 1.0, 101)
+    before, behind = (_left((a + borne * lost) / circle) for a in gained)
+    return float(borne[np.abs(behind / before - rear).argmin()])
+
+
+def _left(use: np.ndarray | float) -> np.ndarray:
+    """Share of a friction circle that is left for the side."""
+    return np.sqrt(1 - np.square(np.clip(use, 0.0, 0.95)))
 
 
 def _law(slip: np.ndarray, friction: float, ratio: float, shape: float) -> np.ndarray:

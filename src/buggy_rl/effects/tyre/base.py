@@ -5,12 +5,13 @@ sideways, per mass of the car [m/s^2], with the axles a ahead of and b behind th
 
     F_front = (ay b + I/m dr/dt) / L,   F_rear = (ay a - I/m dr/dt) / L.
 
-These are changed and put back. Four things matter.
+These are changed and put back. Five things matter.
 
 - *Friction is a bound, not a factor.* On a slippery floor a tyre is as stiff as ever and slides
   earlier: F'(slip) = g F(slip / g). With F = D sin(c atan(s)), s = C slip / (c D), the slip is read
   off the force, s = tan(asin(F / D) / c), and F' = g D sin(c atan(s / g)): F as long as the tyre
-  holds, g F where it slides.
+  holds, g F where it slides. A tyre that slides gives the same at any slip, so past `HOLDS` of D
+  the slip is no longer read off the force, and F' becomes g F.
 - *Within a step forces relax.* At 2 m/s the slip of this car settles in about one period, so what
   is seen is a mean over the settling, not what the tyre gives at the slip the step began with. With
   the slip's rate d(slip)/dt = S (F - F_hold), S the mobility of the axles, F_hold what keeps the
@@ -19,9 +20,12 @@ These are changed and put back. Four things matter.
 - *Front wheels push square to where they point*, so a part of their force brakes.
 - *The rear axle also drives, and spins* where that is more than its friction (`spin`). By how much
   faster than the simulated it spins is a state of the effect.
+- *It drives against what resists at the body* as well, such as the air: a drive that is not seen
+  in the acceleration. What resists inside of motor and gear loads no tyre.
 
-Loads are those at rest. Shifting them by ax h / L was tried and made the yaw moment worse around
-every engine, those with load transfer included: what brakes a car is not all at the tyres.
+Loads are those at rest. What leans the car forward in a bend is its turned front wheels; the outer
+one, which carries more, then brakes more, and the yaw moment of that undoes most of what the front
+axle gains. Both together were tried: no better around the reference car, little around MuJoCo.
 
 The engine's own tyres D, C, c are assumed; `measuring.tyres` finds them for a simulator.
 """
@@ -33,7 +37,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
+from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import ASKED, SPEED_LOSS
 from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.effects.tyre.spin import left, lengthwise, spin_of, spun
@@ -44,7 +48,9 @@ Axles = float | Sequence[float]
 FRICTION = 0.84  # D over load, DART's 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
+RESISTANCE = (0.0, 0.0)  # [m/s^2], [1/s]: all of it inside of motor and gear
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
+HOLDS = 0.98  # of D, from where on a tyre begins to slide; at D it does; chosen
 LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
 
 
@@ -56,6 +62,7 @@ class TyreEffect(MotionEffect):
         stiffness: Its lateral force over load and slip angle, at small slip [1/rad]; likewise.
         shape: c of its law, likewise.
         speed_loss: b0 and b1 [1/s] of what its motor loses with the speed, b = b0 + b1 drive.
+        resistance: r0 [m/s^2] and r1 [1/s] of what resists at its body, r0 + r1 vx.
         dimensions, dt, values: As for the other motion effects.
 
     Raises:
@@ -69,9 +76,11 @@ class TyreEffect(MotionEffect):
         stiffness: Axles = STIFFNESS,
         shape: Axles = SHAPE,
         speed_loss: Sequence[float] = SPEED_LOSS,
+        resistance: Sequence[float] = RESISTANCE,
         **rest: Any,
     ) -> None:
         self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
+        self.resistance = (float(resistance[0]), float(resistance[1]))
         self.friction = self._both("friction", friction)
         self.stiffness = self._both("stiffness", stiffness)
         self.shape = self._both("shape", shape)
@@ -90,6 +99,7 @@ class TyreEffect(MotionEffect):
             "stiffness": (self.stiffness, STIFFNESS),
             "shape": (self.shape, SHAPE),
             "speed_loss": (self.speed_loss, SPEED_LOSS),
+            "resistance": (self.resistance, RESISTANCE),
         }
         changed = {name: list(mine) for name, (mine, own) in chosen.items() if mine != own}
         return super().options | changed
@@ -119,10 +129,11 @@ class TyreEffect(MotionEffect):
 
         circle = load * torch.ones_like(ratio) * ax.new_tensor(self.friction)  # (n, 2)
         shape = ax.new_tensor(self.shape)
-        angle = self._wheel_angle(motion, mean[..., 0] / circle[..., 0])
+        use = mean[..., 0] / circle[..., 0]
+        angle = self._wheel_angle(motion, use)
+        angle = self._wheel_angle(motion, use / torch.cos(angle))  # what it gives square to itself
         aside = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
-        drive = (ax + mean[..., 0] * torch.tan(angle)).clamp_min(0.0)
-        drive = drive * torch.tanh(motion.drive / ASKED)
+        drive = self._drive(motion, ax + mean[..., 0] * torch.tan(angle))
         rear, rear_now = circle[..., 1], (ratio * circle)[..., 1]
         across = self._across(motion)
         spins = spin_of(drive, rear, across)
@@ -147,7 +158,9 @@ class TyreEffect(MotionEffect):
         start_now = start + torch.sign(start) * (
             side_now * law(slip, shape) - side * law(slip * ratio, shape)
         )
-        start_now = self._bounded(start_now, share)
+        slides = side_now / side * start
+        holds = ((1 - (start / side).abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
+        start_now = self._bounded(slides + holds * (start_now - slides), share)
         mean_now = hold + self._settled(start_now - hold, rate * stiff_now)
 
         change = mean_now - mean  # (n, 2)
@@ -156,6 +169,12 @@ class TyreEffect(MotionEffect):
         forward = driven - drive - front * torch.tan(angle)
         change = self.dt * torch.stack([forward, front + rear, moment], -1)
         return change, extra.unsqueeze(-1)
+
+    def _drive(self, motion: Motion, gained: Tensor) -> Tensor:
+        """What the rear tyres give lengthwise [n] [m/s^2], `gained` [n] of it to be seen."""
+        vx = motion.after[..., 0]
+        resists = self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
+        return (gained + resists).clamp_min(0.0) * torch.tanh(motion.drive / ASKED)
 
     def _across(self, motion: Motion) -> Tensor:
         """Speed [n] [m/s] past which a spinning rear wheel slides: sideways, or by its stretch."""
