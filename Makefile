@@ -17,7 +17,7 @@ demo: .venv/installed
 	$(BIN)/python scripts/demo.py
 
 test: lint types
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/installed
 	$(BIN)/python -m pytest -q -m slow --timeout 3600

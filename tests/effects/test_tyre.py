@@ -244,3 +244,26 @@ def test_the_tyre_law_its_inverse_and_its_slope_belong_together():
 def test_tyres_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="friction is 0"):
         make_effect("tire_grip", {"grip": 0.7}, friction=0)
+
+
+def test_forces_are_read_off_with_the_inertia_and_axles_of_the_simulator():
+    factors = {"yaw_inertia": 0.7, "cg_to_front_axle": 1.15}
+    assert "dimensions" not in options("mujoco")["tire_grip"]
+    known = measured_options(lambda n: changed("mujoco", factors, n))["tire_grip"]
+    car = VehicleDimensions()
+    assert known["dimensions"] == pytest.approx(
+        {
+            "yaw_inertia": 0.7 * car.yaw_inertia,
+            "cg_to_front_axle": 1.15 * car.cg_to_front_axle,
+            "sensor_to_cg": car.sensor_to_cg + 0.15 * car.cg_to_front_axle,
+        },
+        abs=1e-5,
+    )
+    friction = options("mujoco")["tire_grip"]["friction"]
+    assert known["friction"] == pytest.approx(friction, rel=0.02)
+
+
+def test_a_car_leans_as_high_as_its_centre_of_gravity():
+    assert options("mujoco")["tire_grip"]["height"] == pytest.approx(0.045, rel=0.15)
+    assert options("reference")["tire_grip"]["height"] == pytest.approx(0.045, rel=0.2)
+    assert options("single_track")["tire_grip"]["height"] == pytest.approx(0.0, abs=1e-3)

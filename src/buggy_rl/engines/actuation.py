@@ -7,6 +7,7 @@ import importlib.resources
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Self
 
 import torch
@@ -18,7 +19,7 @@ from torchrl.data import TensorSpec, Unbounded
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD, integrate_pose, shift_velocity
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions, integrate_pose, shift_velocity
 
 COMMANDS = "commands"  # [K, 2] past commands, newest first: throttle, steering in [-1, 1]
 ACTUATOR = "actuator"  # [2] what of throttle and steering has passed dead time and lag
@@ -221,6 +222,10 @@ class ActuatedEngine(Engine):
     @abstractmethod
     def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
         """Velocity [*, 3] of the centre of gravity `h` seconds on, with steady actuators."""
+
+    def vehicle(self) -> VehicleDimensions:
+        front, rear, ahead = self._named("cg_to_front_axle", "cg_to_rear_axle", "sensor_x").values()
+        return replace(super().vehicle(), wheelbase=round(front + rear, 6), sensor_to_cg=ahead)
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         batch, device = self.batch_size, self.device

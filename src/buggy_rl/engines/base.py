@@ -18,7 +18,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 
 class Engine(EnvBase):
@@ -133,6 +133,14 @@ class Engine(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """Engines are deterministic: noise belongs to the sensing, starts to the task."""
+
+    def vehicle(self) -> VehicleDimensions:
+        """The car as the parameters have it, in the mean of the batch; the rest is the buggy's."""
+        return replace(VehicleDimensions(), **self._named("mass", "yaw_inertia", "cg_to_front_axle"))
+
+    def _named(self, *names: str) -> dict[str, float]:
+        """Parameters by name, as far as the engine has them."""
+        return {n: round(float(self.values[n].mean()), 6) for n in names if n in self.values}
 
     @abstractmethod
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:

@@ -5,6 +5,7 @@ settled, its next step shows the forces.
 """
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
@@ -27,7 +28,7 @@ def measured_options(
 
     Args:
         make: Builds the simulator for a number of cars.
-        dimensions: Of the car, or those that differ from the buggy's.
+        dimensions: Of a car whose simulator has none, or those that differ from the buggy's.
 
     Raises:
         ValueError: The simulator's answer is not finite.
@@ -66,8 +67,13 @@ def _servo_options(make: Make) -> dict[str, dict[str, Any]]:
 
 
 def _tyre_options(make: Make, dimensions: VehicleDimensions) -> dict[str, dict[str, Any]]:
-    tyres = measured_tyres(make, dimensions)
+    simulated = getattr(make(1), "vehicle", lambda: dimensions)()
+    tyres = measured_tyres(make, simulated)
     stiffness = {"stiffness": tyres["stiffness"]}
+    shipped = asdict(VehicleDimensions())
+    other = {k: v for k, v in asdict(simulated).items() if v != shipped[k]}
+    if other:  # forces are read off with the inertia and the axles that the simulator has
+        tyres |= {"dimensions": other}
     return {name: tyres for name in TYRE_EFFECTS} | {name: stiffness for name in YAW_EFFECTS}
 
 

@@ -13,7 +13,7 @@ from buggy_rl.vehicle import CONTROL_PERIOD
 Make = Callable[[int], EnvBase]
 
 SETTLING = 40  # steps in which delays and wheel speeds settle
-THROTTLES = (-1.0, 0.0)  # among which the one is looked for that keeps a speed
+THROTTLES = (-1.0, 0.0)  # among which one is looked for that gains so much, or nothing
 
 
 def period(make: Make) -> float:
@@ -25,12 +25,12 @@ def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
     return next_velocities(make, held, throttle, 0.0, 0)[0]
 
 
-def keeping_throttle(make: Make, speed: float) -> float:
-    """Throttle with which the simulator, rolling straight ahead, loses and gains least."""
+def throttle_for(make: Make, speed: float, gained: float) -> float:
+    """Throttle with which the simulator, rolling straight ahead, gains [m/s^2] most nearly."""
     throttles = torch.linspace(*THROTTLES, 21)
     held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
-    lost = (next_velocity(make, held, throttles)[:, 0] - speed).abs()
-    return float(throttles[int(lost.argmin())])
+    after = next_velocity(make, held, throttles)[:, 0]
+    return float(throttles[int((after - speed - gained * period(make)).abs().argmin())])
 
 
 @torch.no_grad()

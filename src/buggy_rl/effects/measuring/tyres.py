@@ -1,11 +1,13 @@
 """The law that the force of a simulator's axles follows."""
 
+from typing import Any
+
 import numpy as np
 import torch
 from scipy.optimize import least_squares
 
 from buggy_rl.effects.measuring.drive import measured_drive
-from buggy_rl.effects.measuring.holding import Make, keeping_throttle, next_velocity, period
+from buggy_rl.effects.measuring.holding import Make, next_velocity, period, throttle_for
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
 
@@ -14,32 +16,32 @@ SLIPS = 0.5  # [rad] the largest slip angle they are measured at
 SLIDES = 9  # of the 20 slips that are measured: those at which tyres slide, from 0.3 rad on
 PUSH = 0.4  # more throttle, for what driving wheels have left for the side
 LEAST_GAIN = 0.3  # [m/s^2] by that throttle, or nothing is learnt from it
+HIGHEST = 0.1  # [m] at which such a car leans
 LEAST_USE = 0.2  # of its load with which any tyre pushes back that slides sideways
 # D, C / D and c of a tyre: wide enough for a plain factor and for a slope that never bends.
 TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
 
 
-def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[float]]:
+def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, Any]:
     """What a simulator's axles give sideways: F = D sin(c atan(C slip / (c D))) of their load.
 
     The car slides straight ahead at an angle, so both axles have the same slip, under a throttle
-    that would keep its speed: braked by its motor, it would lean on the front axle.
+    with which its tyres neither drive nor brake: it leans on neither axle.
 
     Returns:
-        `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear, and
-        `resistance`, as `TyreEffect` takes them.
+        `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear,
+        `resistance` and `height`, as `TyreEffect` takes them.
 
     Raises:
         ValueError: The simulator's answer is not finite, or no tyre's.
     """
     d, dt = dimensions, period(make)
-    throttle = keeping_throttle(make, CORNERING_SPEED)
-    slip, use, gained = _slid(make, d, throttle)
-    _, pushed, more = _slid(make, d, throttle + PUSH)
     share = np.array([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
     coasting = np.array(measured_drive(make)["coasting"])
-    lost = float(coasting @ [1.0, CORNERING_SPEED])
-    resists = lost * _borne(use, pushed, np.array([gained, more]), share, lost)
+    borne, height = _leaning(make, d, share, float(coasting @ [1.0, CORNERING_SPEED]))
+    resistance = borne * coasting
+    freely = throttle_for(make, CORNERING_SPEED, -float(resistance @ [1.0, CORNERING_SPEED]))
+    slip, use, _ = _slid(make, d, freely)
     a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
     mobility = np.array([[1 + a * a / i, 1 - a * b / i], [1 - a * b / i, 1 + b * b / i]])
     settling = 0.5 * dt * GRAVITY / CORNERING_SPEED * mobility * share
@@ -53,7 +55,8 @@ def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, list[
         "friction": np.round(friction, 4).tolist(),
         "stiffness": np.round(friction * ratio, 4).tolist(),
         "shape": np.round(shape, 4).tolist(),
-        "resistance": np.round(resists / lost * coasting if resists else [0.0, 0.0], 4).tolist(),
+        "resistance": np.round(resistance, 4).tolist(),
+        "height": round(height, 4),
     }
 
 
@@ -76,29 +79,39 @@ def _slid(
     return slip.double().numpy(), use.double().numpy(), float(ax[-SLIDES:].mean())
 
 
-def _borne(
-    use: np.ndarray, pushed: np.ndarray, gained: np.ndarray, share: np.ndarray, lost: float
-) -> float:
-    """Share in 0..1 of what a coasting car loses that its rear tyres push against when they drive.
+def _leaning(
+    make: Make, d: VehicleDimensions, share: np.ndarray, lost: float
+) -> tuple[float, float]:
+    """What the tyres push against, and at what height, by what more throttle does to a slide.
 
-    More throttle leans the car backwards, which the front axle shows, and takes from the side of
-    the rear one what it gives lengthwise, of which the acceleration shows only a part.
+    It leans the car backwards, which the front axle shows; and it takes from the side of the rear
+    one what that gives lengthwise, of which the acceleration shows only a part.
 
     Args:
-        use: Force of each axle over its load [20, 2], at a kept speed.
-        pushed: Likewise, with more throttle.
-        gained: Acceleration with both [2] [m/s^2].
+        make: Builds the simulator.
+        d: Dimensions of the car.
         share: Of the weight [2], on the front axle and on the rear one.
         lost: By a coasting car [m/s^2].
+
+    Returns:
+        Share in 0..1 of what a coasting car loses that resists at its body, and the height [m] at
+        which it leans; none of either where more throttle is hardly felt.
     """
-    if not gained[1] - gained[0] > LEAST_GAIN or lost <= 0.0:
-        return 0.0
+    kept = throttle_for(make, CORNERING_SPEED, 0.0)
+    _, use, gained = _slid(make, d, kept)
+    _, pushed, more = _slid(make, d, kept + PUSH)
+    if not more - gained > LEAST_GAIN or lost <= 0.0:
+        return 0.0, 0.0
     front, rear = pushed[-SLIDES:].mean(0) / use[-SLIDES:].mean(0)
     rear /= 1 + (1 - front) * share[0] / share[1]
     circle = GRAVITY * share[1] * use[-SLIDES:, 1].mean()  # [m/s^2]
-    borne = np.linspace(0.0, 1.0, 101)
-    before, behind = (_left((a + borne * lost) / circle) for a in gained)
-    return float(borne[np.abs(behind / before - rear).argmin()])
+    shares = np.linspace(0.0, 1.0, 101)
+    before, behind = (_left((gain + shares * lost) / circle) for gain in (gained, more))
+    borne = float(shares[np.abs(behind / before - rear).argmin()])
+    # The front axle's load over that at rest is 1 - e F, F what all tyres give lengthwise.
+    first, last = gained + borne * lost, more + borne * lost
+    e = (1 - front) / max(last - front * first, LEAST_GAIN)
+    return borne, float(np.clip(e * d.wheelbase * GRAVITY * share[0], 0.0, HIGHEST))
 
 
 def _left(use: np.ndarray | float) -> np.ndarray:

@@ -5,7 +5,7 @@ sideways, per mass of the car [m/s^2], with the axles a ahead of and b behind th
 
     F_front = (ay b + I/m dr/dt) / L,   F_rear = (ay a - I/m dr/dt) / L.
 
-These are changed and put back. Five things matter.
+These are changed and put back. Six things matter.
 
 - *Friction is a bound, not a factor.* On a slippery floor a tyre is as stiff as ever and slides
   earlier: F'(slip) = g F(slip / g). With F = D sin(c atan(s)), s = C slip / (c D), the slip is read
@@ -22,12 +22,13 @@ These are changed and put back. Five things matter.
   faster than the simulated it spins is a state of the effect.
 - *It drives against what resists at the body* as well, such as the air: a drive that is not seen
   in the acceleration. What resists inside of motor and gear loads no tyre.
+- *The car leans* by what its tyres give lengthwise: h F_x / (L g) of the weight goes to the rear
+  axle. In a bend its turned front wheels lean it forward; but the outer one, which carries more,
+  then also brakes more, a yaw moment h F_front sin(angle) ay / g whatever the track, and that
+  undoes most of what the front axle gains. Either without the other was worse than neither.
 
-Loads are those at rest. What leans the car forward in a bend is its turned front wheels; the outer
-one, which carries more, then brakes more, and the yaw moment of that undoes most of what the front
-axle gains. Both together were tried: no better around the reference car, little around MuJoCo.
-
-The engine's own tyres D, C, c are assumed; `measuring.tyres` finds them for a simulator.
+The engine's own tyres D, C, c, its resistance and its height h are assumed; `measuring.tyres` finds
+them for a simulator.
 """
 
 from abc import abstractmethod
@@ -49,7 +50,10 @@ FRICTION = 0.84  # D over load, DART's 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
 RESISTANCE = (0.0, 0.0)  # [m/s^2], [1/s]: all of it inside of motor and gear
+HEIGHT = 0.0  # [m] of a simulator that does not lean
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
+LEAST_LOAD = 0.05  # of the weight, on an axle; no car of this height lifts one
+LEANING = 2  # passes: forces lean the car, and leaning changes forces by a few per cent
 HOLDS = 0.98  # of D, from where on a tyre begins to slide; at D it does; chosen
 LENGTHWISE = 13.0  # [-] longitudinal force over load and slip, at small slip; chosen
 
@@ -63,6 +67,7 @@ class TyreEffect(MotionEffect):
         shape: c of its law, likewise.
         speed_loss: b0 and b1 [1/s] of what its motor loses with the speed, b = b0 + b1 drive.
         resistance: r0 [m/s^2] and r1 [1/s] of what resists at its body, r0 + r1 vx.
+        height: At which it leans [m].
         dimensions, dt, values: As for the other motion effects.
 
     Raises:
@@ -77,10 +82,12 @@ class TyreEffect(MotionEffect):
         shape: Axles = SHAPE,
         speed_loss: Sequence[float] = SPEED_LOSS,
         resistance: Sequence[float] = RESISTANCE,
+        height: float = HEIGHT,
         **rest: Any,
     ) -> None:
         self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
         self.resistance = (float(resistance[0]), float(resistance[1]))
+        self.height = float(height)
         self.friction = self._both("friction", friction)
         self.stiffness = self._both("stiffness", stiffness)
         self.shape = self._both("shape", shape)
@@ -102,7 +109,8 @@ class TyreEffect(MotionEffect):
             "resistance": (self.resistance, RESISTANCE),
         }
         changed = {name: list(mine) for name, (mine, own) in chosen.items() if mine != own}
-        return super().options | changed
+        leans = {"height": self.height} if self.height != HEIGHT else {}
+        return super().options | changed | leans
 
     carries = 1
 
@@ -119,21 +127,18 @@ class TyreEffect(MotionEffect):
 
     def _carried_on(self, motion: Motion) -> tuple[Tensor, Tensor]:
         d = self.dimensions
-        ax, ay, yaw = motion.acceleration
+        ax, ay, _ = motion.acceleration
         ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), ax)[:2], -1)  # (n, 2)
         share = ax.new_tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
-        load = GRAVITY * share  # (2,) over mass
-        spin = d.yaw_inertia / d.mass / d.wheelbase * yaw
-        mean = share * ay.unsqueeze(-1) + torch.stack([spin, -spin], -1)  # (n, 2) front, rear
+        shape = ax.new_tensor(self.shape)
+        resists = self._resists(motion)
+        load = self._load(share, ax + resists)  # (n, 2) over mass
+        circle = load * ax.new_tensor(self.friction)
+        mean, angle, couple = self._seen(motion, share, circle[..., 0])
         hold = share * (motion.turn_rate * motion.after[..., 0]).unsqueeze(-1)
 
-        circle = load * torch.ones_like(ratio) * ax.new_tensor(self.friction)  # (n, 2)
-        shape = ax.new_tensor(self.shape)
-        use = mean[..., 0] / circle[..., 0]
-        angle = self._wheel_angle(motion, use)
-        angle = self._wheel_angle(motion, use / torch.cos(angle))  # what it gives square to itself
-        aside = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
-        drive = self._drive(motion, ax + mean[..., 0] * torch.tan(angle))
+        drive = (ax + mean[..., 0] * torch.tan(angle) + resists).clamp_min(0.0)
+        drive = drive * torch.tanh(motion.drive / ASKED)
         rear, rear_now = circle[..., 1], (ratio * circle)[..., 1]
         across = self._across(motion)
         spins = spin_of(drive, rear, across)
@@ -143,6 +148,7 @@ class TyreEffect(MotionEffect):
         before = motion.carried.squeeze(-1)
         extra = spun(before, pull, lost, rear_now, across, spins, self.dt)
         driven = drive * lengthwise(spins + extra, rear_now, across) / pull
+        aside = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
         side = aside * circle * left(spins, across)
         side_now = aside * ratio * circle * left(spins + extra, across)
 
@@ -153,28 +159,60 @@ class TyreEffect(MotionEffect):
         slip = slip_of(start / side, shape)
         stiff, stiff_now = slope(slip, shape), slope(slip / ratio, shape)
         start = hold + self._unsettled(mean - hold, rate * stiff)
-        slip = slip_of(start / side, shape) / ratio
+        use = start / side
+        gained = torch.zeros_like(ax)
+        for _ in range(LEANING):
+            leans = self._load(share, ax + resists + gained) / load
+            start_now = self._bounded(self._held(start, use, side, leans * side_now, ratio), share)
+            mean_now = hold + self._settled(start_now - hold, rate * stiff_now)
+            gained = driven - drive - (mean_now - mean)[..., 0] * torch.tan(angle)
+
+        front, rear = (mean_now - mean).unbind(-1)
+        couple_now = self._couple(ay + front + rear, mean_now[..., 0], angle)
+        moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear - (couple_now - couple)
+        turned = d.mass / d.yaw_inertia * moment
+        return self.dt * torch.stack([gained, front + rear, turned], -1), extra.unsqueeze(-1)
+
+    def _seen(self, motion: Motion, share: Tensor, circle: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Lateral forces [n, 2], where the front wheels point [n] [rad], and their couple [n]."""
+        d = self.dimensions
+        _, ay, yaw = motion.acceleration
+        inertia = d.yaw_inertia / d.mass * yaw
+        angle = couple = torch.zeros_like(ay)
+        mean = share * ay.unsqueeze(-1)
+        for _ in range(LEANING):
+            spin = (inertia + couple) / d.wheelbase
+            mean = share * ay.unsqueeze(-1) + torch.stack([spin, -spin], -1)
+            angle = self._wheel_angle(motion, mean[..., 0] / circle)
+            angle = self._wheel_angle(motion, mean[..., 0] / circle / torch.cos(angle))
+            couple = self._couple(ay, mean[..., 0], angle)
+        return mean, angle, couple
+
+    def _held(
+        self, start: Tensor, use: Tensor, side: Tensor, side_now: Tensor, ratio: Tensor
+    ) -> Tensor:
+        """Forces [n, 2] at the slips at which the engine's axles give `start`, `use` of `side`."""
+        shape = use.new_tensor(self.shape)
+        slip = slip_of(use, shape) / ratio
         # The force itself where ratio = 1: law and inverse then cancel to the last digits only.
-        start_now = start + torch.sign(start) * (
-            side_now * law(slip, shape) - side * law(slip * ratio, shape)
-        )
+        change = side_now * law(slip, shape) - side * law(slip * ratio, shape)
         slides = side_now / side * start
-        holds = ((1 - (start / side).abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
-        start_now = self._bounded(slides + holds * (start_now - slides), share)
-        mean_now = hold + self._settled(start_now - hold, rate * stiff_now)
+        holds = ((1 - use.abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
+        return slides + holds * (start + torch.sign(start) * change - slides)
 
-        change = mean_now - mean  # (n, 2)
-        front, rear = change.unbind(-1)
-        moment = d.mass / d.yaw_inertia * (d.cg_to_front_axle * front - d.cg_to_rear_axle * rear)
-        forward = driven - drive - front * torch.tan(angle)
-        change = self.dt * torch.stack([forward, front + rear, moment], -1)
-        return change, extra.unsqueeze(-1)
+    def _load(self, share: Tensor, given: Tensor) -> Tensor:
+        """Load of each axle over the mass [n, 2], where tyres give [n] [m/s^2] lengthwise."""
+        lift = self.height / self.dimensions.wheelbase * share.new_tensor([-1.0, 1.0])
+        return (GRAVITY * share + lift * given.unsqueeze(-1)).clamp_min(LEAST_LOAD * GRAVITY)
 
-    def _drive(self, motion: Motion, gained: Tensor) -> Tensor:
-        """What the rear tyres give lengthwise [n] [m/s^2], `gained` [n] of it to be seen."""
+    def _couple(self, ay: Tensor, front: Tensor, angle: Tensor) -> Tensor:
+        """Moment over mass [n] [m^2/s^2] of an outer front wheel that brakes more."""
+        return self.height / GRAVITY * ay * torch.sin(angle) * front
+
+    def _resists(self, motion: Motion) -> Tensor:
+        """What resists at the body [n] [m/s^2]."""
         vx = motion.after[..., 0]
-        resists = self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
-        return (gained + resists).clamp_min(0.0) * torch.tanh(motion.drive / ASKED)
+        return self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
 
     def _across(self, motion: Motion) -> Tensor:
         """Speed [n] [m/s] past which a spinning rear wheel slides: sideways, or by its stretch."""

@@ -13,6 +13,7 @@ What rides in the TensorDict, after the batch dimensions:
 # MuJoCo's compiled module has no type stubs.
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Self
 
 import mujoco
@@ -84,6 +85,13 @@ class MujocoEngine(RowsEngine):
         self.nthread = nthread
         self._prepare()
         self._finish()
+
+    def vehicle(self) -> VehicleDimensions:
+        # The sensor keeps its place between the axles when the centre of gravity moves.
+        car, own = self.car.dimensions, super().vehicle()
+        moved = own.cg_to_front_axle - car.cg_to_front_axle
+        given = self._named("mass", "yaw_inertia", "cg_to_front_axle")
+        return replace(car, **given, sensor_to_cg=round(car.sensor_to_cg + moved, 6))
 
     def _prepare(self) -> None:
         """Builds everything that depends on parameter values."""
