@@ -136,7 +136,9 @@ class Engine(EnvBase):
 
     def vehicle(self) -> VehicleDimensions:
         """The car as the parameters have it, in the mean of the batch; the rest is the buggy's."""
-        return replace(VehicleDimensions(), **self._named("mass", "yaw_inertia", "cg_to_front_axle"))
+        return replace(
+            VehicleDimensions(), **self._named("mass", "yaw_inertia", "cg_to_front_axle")
+        )
 
     def _named(self, *names: str) -> dict[str, float]:
         """Parameters by name, as far as the engine has them."""
