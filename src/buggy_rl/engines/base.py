@@ -135,10 +135,13 @@ class Engine(EnvBase):
         """Engines are deterministic: noise belongs to the sensing, starts to the task."""
 
     def vehicle(self) -> VehicleDimensions:
-        """The car as the parameters have it, in the mean of the batch; the rest is the buggy's."""
-        return replace(
-            VehicleDimensions(), **self._named("mass", "yaw_inertia", "cg_to_front_axle")
-        )
+        """The car as the parameters have it, in the mean of the batch."""
+        own = self._named("mass", "yaw_inertia", "cg_to_front_axle")
+        return replace(self._nominal(), **own)
+
+    def _nominal(self) -> VehicleDimensions:
+        """The car where no parameter says otherwise: the buggy."""
+        return VehicleDimensions()
 
     def _named(self, *names: str) -> dict[str, float]:
         """Parameters by name, as far as the engine has them."""

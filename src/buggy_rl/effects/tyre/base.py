@@ -25,7 +25,7 @@ These are changed and put back. Six things matter.
 - *The car leans* by what its tyres give lengthwise: h F_x / (L g) of the weight goes to the rear
   axle. In a bend its turned front wheels lean it forward; but the outer one, which carries more,
   then also brakes more, a yaw moment h F_front sin(angle) ay / g whatever the track, and that
-  undoes most of what the front axle gains. Either without the other was worse than neither.
+  undoes most of what the front axle gains. Leaning without that moment was worse than neither.
 
 The engine's own tyres D, C, c, its resistance and its height h are assumed; `measuring.tyres` finds
 them for a simulator.

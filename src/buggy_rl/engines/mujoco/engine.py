@@ -90,8 +90,10 @@ class MujocoEngine(RowsEngine):
         # The sensor keeps its place between the axles when the centre of gravity moves.
         car, own = self.car.dimensions, super().vehicle()
         moved = own.cg_to_front_axle - car.cg_to_front_axle
-        given = self._named("mass", "yaw_inertia", "cg_to_front_axle")
-        return replace(car, **given, sensor_to_cg=round(car.sensor_to_cg + moved, 6))
+        return replace(own, sensor_to_cg=round(car.sensor_to_cg + moved, 6))
+
+    def _nominal(self) -> VehicleDimensions:
+        return self.car.dimensions
 
     def _prepare(self) -> None:
         """Builds everything that depends on parameter values."""
