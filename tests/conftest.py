@@ -9,12 +9,12 @@ import torch
 torch.set_num_threads(1)
 
 
-# Files of minutes: begun last they would leave one core alone with them at the end.
-LONGEST = ("tests/proving/test_proof.py", "tests/transfer/test_script.py", "tests/test_readme.py")
+# Minutes by few tests: begun last it would leave one core alone with it at the end.
+LONGEST = "tests/proving/test_proof.py"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first; the Makefile keeps pytest-xdist from sorting files by their tests."""
+    """The longest file first; the Makefile keeps pytest-xdist from sorting files by their tests."""
     items.sort(key=lambda item: not item.path.as_posix().endswith(LONGEST))
 
 

@@ -184,8 +184,8 @@ WIDE = torch.tensor([[-0.5, 0.5]] * 30 + [[0.8, 0.5]] * 50)
 def test_a_car_that_spins_its_wheels_on_a_slippery_floor_has_nothing_left_for_the_side():
     # The concealed car's wheels spin, the engine's under the effect do not.
     slippery = opened_wide(ReferenceEngine((1,), faults={"tire_grip": {"grip": 0.55}}))
-    options = measured_options(lambda n: make_engine("reference", (n,)))["tire_grip"]
-    env = over([make_effect("tire_grip", {"grip": 0.55, **options})], "reference", (1,))
+    known = options("reference")["tire_grip"]
+    env = over([make_effect("tire_grip", {"grip": 0.55, **known})], "reference", (1,))
     states = opened_wide(env)
     spin = states["tire_grip" + MEMORY][..., 0]
     assert float(spin[:25].abs().max()) < 0.1  # it rolls through the bend
