@@ -1,5 +1,7 @@
 import pytest
 
+from buggy_rl.diagnosis.library import Library, bounded
+from buggy_rl.parameters import Parameter
 from tests.diagnosis.planted import fitter
 
 
@@ -38,3 +40,18 @@ def test_values_stay_within_their_bounds_and_a_start_out_of_them_is_brought_in(l
     assert found.values()["steering_dead_time"]["dead_time"] >= 0.0
     assert found.slopes is not None
     assert found.slopes.shape == (len(fit.cut), 60, 2)
+
+
+def test_a_number_at_the_end_of_its_range_is_told(late):
+    fit, (right, _) = late
+    assert right.at_bound("steering_dead_time") == ()
+    slippery = fit.start(["grip_patch"], [0.0, 0.0, 0.0, -99.0, 0.0])
+    slippery.place = bounded(slippery.unknowns, slippery.place)
+    assert slippery.at_bound("grip_patch") == ("grip",)
+
+
+def test_of_a_patch_its_grip_says_how_much_of_it_there_is():
+    library = Library(parameters={"mass": Parameter("mass", 1.0, 0.5, 2.0, "kg", "of the car")})
+    assert library.deciding("grip_patch") == {"grip"}
+    assert library.deciding("floor_slope") == {"along_x", "along_y"}
+    assert library.deciding("parameter:mass") == {"mass"}

@@ -101,6 +101,17 @@ def test_a_name_whose_number_changes_with_how_one_drives_is_not_sure_and_says_wi
     assert found.varies == "vx"
 
 
+def test_a_name_whose_number_lies_at_the_end_of_its_range_is_not_sure():
+    tried = {(): _candidate((), 5.0), ("a",): _candidate(("a",), 0.2)}
+    found = Found(tried[()], tried["a",], tried)
+    within, at_end = (
+        confidences(_Search(), found, {"a": 1.0}, 0.0, {"a": Varying()}, at_end)["a"].sure
+        for at_end in ((), ("a",))
+    )
+    assert within > 0.95
+    assert at_end < 0.5
+
+
 def test_a_rival_is_ruled_out_where_the_two_differ_however_much_else_was_driven():
     # Of four stretches one was driven to decide; the rest would be the same with both.
     tried = {(): _candidate((), 8.0), ("a",): _candidate(("a",), 0.5, 0.5, 0.5, 0.0)}

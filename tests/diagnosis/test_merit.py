@@ -22,3 +22,18 @@ from buggy_rl.diagnosis.merit import Merit
 def test_how_much_a_cause_must_close(gap, usual, likeness, least):
     merit = Merit(None, None, usual)
     assert merit.least(gap, likeness) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(
+    ("large", "least"),
+    [
+        (0.1, 0.2),  # small for its kind: one part in twenty
+        (0.5, 0.2),
+        (1.0, 0.05),  # of typical size: a quarter of that
+        (9.0, 0.02),  # never less than a tenth of it
+    ],
+)
+def test_what_is_as_large_as_faults_of_its_kind_are_must_close_less(large, least):
+    assert Merit(None, None, Usual()).least(4.0, 0.0, large) == pytest.approx(least)
+    # However large, it must close more where it does what another cause does.
+    assert Merit(None, None, Usual()).least(4.0, 1.0, large) == pytest.approx(0.4 + least)

@@ -4,6 +4,7 @@ from functools import cache
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.envs import TransformedEnv
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect
@@ -37,13 +38,14 @@ def changed(engine, factors, count=DRIVES):
     return lone.with_parameters(TensorDict(values, [count]))
 
 
-def rollout(engine, env):
+def rollout(engine, env, throttle=None):
     """Positions [T, N, 2] of cars that set off at 1 to 3 m/s and are steered up to full lock."""
+    kept = KEPT[engine] if throttle is None else throttle
     generator = torch.Generator().manual_seed(0)
     knots = torch.rand(DRIVES, 2, 6, generator=generator) * 2 - 1
     actions = torch.nn.functional.interpolate(knots, STEPS, mode="linear", align_corners=True)
-    throttle, steering = actions.permute(2, 0, 1).unbind(-1)
-    actions = torch.stack([0.25 * throttle + KEPT[engine], (1.3 * steering).clamp(-1, 1)], -1)
+    more, steering = actions.permute(2, 0, 1).unbind(-1)
+    actions = torch.stack([0.25 * more + kept, (1.3 * steering).clamp(-1, 1)], -1)
     velocity = torch.zeros(DRIVES, 3)
     velocity[:, 0] = 1.0 + 2.0 * torch.rand(DRIVES, generator=generator)
     given = TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(DRIVES, 3)}, [DRIVES])
@@ -84,6 +86,36 @@ def closed(engine, name, values, truth):
 )
 def test_less_grip_outside_the_engine_does_what_less_grip_inside_it_does(engine, least):
     assert closed(engine, "tire_grip", {"grip": GRIP}, less_rollout(engine)) > least
+
+
+@pytest.mark.parametrize(("front", "least"), [(0.5, 0.3), (1.0, 0.0)])
+def test_what_the_front_axle_drives_the_rear_one_has_left_for_the_side(front, least):
+    def car(factors, count=DRIVES):
+        lone = changed("single_track", factors, count)
+        share = torch.full((count,), front)
+        return lone.with_parameters(TensorDict({"front_drive_share": share}, [count]))
+
+    known = measured_options(lambda n: car({}, n))["tire_grip"]
+    assert known["front_drive_share"] == front
+    gunned = 0.1
+    bare, less = (rollout("single_track", car(f), gunned) for f in ({}, LESS["single_track"]))
+    closes = []
+    for share in (front, 0.0):
+        effect = make_effect("tire_grip", {"grip": GRIP}, **known | {"front_drive_share": share})
+        repaired = rollout("single_track", TransformedEnv(car({}), effect), gunned)
+        closes.append(1 - gap(repaired, less) / gap(bare, less))
+    assert closes[0] > least
+    assert closes[1] < closes[0] - 0.2
+
+
+def test_each_driving_axle_spins_by_itself():
+    four = make_effect("tire_grip", {"grip": 0.4}, front_drive_share=0.5)
+    env = over([four], "single_track", (1,))
+    spin = opened_wide(env)["tire_grip" + MEMORY]
+    assert spin.shape[-1] == 2
+    assert float(spin[30:].amax((0, 1)).min()) > 0.1
+    with pytest.raises(ValueError, match="must be within"):
+        make_effect("tire_grip", front_drive_share=1.2)
 
 
 def test_the_wrong_amount_of_grip_does_worse():

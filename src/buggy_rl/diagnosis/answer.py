@@ -177,6 +177,8 @@ class Answer:
             other = f"; could also be {', '.join(rivals)}" if rivals else ""
             if e.varies_with:
                 other += f"; it changes with {WORDS[e.varies_with]}: rather a lookalike"
+            if e.at_bound:
+                other += f"; at the end of its range: {', '.join(e.at_bound)}"
             sentence = e.sentence[:1].upper() + e.sentence[1:]
             result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
         if more := [e.name for e in self.effects[SPOKEN:]]:

@@ -1,7 +1,7 @@
 """How sure an answer is: rivals weighed against one another, calibrated on cases made for that."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import torch
@@ -22,6 +22,7 @@ SHARP = 2.0  # and how sharply that changes,
 CEILING = 0.99  # and nothing is surer than this: calibrated on the proof's development cases
 SAME = 0.02  # of the noise: what varying a number closes counts beyond this; by the share
 VARIED = 0.015  # of what its cause closes at which that is as likely a lookalike as not,
+AT_END = 0.5  # of a name whose number lies at the end of its range: as likely right as not
 LOOKALIKE = 0.5  # and one that is less likely right than this is said to be one
 
 
@@ -41,6 +42,7 @@ def confidences(
     closed: Mapping[str, float],
     remains: float,
     varies: Mapping[str, Varying],
+    at_end: Collection[str] = (),
 ) -> dict[str, Confidence]:
     """Of each cause: its share among all that could stand in its place.
 
@@ -49,7 +51,8 @@ def confidences(
     each. So a rival is no less likely than what it leaves speaks against it: that is several times
     as much as the best leaves, or a part of the first gap that matters. A name beside which much
     is left unexplained is less sure, whatever its rivals; and one whose numbers change with how one
-    drives.
+    drives. So is one whose number would be further from neutral yet if its range did not end: no
+    fault of that kind is expected to be so large.
 
     Args:
         search: That found them.
@@ -57,6 +60,7 @@ def confidences(
         closed: Cause -> share of the first excess that it closes.
         remains: Share that nothing closes.
         varies: Cause -> what its numbers change with.
+        at_end: Causes whose numbers lie at the end of their range.
     """
     result = {}
     for cause in found.best.causes:
@@ -67,8 +71,9 @@ def confidences(
         share = dict(zip(rivals, shares, strict=True))
         own = share.pop(cause)
         same = constancy(varies[cause], found.closed(cause))
+        within = AT_END if cause in at_end else 1.0
         result[cause] = Confidence(
-            min(CEILING, own) * soundness(closed[cause], remains) * same,
+            min(CEILING, own) * soundness(closed[cause], remains) * same * within,
             {n: p for n, p in sorted(share.items(), key=lambda i: -i[1]) if p > CLOSE and n},
             varies[cause].condition if same < LOOKALIKE else "",
         )

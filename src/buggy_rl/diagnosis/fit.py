@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.stretches import Stretches
 STEP = 0.02  # of a finite difference, in units of a parameter's size
 TRIED = 2  # iterations after which it shows who is hopeless:
 HOPELESS = 0.3  # who has not gained this share of what the best has gained
+AT = 1e-6  # of its size: what is no further from an end of its range lies at it
 DAMPINGS = (1e-6, 0.1, 10.0)  # the first goes all the way along a ridge
 
 
@@ -49,6 +50,16 @@ class Fitted:
                 unknown.parameter.value_at(z)
             )
         return result
+
+    def at_bound(self, cause: str) -> tuple[str, ...]:
+        """Parameters of a cause that lie at an end of their range."""
+        values = self.values()[cause]
+        numbers = {u.parameter.name: u.parameter for u in self.unknowns if u.cause == cause}
+        return tuple(
+            name
+            for name, p in numbers.items()
+            if min(abs(values[name] - p.lower), abs(values[name] - p.upper)) < AT * p.size
+        )
 
 
 class Fitter:

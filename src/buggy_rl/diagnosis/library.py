@@ -65,6 +65,11 @@ class Library:
         kind = effect_class(cause)
         return tuple(p for p in kind.parameters if p.name not in kind.alternatives)
 
+    def deciding(self, cause: str) -> frozenset[str]:
+        """Numbers of a cause that say how much of it there is; the others say where, or how."""
+        own = () if cause.startswith(OWN) else effect_class(cause).deciding
+        return frozenset(own or (p.name for p in self.numbers(cause)))
+
     def unknowns(self, causes: Sequence[str]) -> tuple[Unknown, ...]:
         """Numbers of an explanation; the commands' clock is always one of them, the last."""
         own = [Unknown(c, p, PRIOR) for c in causes for p in self.numbers(c)]

@@ -16,6 +16,10 @@ LOST = 0.3  # of the nats won in some blocks that may be lost in others
 FAINT = 0.1  # of its typical size: what is smaller is no cause
 MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
 SHARE = 0.05  # nor what closes less of the gap that there was at first,
+TYPICAL = (
+    0.5  # size from which on a further cause need close less of it, as the square of it grows,
+)
+LIGHT = 0.1  # down to this part;
 TWINS = 0.1  # and as much more if it does the same as the others: see `Merit.likeness`
 UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
 ENOUGH = 0.15  # or a quarter, if that is more than this: twice what any cause closed of 66 cars
@@ -53,33 +57,44 @@ class Merit:
             self.group,
         )
         added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        least = self.least(size(null, null), self.likeness(more.fitted, set(less.causes)))
-        coordinates = [
-            abs(z)
-            for u, z in zip(more.fitted.unknowns, more.fitted.place.tolist(), strict=True)
-            if u.cause and u.cause not in less.causes
-        ]
+        large = self.largest(more.fitted, less.causes)
+        least = self.least(
+            size(null, null),
+            self.likeness(more.fitted, set(less.causes)),
+            large if less.causes else 0.0,
+        )
         return (
-            max(coordinates, default=0.0) > FAINT
+            large > FAINT
             and gain.without_best > NATS * added
             and gain.lost < LOST * gain.won
             and size(less, null) - size(more, null) > least
             and not self.stands(more, less)
         )
 
-    def least(self, gap: float, likeness: float = 0.0) -> float:
+    def largest(self, fitted: Fitted, others: Collection[str]) -> float:
+        """How large the further causes of an explanation are, in units of their typical sizes."""
+        numbers = zip(fitted.unknowns, fitted.place.tolist(), strict=True)
+        further = ((u, abs(z)) for u, z in numbers if u.cause and u.cause not in others)
+        deciding = self.fitter.library.deciding
+        return max((z for u, z in further if u.parameter.name in deciding(u.cause)), default=0.0)
+
+    def least(self, gap: float, likeness: float = 0.0, large: float = 0.0) -> float:
         """What a cause must close at least, as an excess over the noise.
 
         What does much the same as the other causes must close more: an equation that is nearly
         right leaves a gap that resembles what it describes, and a lag that is not quite of first
-        order is not a lag and a dead time. Where the simulator is as right as on its baseline, half
-        of what gap there is, or a quarter that is more than what any cause closes of nothing.
+        order is not a lag and a dead time. What is as large as faults of its kind are need close
+        less: small numbers make up for what an equation that is nearly right leaves. Where the
+        simulator is as right as on its baseline, half of what gap there is, or a quarter that is
+        more than what any cause closes of nothing.
 
         Args:
             gap: Excess of the simulator as given.
             likeness: See there.
+            large: See `largest`.
         """
-        least = max(MATTERS, self.usual.error, (SHARE + TWINS * likeness) * gap)
+        share = SHARE * max(LIGHT, min(1.0, (TYPICAL / max(large, FAINT)) ** 2))
+        least = max(MATTERS, self.usual.error, (share + TWINS * likeness) * gap)
         if gap < self.usual.most:
             least = max(least, min(UNASKED * gap, max(ENOUGH, UNASKED / 2 * gap)))
         return least

@@ -51,7 +51,8 @@ def stated(
     first = misfit(given, given) - 1
     closed = {c: found.closed(c) / max(first, 1e-9) for c in found.best.causes}
     varies = {c: varying(search.fitter, found.best, found.null, search.group, c) for c in closed}
-    sure = confidences(search, found, closed, rest.unclosed, varies)
+    at_end = {c for c in closed if case.library.deciding(c) <= {*found.best.fitted.at_bound(c)}}
+    sure = confidences(search, found, closed, rest.unclosed, varies, at_end)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
     named = [_named(case, found, c, sure[c]) for c in found.best.causes]
@@ -77,14 +78,11 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
     by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
     spread = (by_chance + (_mistaken(case, found, cause) * fitted.place).square()).sqrt()
     values: dict[str, Value] = {}
-    bound = []
     for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
         if unknown.cause != cause:
             continue
         p = unknown.parameter
         values[p.name] = Value(float(p.value_at(z)), *interval(p, z, sd), p.unit)
-        if min(abs(p.value_at(z) - p.lower), abs(p.value_at(z) - p.upper)) < 1e-6 * p.size:
-            bound.append(p.name)
     numbers = {name: v.value for name, v in values.items()}
     own = cause.startswith(OWN)
     kind = "parameter" if own else effect_class(cause).kind
@@ -98,7 +96,7 @@ def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
         confidence=sure.sure,
         held_out_gain=found.closed(cause) / max(found.without(cause), 1e-9),
         confused_with=sure.rivals,
-        at_bound=tuple(bound),
+        at_bound=fitted.at_bound(cause),
         varies_with=sure.varies,
     )
 

@@ -106,6 +106,7 @@ class ThrottleDeadband(DriveEffect):
     name = "throttle_deadband"
     equation = "drive' = max(0, drive - width) (1 + restored width / (1 - width))"
     source = "DART, Lyons et al., whose motor acts on the drive less a deadband: restored = 0"
+    deciding = ("width",)
     parameters = (
         EffectParameter(
             "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.08, 0.01

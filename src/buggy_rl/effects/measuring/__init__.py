@@ -67,13 +67,18 @@ def _servo_options(make: Make) -> dict[str, dict[str, Any]]:
 
 
 def _tyre_options(make: Make, dimensions: VehicleDimensions) -> dict[str, dict[str, Any]]:
-    simulated = getattr(make(1), "vehicle", lambda: dimensions)()
-    tyres = measured_tyres(make, simulated)
+    lone = make(1)
+    simulated = getattr(lone, "vehicle", lambda: dimensions)()
+    declared = getattr(lone, "values", {}).get("front_drive_share")
+    front = 0.0 if declared is None else round(float(declared.mean()), 6)
+    tyres = measured_tyres(make, simulated, front)
     stiffness = {"stiffness": tyres["stiffness"]}
     shipped = asdict(VehicleDimensions())
     other = {k: v for k, v in asdict(simulated).items() if v != shipped[k]}
     if other:  # forces are read off with the inertia and the axles that the simulator has
         tyres |= {"dimensions": other}
+    if front:
+        tyres |= {"front_drive_share": front}
     return {name: tyres for name in TYRE_EFFECTS} | {name: stiffness for name in YAW_EFFECTS}
 
 

@@ -22,11 +22,18 @@ LEAST_USE = 0.2  # of its load with which any tyre pushes back that slides sidew
 TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
 
 
-def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, Any]:
+def measured_tyres(
+    make: Make, dimensions: VehicleDimensions, front_drive_share: float = 0.0
+) -> dict[str, Any]:
     """What a simulator's axles give sideways: F = D sin(c atan(C slip / (c D))) of their load.
 
     The car slides straight ahead at an angle, so both axles have the same slip, under a throttle
     with which its tyres neither drive nor brake: it leans on neither axle.
+
+    Args:
+        make: Builds the simulator for a number of cars.
+        dimensions: Of its car.
+        front_drive_share: Share of its drive that its front axle passes.
 
     Returns:
         `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear,
@@ -38,7 +45,8 @@ def measured_tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, Any]:
     d, dt = dimensions, period(make)
     share = np.array([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
     coasting = np.array(measured_drive(make)["coasting"])
-    borne, height = _leaning(make, d, share, float(coasting @ [1.0, CORNERING_SPEED]))
+    lost = float(coasting @ [1.0, CORNERING_SPEED])
+    borne, height = _leaning(make, d, share, 1 - front_drive_share, lost)
     resistance = borne * coasting
     freely = throttle_for(make, CORNERING_SPEED, -float(resistance @ [1.0, CORNERING_SPEED]))
     slip, use, _ = _slid(make, d, freely)
@@ -80,7 +88,7 @@ def _slid(
 
 
 def _leaning(
-    make: Make, d: VehicleDimensions, share: np.ndarray, lost: float
+    make: Make, d: VehicleDimensions, share: np.ndarray, driven: float, lost: float
 ) -> tuple[float, float]:
     """What the tyres push against, and at what height, by what more throttle does to a slide.
 
@@ -91,6 +99,7 @@ def _leaning(
         make: Builds the simulator.
         d: Dimensions of the car.
         share: Of the weight [2], on the front axle and on the rear one.
+        driven: Share of what tyres give lengthwise that the rear axle does.
         lost: By a coasting car [m/s^2].
 
     Returns:
@@ -106,7 +115,7 @@ def _leaning(
     rear /= 1 + (1 - front) * share[0] / share[1]
     circle = GRAVITY * share[1] * use[-SLIDES:, 1].mean()  # [m/s^2]
     shares = np.linspace(0.0, 1.0, 101)
-    before, behind = (_left((gain + shares * lost) / circle) for gain in (gained, more))
+    before, behind = (_left(driven * (gain + shares * lost) / circle) for gain in (gained, more))
     borne = float(shares[np.abs(behind / before - rear).argmin()])
     # The front axle's load over that at rest is 1 - e F, F what all tyres give lengthwise.
     first, last = gained + borne * lost, more + borne * lost

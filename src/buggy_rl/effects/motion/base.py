@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -90,7 +90,7 @@ class MotionEffect(Effect):
     """
 
     kind = "motion"
-    carries: ClassVar[int] = 0
+    carries: int = 0
     """Numbers of a state of its own; 0 at a reset."""
 
     def __init__(

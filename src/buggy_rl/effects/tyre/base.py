@@ -19,7 +19,8 @@ These are changed and put back. Six things matter.
   the tyre law. It is undone with the engine's slope and done again with the changed one.
 - *Front wheels push square to where they point*, so a part of their force brakes.
 - *The rear axle also drives, and spins* where that is more than its friction (`spin`). By how much
-  faster than the simulated it spins is a state of the effect.
+  faster than the simulated it spins is a state of the effect. Where the front axle passes a share
+  of the drive, it pulls to where its wheels point, and spins likewise.
 - *It drives against what resists at the body* as well, such as the air: a drive that is not seen
   in the acceleration. What resists inside of motor and gear loads no tyre.
 - *The car leans* by what its tyres give lengthwise: h F_x / (L g) of the weight goes to the rear
@@ -41,7 +42,7 @@ from torch import Tensor
 from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import ASKED, SPEED_LOSS
 from buggy_rl.effects.tyre.law import law, slip_of, slope
-from buggy_rl.effects.tyre.spin import left, lengthwise, spin_of, spun
+from buggy_rl.effects.tyre.spin import Driving
 from buggy_rl.vehicle import GRAVITY
 
 Axles = float | Sequence[float]
@@ -51,6 +52,7 @@ STIFFNESS = (6.1, 9.4)  # [1/rad] C over load, front and rear: DART's B C D
 SHAPE = (1.2, 1.2)  # c, between a tyre that bends over slowly (1) and a brush (1.4); chosen
 RESISTANCE = (0.0, 0.0)  # [m/s^2], [1/s]: all of it inside of motor and gear
 HEIGHT = 0.0  # [m] of a simulator that does not lean
+FRONT_DRIVE_SHARE = 0.0  # the buggy's rear axle drives it
 SLOWEST = 0.5  # [m/s] below it slip settles no faster; engines, too, soften tyres at a crawl
 LEAST_LOAD = 0.05  # of the weight, on an axle; no car of this height lifts one
 LEANING = 2  # passes: forces lean the car, and leaning changes forces by a few per cent
@@ -68,10 +70,11 @@ class TyreEffect(MotionEffect):
         speed_loss: b0 and b1 [1/s] of what its motor loses with the speed, b = b0 + b1 drive.
         resistance: r0 [m/s^2] and r1 [1/s] of what resists at its body, r0 + r1 vx.
         height: At which it leans [m].
+        front_drive_share: Share of its drive that the front axle passes, 0..1.
         dimensions, dt, values: As for the other motion effects.
 
     Raises:
-        ValueError: One of them is not above 0.
+        ValueError: A tyre's number is not above 0, or a share not within 0..1.
     """
 
     def __init__(
@@ -83,8 +86,17 @@ class TyreEffect(MotionEffect):
         speed_loss: Sequence[float] = SPEED_LOSS,
         resistance: Sequence[float] = RESISTANCE,
         height: float = HEIGHT,
+        front_drive_share: float = FRONT_DRIVE_SHARE,
         **rest: Any,
     ) -> None:
+        if not 0.0 <= front_drive_share <= 1.0:
+            raise ValueError(
+                f"effect {self.name!r}: front_drive_share is {front_drive_share}: must be within "
+                "0 (the rear axle drives) and 1 (the front one does)"
+            )
+        self.front_drive_share = float(front_drive_share)
+        self._driving = Driving(self.front_drive_share)
+        self.carries = len(self._driving.shares)
         self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
         self.resistance = (float(resistance[0]), float(resistance[1]))
         self.height = float(height)
@@ -109,10 +121,12 @@ class TyreEffect(MotionEffect):
             "resistance": (self.resistance, RESISTANCE),
         }
         changed = {name: list(mine) for name, (mine, own) in chosen.items() if mine != own}
-        leans = {"height": self.height} if self.height != HEIGHT else {}
-        return super().options | changed | leans
-
-    carries = 1
+        numbers = {
+            "height": (self.height, HEIGHT),
+            "front_drive_share": (self.front_drive_share, FRONT_DRIVE_SHARE),
+        }
+        changed |= {name: mine for name, (mine, own) in numbers.items() if mine != own}
+        return super().options | changed
 
     @abstractmethod
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
@@ -134,23 +148,18 @@ class TyreEffect(MotionEffect):
         resists = self._resists(motion)
         load = self._load(share, ax + resists)  # (n, 2) over mass
         circle = load * ax.new_tensor(self.friction)
-        mean, angle, couple = self._seen(motion, share, circle[..., 0])
+        mean, angle, couple, drive = self._seen(motion, share, circle[..., 0], resists)
         hold = share * (motion.turn_rate * motion.after[..., 0]).unsqueeze(-1)
-
-        drive = (ax + mean[..., 0] * torch.tan(angle) + resists).clamp_min(0.0)
-        drive = drive * torch.tanh(motion.drive / ASKED)
-        rear, rear_now = circle[..., 1], (ratio * circle)[..., 1]
-        across = self._across(motion)
-        spins = spin_of(drive, rear, across)
-        pull = lengthwise(spins, rear, across)  # the drive, but no more than friction gives
+        hold = hold - _in_front(self._steered(drive, angle))
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
         assert motion.carried is not None
-        before = motion.carried.squeeze(-1)
-        extra = spun(before, pull, lost, rear_now, across, spins, self.dt)
-        driven = drive * lengthwise(spins + extra, rear_now, across) / pull
-        aside = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
-        side = aside * circle * left(spins, across)
-        side_now = aside * ratio * circle * left(spins + extra, across)
+        along, aside, aside_now, extra = self._driving.spun(
+            motion.carried, drive, lost, circle, ratio, self._across(motion, angle), self.dt
+        )
+        turned = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
+        side = turned * circle * aside
+        side_now = turned * ratio * circle * aside_now
+        pushed = (along * turned).sum(-1)
 
         speed = motion.after[..., 0].abs().clamp_min(SLOWEST).unsqueeze(-1)
         rate = self.dt * ax.new_tensor(self.stiffness) * load / speed  # (n, 2) K dt at no slip
@@ -165,28 +174,47 @@ class TyreEffect(MotionEffect):
             leans = self._load(share, ax + resists + gained) / load
             start_now = self._bounded(self._held(start, use, side, leans * side_now, ratio), share)
             mean_now = hold + self._settled(start_now - hold, rate * stiff_now)
-            gained = driven - drive - (mean_now - mean)[..., 0] * torch.tan(angle)
+            gained = pushed - (mean_now - mean)[..., 0] * torch.tan(angle)
 
         front, rear = (mean_now - mean).unbind(-1)
+        front = front + along[..., 0] * torch.sin(angle)
         couple_now = self._couple(ay + front + rear, mean_now[..., 0], angle)
         moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear - (couple_now - couple)
-        turned = d.mass / d.yaw_inertia * moment
-        return self.dt * torch.stack([gained, front + rear, turned], -1), extra.unsqueeze(-1)
+        yaw = d.mass / d.yaw_inertia * moment
+        return self.dt * torch.stack([gained, front + rear, yaw], -1), extra
 
-    def _seen(self, motion: Motion, share: Tensor, circle: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Lateral forces [n, 2], where the front wheels point [n] [rad], and their couple [n]."""
+    def _seen(
+        self, motion: Motion, share: Tensor, circle: Tensor, resists: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What tyres did: sideways [n, 2]; where front wheels point [n] [rad]; their couple; drive.
+
+        Of the front axle's force to the side of the car, what its drive gives there is not counted.
+        """
         d = self.dimensions
         _, ay, yaw = motion.acceleration
         inertia = d.yaw_inertia / d.mass * yaw
-        angle = couple = torch.zeros_like(ay)
         mean = share * ay.unsqueeze(-1)
+        angle = couple = drive = torch.zeros_like(ay)
         for _ in range(LEANING):
             spin = (inertia + couple) / d.wheelbase
             mean = share * ay.unsqueeze(-1) + torch.stack([spin, -spin], -1)
+            mean = mean - _in_front(self._steered(drive, angle))
             angle = self._wheel_angle(motion, mean[..., 0] / circle)
             angle = self._wheel_angle(motion, mean[..., 0] / circle / torch.cos(angle))
             couple = self._couple(ay, mean[..., 0], angle)
-        return mean, angle, couple
+            drive = self._drive(motion, mean[..., 0], angle, resists)
+        return mean, angle, couple, drive
+
+    def _drive(self, motion: Motion, front: Tensor, angle: Tensor, resists: Tensor) -> Tensor:
+        """Over mass [n] [m/s^2], along the treads of both axles, by what it did to the car."""
+        felt = 1 - self.front_drive_share * (1 - torch.cos(angle))
+        ax = motion.acceleration[0]
+        drive = ((ax + front * torch.tan(angle) + resists) / felt).clamp_min(0.0)
+        return drive * torch.tanh(motion.drive / ASKED)
+
+    def _steered(self, drive: Tensor, angle: Tensor) -> Tensor:
+        """What a front axle that drives [n] gives to the side of the car [n]."""
+        return self.front_drive_share * drive * torch.sin(angle)
 
     def _held(
         self, start: Tensor, use: Tensor, side: Tensor, side_now: Tensor, ratio: Tensor
@@ -214,11 +242,14 @@ class TyreEffect(MotionEffect):
         vx = motion.after[..., 0]
         return self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
 
-    def _across(self, motion: Motion) -> Tensor:
-        """Speed [n] [m/s] past which a spinning rear wheel slides: sideways, or by its stretch."""
+    def _across(self, motion: Motion, angle: Tensor) -> Tensor:
+        """Speed [n, 2] [m/s] past which a spinning wheel slides: sideways, or by its stretch."""
+        d = self.dimensions
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
-        sideways = vy - self.dimensions.cg_to_rear_axle * yaw_rate
-        stretch = self.friction[1] / LENGTHWISE * vx.abs().clamp_min(SLOWEST)
+        front = (vy + d.cg_to_front_axle * yaw_rate) * torch.cos(angle) - vx * torch.sin(angle)
+        sideways = torch.stack([front, vy - d.cg_to_rear_axle * yaw_rate], -1)
+        friction = vx.new_tensor(self.friction)
+        stretch = friction / LENGTHWISE * vx.abs().clamp_min(SLOWEST).unsqueeze(-1)
         return (sideways.square() + stretch.square()).sqrt()
 
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
@@ -249,3 +280,8 @@ class TyreEffect(MotionEffect):
         p, q, r, s = 1 + front * ff, front * fr, rear * fr, 1 + rear * rr
         x, y = start.unbind(-1)
         return torch.stack([s * x - q * y, p * y - r * x], -1) / (p * s - q * r).unsqueeze(-1)
+
+
+def _in_front(force: Tensor) -> Tensor:
+    """[n, 2] of front and rear axle: [n] in front."""
+    return torch.stack([force, torch.zeros_like(force)], -1)
