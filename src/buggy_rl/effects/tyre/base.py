@@ -94,8 +94,7 @@ class TyreEffect(MotionEffect):
                 f"effect {self.name!r}: front_drive_share is {front_drive_share}: must be within "
                 "0 (the rear axle drives) and 1 (the front one does)"
             )
-        self.front_drive_share = float(front_drive_share)
-        self._driving = Driving(self.front_drive_share)
+        self._driving = Driving(float(front_drive_share))
         self.carries = len(self._driving.shares)
         self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
         self.resistance = (float(resistance[0]), float(resistance[1]))
@@ -123,7 +122,7 @@ class TyreEffect(MotionEffect):
         changed = {name: list(mine) for name, (mine, own) in chosen.items() if mine != own}
         numbers = {
             "height": (self.height, HEIGHT),
-            "front_drive_share": (self.front_drive_share, FRONT_DRIVE_SHARE),
+            "front_drive_share": (self._driving.front, FRONT_DRIVE_SHARE),
         }
         changed |= {name: mine for name, (mine, own) in numbers.items() if mine != own}
         return super().options | changed
@@ -153,7 +152,7 @@ class TyreEffect(MotionEffect):
         hold = hold - _in_front(self._steered(drive, angle))
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
         assert motion.carried is not None
-        along, aside, aside_now, extra = self._driving.spun(
+        along, aside, aside_now, extra = self._driving.driven(
             motion.carried, drive, lost, circle, ratio, self._across(motion, angle), self.dt
         )
         turned = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
@@ -207,14 +206,14 @@ class TyreEffect(MotionEffect):
 
     def _drive(self, motion: Motion, front: Tensor, angle: Tensor, resists: Tensor) -> Tensor:
         """Over mass [n] [m/s^2], along the treads of both axles, by what it did to the car."""
-        felt = 1 - self.front_drive_share * (1 - torch.cos(angle))
+        felt = 1 - self._driving.front * (1 - torch.cos(angle))
         ax = motion.acceleration[0]
         drive = ((ax + front * torch.tan(angle) + resists) / felt).clamp_min(0.0)
         return drive * torch.tanh(motion.drive / ASKED)
 
     def _steered(self, drive: Tensor, angle: Tensor) -> Tensor:
         """What a front axle that drives [n] gives to the side of the car [n]."""
-        return self.front_drive_share * drive * torch.sin(angle)
+        return self._driving.front * drive * torch.sin(angle)
 
     def _held(
         self, start: Tensor, use: Tensor, side: Tensor, side_now: Tensor, ratio: Tensor

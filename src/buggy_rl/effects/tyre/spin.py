@@ -88,7 +88,7 @@ class Driving:
         """Of the drive, what each of those passes."""
         return [self.front, 1 - self.front][self.axles]
 
-    def spun(
+    def driven(
         self,
         before: Tensor,
         drive: Tensor,
