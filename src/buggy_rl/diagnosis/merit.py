@@ -16,9 +16,7 @@ LOST = 0.3  # of the nats won in some blocks that may be lost in others
 FAINT = 0.1  # of its typical size: what is smaller is no cause
 MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
 SHARE = 0.05  # nor what closes less of the gap that there was at first,
-TYPICAL = (
-    0.5  # size from which on a further cause need close less of it, as the square of it grows,
-)
+TYPICAL = 0.5  # size above which a further cause need close less of it, by the size's square,
 LIGHT = 0.1  # down to this part;
 TWINS = 0.1  # and as much more if it does the same as the others: see `Merit.likeness`
 UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
