@@ -54,7 +54,9 @@ def main() -> None:
         tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
     options = done.case.player.options
-    content = repaired(config.simulator, answer, folder, done.correction, options, done.tuned)
+    content = repaired(
+        config.simulator, answer, folder, done.correction, options, done.tuned, done.step
+    )
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))

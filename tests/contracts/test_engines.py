@@ -1,6 +1,7 @@
 """What every engine must prove, whatever moves the car in it."""
 
 from functools import partial
+from itertools import pairwise
 
 import pytest
 import torch
@@ -76,6 +77,19 @@ def test_it_keeps_its_specs(engine):
     check_env_specs(engine)
     assert engine.batch_locked
     assert engine.dt == 0.01
+
+
+def test_half_its_step_and_half_of_that_come_closer_to_one_another(name):
+    engine, ends = make(name), []
+    for _ in range(3):
+        state = start(engine, velocity=(1.5, 0.0, 0.0))
+        ends.append(follow(engine, state, manoeuvre())[0][-1])
+        if not engine.half_step:
+            assert name in ("hold", "learned")  # what has no equations is not solved in steps
+            return
+        engine = make(name, **engine.half_step)
+    first, second = (float((a - b).norm()) for a, b in pairwise(ends))
+    assert 0 < second < 0.7 * first  # of first order it is a half of it
 
 
 def test_pose_and_velocity_are_single_precision_on_the_engines_device(engine):

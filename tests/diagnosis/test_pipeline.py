@@ -8,6 +8,7 @@ import yaml
 
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.integration import Step
 from buggy_rl.diagnosis.likelihood import likelihood
 from buggy_rl.diagnosis.pipeline import diagnose
 from buggy_rl.diagnosis.question import DiagnosisConfig
@@ -104,3 +105,21 @@ def test_what_the_baseline_lacks_as_well_has_not_changed():
     baseline = Fitter(fit.player, cut, likelihood(fit.player, cut), fit.library)
     assert set(Search(fitter(after, named)).run().best.causes) == set(named)
     assert Search(fit, baseline=baseline).run().best.causes == ("viscous_drag",)
+
+
+def test_a_finer_step_is_looked_at_told_and_given_back(recordings, tmp_path, monkeypatch):
+    # When a step is too coarse is another test's; here it always is.
+    step = Step({"substeps": 4}, "too coarse")
+    monkeypatch.setattr(pipeline, "fine_enough", lambda *_: step)
+    done = diagnose(replace(CONFIG, effects=["throttle_gain"]), recordings)
+    assert done.case.player.make(1).substeps == 4
+    assert "too coarse" in done.answer.notes
+    file = tmp_path / "repaired.yaml"
+    file.write_text(
+        yaml.safe_dump(repaired(CONFIG.simulator, done.answer, tmp_path, step=done.step))
+    )
+    assert make_simulator(file, 1).substeps == 4
+    coarse = tmp_path / "coarse.yaml"  # one that says so itself gives way
+    coarse.write_text(yaml.safe_dump({"engine": "single_track", "options": {"substeps": 1}}))
+    file.write_text(yaml.safe_dump(repaired(str(coarse), done.answer, tmp_path, step=done.step)))
+    assert make_simulator(file, 1).substeps == 4

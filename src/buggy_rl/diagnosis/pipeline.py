@@ -1,7 +1,7 @@
 """From drives and a simulator to the answer, stage by stage."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from buggy_rl.diagnosis.guard import (
     check_gaps,
     check_latency,
 )
+from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.library import Library
 from buggy_rl.diagnosis.likelihood import Likelihood
 from buggy_rl.diagnosis.question import DiagnosisConfig
@@ -50,6 +51,8 @@ class Diagnosis:
     """Of what the simulator got wrong before anything changed, where baseline drives were given."""
     tuned: dict[str, float] | None = None
     """The simulator's own parameters, where it had to be re-tuned first."""
+    step: dict[str, Any] = field(default_factory=dict)
+    """Options of the simulator with which it integrates finely enough, where it did not."""
 
 
 def identified(
@@ -104,6 +107,8 @@ def diagnose(
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
     library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
     with blaming(config.simulator):
+        step = _step(config, recordings)
+        make = _maker(config, options=step.options)
         options, failures = measurable_options(make)
         notes += failures
         player, correction = Player(make, options=options), None
@@ -126,10 +131,14 @@ def diagnose(
         found, case.likelihood = stages.done("search", lambda: identified(case, progress, right))
         search = Search.after(Fitter(player, case.cut, case.likelihood, library), found)
         said = stages.done("answer", lambda: stated(case, search, found, progress))
-        done = Diagnosis(case, search, found, said, correction)
+        done = Diagnosis(case, search, found, said, correction, step=step.options)
         if declared and not baseline and said.remaining.share > SOUND:
             done = _retuned_first(config, done, stages, progress)
-    notes += short + check_clock(done.found.best.fitted.values()[""]["clock_offset"])
+    notes += (
+        short
+        + ([step.note] if step.note else [])
+        + check_clock(done.found.best.fitted.values()[""]["clock_offset"])
+    )
     notes += check_latency(done.found.best.causes)
     verdict = "cannot_tell" if short else done.answer.verdict
     return replace(done, answer=replace(done.answer, notes=notes, verdict=verdict))
@@ -145,7 +154,7 @@ def _retuned_first(
     """
     given = done.case.player
     tuned = stages.done("retuning", lambda: retuned(done.case, progress))
-    make = _maker(config, tuned.values)
+    make = _maker(config, tuned.values, done.step)
     player = replace(given, make=make, options=measurable_options(make)[0])
     declared = getattr(make(1), "parameters", {})
     library = Library(done.case.library.effects, declared, own=False)
@@ -156,11 +165,19 @@ def _retuned_first(
     said = stages.done("second_answer", lambda: stated(case, search, found, progress, tuned.wrong))
     if not said.proof.better_than(done.answer.proof):
         return done
-    return Diagnosis(case, search, found, said, tuned=tuned.values)
+    return Diagnosis(case, search, found, said, tuned=tuned.values, step=done.step)
+
+
+def _step(config: DiagnosisConfig, recordings: Sequence[Recording]) -> Step:
+    """That the simulator needs for these drives."""
+    cut = stretches_of(recordings, config)
+    return fine_enough(lambda options: Player(_maker(config, options=options)), cut)
 
 
 def _maker(
-    config: DiagnosisConfig, parameters: Mapping[str, float] | None = None
+    config: DiagnosisConfig,
+    parameters: Mapping[str, float] | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Callable[[int], EnvBase]:
     """Builds the simulator for a number of cars, once for each number."""
     threads: dict[str, Any] = (
@@ -169,7 +186,8 @@ def _maker(
 
     @cache
     def make(cars: int) -> EnvBase:
-        return make_simulator(config.simulator, cars, parameters=parameters, **threads)
+        own = {**threads, **(options or {})}
+        return make_simulator(config.simulator, cars, parameters=parameters, **own)
 
     return make
 

@@ -17,6 +17,7 @@ def repaired(
     correction: Correction | None = None,
     options: Options | None = None,
     tuned: Mapping[str, float] | None = None,
+    step: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The simulator with what was found in it, as a simulator file has it.
 
@@ -29,10 +30,13 @@ def repaired(
         correction: Of what it got wrong before anything changed.
         options: What its effects had to know of it.
         tuned: All its own parameters, where it was re-tuned.
+        step: Its options, where it had to integrate more finely.
     """
     content: dict[str, Any] = {"engine": simulator}
     if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
         content["engine"] = os.path.relpath(simulator, folder)
+    if step:
+        content["options"] = dict(step)
     effects, parameters = {}, dict(tuned or {})
     if correction is not None and correction.effect is not None:
         strength = float(correction.effect.values["strength"])

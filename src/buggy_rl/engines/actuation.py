@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import torch
 import yaml
@@ -226,6 +226,10 @@ class ActuatedEngine(Engine):
     def vehicle(self) -> VehicleDimensions:
         front, rear, ahead = self._named("cg_to_front_axle", "cg_to_rear_axle", "sensor_x").values()
         return replace(super().vehicle(), wheelbase=round(front + rear, 6), sensor_to_cg=ahead)
+
+    @property
+    def half_step(self) -> dict[str, Any]:
+        return {"substeps": 2 * self.substeps}
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         batch, device = self.batch_size, self.device

@@ -8,7 +8,7 @@ and two steps from one TensorDict are equal.
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -146,6 +146,11 @@ class Engine(EnvBase):
     def _named(self, *names: str) -> dict[str, float]:
         """Parameters by name, as far as the engine has them."""
         return {n: round(float(self.values[n].mean()), 6) for n in names if n in self.values}
+
+    @property
+    def half_step(self) -> dict[str, Any]:
+        """Arguments with which this engine integrates in half its step; none if it has no step."""
+        return {}
 
     @abstractmethod
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:

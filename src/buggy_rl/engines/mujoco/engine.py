@@ -14,7 +14,7 @@ What rides in the TensorDict, after the batch dimensions:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -197,6 +197,10 @@ class MujocoEngine(RowsEngine):
     def _split(self, physics: NDArray) -> tuple[NDArray, NDArray]:
         nq, nv = self.car.model.nq, self.car.model.nv
         return physics[:, :nq], physics[:, nq : nq + nv]
+
+    @property
+    def half_step(self) -> dict[str, Any]:
+        return {"timestep": self.car.timestep / 2}
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         return type(self)(

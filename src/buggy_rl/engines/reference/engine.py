@@ -211,6 +211,10 @@ class ReferenceEngine(Engine):
             **{name: value.movedim(0, -1).contiguous() for name, value in car.hidden.items()},
         }
 
+    @property
+    def half_step(self) -> dict[str, Any]:
+        return {"substep": self.dt / self._substeps / 2}
+
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         values = {name: parameter.value for name, parameter in self.parameters.items()}
         faults = self._fault_values
