@@ -1,21 +1,23 @@
 from dataclasses import replace
-from functools import partial
 
 import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.excitation import deciding, suggestions, weak
-from buggy_rl.diagnosis.fit import Fitted
-from buggy_rl.diagnosis.library import Library
+from buggy_rl.camera import Camera
+from buggy_rl.diagnosis import excitation
+from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.evidence import blocks, evidence
+from buggy_rl.diagnosis.excitation import ENOUGH, TIMES, decided, suggestions, weak
+from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.rollouts import Player
 from buggy_rl.diagnosis.stretches import stretches
-from buggy_rl.engines import make_engine
+from buggy_rl.recordings import Recording
+from tests.diagnosis.planted import commands, driven, fitter, single_track
 from tests.drives import counting_drive
 
 
-def driven(vx, yaw_rate, drive, steering, yaw=0.0, rows=4000):
+def seen(vx, yaw_rate, drive, steering, yaw=0.0, rows=4000):
     """Stretches of a drive that is all alike but for the directions it goes in."""
     recording = counting_drive("a", rows)
     data = recording.data
@@ -33,7 +35,7 @@ def hidden(cut):
 
 def test_a_steady_fast_left_bend_is_shown_and_all_else_is_missed():
     # 3 m/s at 2 rad/s is 6 m/s^2; turning on for 40 s passes through all directions.
-    assert hidden(driven(3.0, 2.0, 0.7, 0.8, yaw=2.0)) == {
+    assert hidden(seen(3.0, 2.0, 0.7, 0.8, yaw=2.0)) == {
         "below 1 m/s",
         "coasting without drive",
         "hard right turns",
@@ -43,52 +45,111 @@ def test_a_steady_fast_left_bend_is_shown_and_all_else_is_missed():
 
 
 def test_rolling_slowly_straight_ahead_shows_only_that():
-    missed = hidden(driven(0.8, 0.0, 0.0, 0.0, rows=2000))
+    missed = hidden(seen(0.8, 0.0, 0.0, 0.0, rows=2000))
     assert {"more than 0.6 of full drive", "above 2 m/s", "hard left turns"} <= missed
     assert not missed & {"below 1 m/s", "coasting without drive", "going straight"}
-    words = " ".join(weak(driven(0.8, 0.0, 0.0, 0.0, rows=2000)))
+    words = " ".join(weak(seen(0.8, 0.0, 0.0, 0.0, rows=2000)))
     assert "not all directions driven: hides floor_slope, wind" in words
     assert "less than 30 s at a stretch: hides battery_sag" in words
-    assert "battery_sag" not in " ".join(weak(driven(0.8, 0.0, 0.0, 0.0, rows=4000)))
+    assert "battery_sag" not in " ".join(weak(seen(0.8, 0.0, 0.0, 0.0, rows=4000)))
 
 
 def test_manoeuvres_can_be_driven_and_have_names_of_their_own():
     assert len({m.name for m in MANOEUVRES}) == len({m.words for m in MANOEUVRES}) == 12
     for manoeuvre in MANOEUVRES:
         actions = manoeuvre.actions(0.01)
-        assert actions.shape == (50 + round(100 * manoeuvre.seconds), 2)
+        assert actions.shape == (50 + round(100 * manoeuvre.seconds) + 100, 2)
         assert (actions.abs() <= 1).all()
         assert (actions[:50] == torch.tensor([-1.0, 0.0])).all()  # half a second at rest
-        assert float(actions[50:, 0].max()) > -0.7  # then it is driven
+        assert (actions[-100:] == torch.tensor([-1.0, 0.0])).all()  # and rolls for one at last
+        assert float(actions[50:, 0].max()) > -0.7  # between them it is driven
 
 
-def fitted(library, cause, value):
-    own = library.unknowns([cause])
-    place = [own[0].parameter.coordinate(value), 0.0]
-    return Fitted((cause,), own, torch.tensor(place, dtype=torch.float64), torch.empty(0))
+DRAGGY = {"viscous_drag": {"rate": 0.1}}
+CAUSES = ("viscous_drag", "aerodynamic_drag", "steering_gain")
 
 
-@pytest.mark.parametrize(
-    ("cause", "values", "expected"),
-    [
-        ("steering_gain", (0.7, 1.0), "slalom"),  # on a straight both are alike
-        ("throttle_gain", (0.7, 1.0), "full_throttle"),
-    ],
-)
-def test_the_manoeuvre_that_decides_is_the_one_in_which_answers_differ(
-    cause, values, expected, monkeypatch
-):
-    def chosen(manoeuvre):
-        return replace(manoeuvre, seconds=1.0)
+def steady(effects, seed=0, cars=2):
+    """Drives at one throttle each, weaving: speed hardly changes."""
+    action = commands(cars, 1500, seed, drive=(0.3, 0.3))
+    return measured(effects, action, seed)
 
-    few = [chosen(m) for m in MANOEUVRES if m.name in ("full_throttle", "creep", "slalom")]
-    monkeypatch.setattr("buggy_rl.diagnosis.excitation.MANOEUVRES", few)
-    library = Library([cause])
-    pair = [fitted(library, cause, value) for value in values]
-    noise = torch.full((6,), 0.01)
-    player = Player(partial(make_engine, "kinematic"))
-    manoeuvre, size = deciding(player, library, *pair, noise, 0.01)
-    assert manoeuvre.name == expected
-    assert size > 5
-    [words] = suggestions(player, library, [tuple(pair)], noise, 0.01)
-    assert words == f"{manoeuvre.words} (tells {cause} from {cause}, by {size:.0f} times the noise)"
+
+def measured(effects, action, seed=0):
+    cars = len(action)
+    values = {e: {p: torch.full((cars,), v) for p, v in ps.items()} for e, ps in effects.items()}
+    true = driven(single_track(cars), values, {}, action)
+    return [
+        Recording(f"{seed}_{car}", Camera(None, 100 * seed + car).recorded(true[car]), 0.01)
+        for car in range(cars)
+    ]
+
+
+def explained(fit, cause):
+    """One cause, fitted, with what speaks for it."""
+    found = fit.fit([fit.start([cause], [0.5, 0.0])])[0]
+    return Candidate(found, evidence(fit, found, blocks(fit.cut)))
+
+
+@pytest.fixture(scope="module")
+def undecided():
+    """A fit to steady drives of a car that has more drag, by three causes."""
+    fit = fitter(steady(DRAGGY), CAUSES)
+    return fit, [explained(fit, cause) for cause in CAUSES]
+
+
+@pytest.fixture(scope="module")
+def nats(undecided):
+    """Of each manoeuvre: the first from the second, and from itself."""
+    fit, (best, rival, _) = undecided
+    return decided(fit, best, [rival, best])[0]
+
+
+def named(name):
+    return [m.name for m in MANOEUVRES].index(name)
+
+
+def test_a_manoeuvre_decides_as_it_was_foretold(undecided, nats):
+    fit, candidates = undecided
+    alone = [fit.value(candidate.fitted) for candidate in candidates[:2]]
+    foretold = float(nats[0, named("slow_slalom")])
+    told = MANOEUVRES[named("slow_slalom")].actions(0.01).expand(TIMES, -1, -1)
+    both = fitter([*steady(DRAGGY), *measured(DRAGGY, told, seed=1)], CAUSES)
+    values = [both.value(explained(both, c).fitted) for c in CAUSES[:2]]
+    gained = (values[1] - values[0]) - (alone[1] - alone[0])
+    assert foretold > ENOUGH
+    assert 0.5 * foretold < gained < 2 * foretold
+
+
+def test_no_manoeuvre_tells_an_explanation_from_itself(nats):
+    assert float(nats[1].abs().max()) < 1e-6
+
+
+def test_a_car_is_not_asked_to_go_much_faster_than_it_was_driven(undecided, nats):
+    fit, (best, rival, _) = undecided
+    assert nats[0, named("full_throttle")] == 0
+    faster = replace(fit.cut, smooth_velocity=2 * fit.cut.smooth_velocity)
+    other = Fitter(fit.player, faster, fit.likelihood, fit.library)
+    assert decided(other, best, [rival])[0][0, named("full_throttle")] > ENOUGH
+
+
+def test_one_manoeuvre_is_asked_for_where_one_tells_all(undecided):
+    fit, (best, *rivals) = undecided
+    lines = suggestions(fit, best, rivals)
+    assert any(lines[0].startswith(m.words) for m in MANOEUVRES)
+    assert "tells viscous_drag from " in lines[0]
+    assert all(f"from {cause}" in " ".join(lines) for cause in CAUSES[1:])
+    assert len(lines) < 3
+    assert suggestions(fit, best, []) == []
+
+
+def test_what_a_simulator_was_never_taught_decides_nothing(undecided, monkeypatch):
+    fit, (best, rival, _) = undecided
+    shown = excitation._driven
+
+    def beyond(*given):
+        recordings, outside = shown(*given)
+        return recordings, torch.ones_like(outside)
+
+    monkeypatch.setattr(excitation, "_driven", beyond)
+    assert suggestions(fit, best, [rival]) == []

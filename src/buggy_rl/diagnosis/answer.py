@@ -193,7 +193,7 @@ class Answer:
                 words.insert(0, f"median: {_millimetres(*middle)}")
             result.append(f"1 s rollouts {held_out}, {'; '.join(words)}.")
         if self.suggest:
-            result.append(f"Drive next: {self.suggest[0]}.")
+            result.append(f"Drive next: {'; then: '.join(self.suggest)}.")
         return result
 
     def _headline(self) -> str:

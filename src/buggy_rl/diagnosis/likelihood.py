@@ -59,7 +59,11 @@ class Likelihood:
 
 
 def likelihood(
-    player: Player, cut: Stretches, settings: Settings | None = None, extra: Tensor | None = None
+    player: Player,
+    cut: Stretches,
+    settings: Settings | None = None,
+    extra: Tensor | None = None,
+    seen: Stretches | None = None,
 ) -> Likelihood:
     """Whitening of stretches about a simulator.
 
@@ -69,9 +73,11 @@ def likelihood(
         settings: Effects, parameters and offset of the simulator, as `Player.play` takes them, of
             one set; none by default.
         extra: [D, D] covariance of what the simulator gets wrong where it is right.
+        seen: Stretches that tell how noisy the sensor is; None for `cut` itself.
     """
-    noise = sensor_noise(cut)
-    shift = torch.cat([torch.zeros(1, 6), torch.diag(start_noise(cut))])
+    seen = cut if seen is None else seen
+    noise = sensor_noise(seen)
+    shift = torch.cat([torch.zeros(1, 6), torch.diag(start_noise(seen))])
     effects, parameters, offset = settings or ({}, {}, torch.zeros(1))
     many = {e: {p: v.expand(7) for p, v in ps.items()} for e, ps in effects.items()}
     own = {name: v.expand(7) for name, v in parameters.items()}

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 STAND = 0.5  # [s] at rest before each, which is when hidden states settle
+ROLL = 1.0  # [s] without drive after it
 
 
 @dataclass(frozen=True)
@@ -20,13 +21,13 @@ class Manoeuvre:
     """Times [T] s -> drive in 0..1 and steering in -1..1, [T] each."""
 
     def actions(self, dt: float) -> Tensor:
-        """Commands [T, 2], standing first."""
-        rows = round(STAND / dt)
+        """Commands [T, 2]: standing first, rolling at last."""
+        before, after = round(STAND / dt), round(ROLL / dt)
         time = torch.arange(round(self.seconds / dt)) * dt
         drive, steering = self.command(time)
         driven = torch.stack([2 * drive - 1, steering], -1).float()
-        idle = torch.tensor([-1.0, 0.0]).expand(rows, 2)
-        return torch.cat([idle, driven.clamp(-1.0, 1.0)])
+        idle = torch.tensor([-1.0, 0.0]).expand(max(before, after), 2)
+        return torch.cat([idle[:before], driven.clamp(-1.0, 1.0), idle[:after]])
 
 
 def _constant(drive: float, steering: float):

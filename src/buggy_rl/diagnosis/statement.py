@@ -22,6 +22,7 @@ from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 
 TOLD = 24  # explanations that are written down
+MOST_RIVALS = 4  # that a manoeuvre is looked for to decide between
 
 
 def stated(
@@ -64,11 +65,9 @@ def stated(
         for rival in item.confused_with:
             others = tuple(sorted({*found.best.causes} - {item.name} | {rival}))
             if others in found.tried:
-                undecided.append((found.best.fitted, found.tried[others].fitted))
+                undecided.append(found.tried[others])
     progress("looking for what to drive next")
-    suggest = suggestions(
-        case.player, case.library, undecided[:3], case.likelihood.noise, case.cut.dt
-    )
+    suggest = suggestions(search.fitter, found.best, undecided[:MOST_RIVALS])
     tried = _tried(search, found)
     return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest, tried)
 

@@ -1,4 +1,4 @@
-"""Cases in which the tool could not tell, driven once more: the manoeuvre that it asked for."""
+"""Cases in which the tool could not tell, driven once more: the manoeuvres that it asked for."""
 
 import json
 import shutil
@@ -9,6 +9,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
+from buggy_rl.diagnosis.excitation import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.measuring import measured
@@ -18,8 +19,6 @@ from buggy_rl.proving.sealing import Vault
 from buggy_rl.recordings import save_recording
 from buggy_rl.vehicle import CONTROL_PERIOD
 
-TIMES = 6  # as often as a person would drive it, each time facing another way
-ROLLING = 100  # rows with no drive that end a manoeuvre
 FIRST = 200  # number of the first such drive, behind all others' noise
 
 
@@ -32,8 +31,7 @@ class ManoeuvreDriver:
     """
 
     def __init__(self, manoeuvre: Manoeuvre, dt: float = CONTROL_PERIOD) -> None:
-        idle = torch.tensor([-1.0, 0.0]).expand(ROLLING, 2)
-        self.actions = torch.cat([manoeuvre.actions(dt), idle])
+        self.actions = manoeuvre.actions(dt)
         self.row = 0
 
     def start_pose(self, batch_size: Sequence[int]) -> Tensor:
@@ -49,17 +47,16 @@ class ManoeuvreDriver:
         return seen
 
 
-def asked_for(vault: Vault, case: Case) -> Manoeuvre | None:
-    """The manoeuvre that the tool asked for first, where it could not tell."""
+def asked_for(vault: Vault, case: Case) -> list[Manoeuvre]:
+    """The manoeuvres that the tool asked for, where it could not tell."""
     file = vault.said(case.id) / "diagnosis.json"
     if not file.exists():
-        return None
+        return []
     answer = json.loads(file.read_text())
     suggested = answer.get("excitation", {}).get("suggest", [])
-    if answer["verdict"] != "cannot_tell" or not suggested:
-        return None
-    found = [m for m in MANOEUVRES if suggested[0].startswith(m.words)]
-    return found[0] if found else None
+    if answer["verdict"] != "cannot_tell":
+        return []
+    return [m for m in MANOEUVRES if any(line.startswith(m.words) for line in suggested)]
 
 
 def again(case: Case) -> str:
@@ -77,22 +74,25 @@ def undecided(vault: Vault, cases: Sequence[Case]) -> list[Case]:
 
 
 def drive_again(vault: Vault, case: Case) -> int:
-    """Drives the manoeuvre in the concealed car and adds the drives to what was seen.
+    """Drives the manoeuvres in the concealed car and adds the drives to what was seen.
 
     Returns:
         1, the number of cases.
     """
-    manoeuvre = asked_for(vault, case)
-    assert manoeuvre is not None
+    manoeuvres = asked_for(vault, case)
+    assert manoeuvres
     seen, folder = vault.seen(case.id), vault.seen(again(case))
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(seen, folder, ignore=shutil.ignore_patterns("question.yaml"))
-    driver = ManoeuvreDriver(manoeuvre)
-    plant = make_plant(case.plant, TIMES, case.faults)
-    true: TensorDict = driven(plant, [Ride(driver, slice(0, TIMES))], len(driver.actions))
-    for place in range(TIMES):
-        drive = measured(case, true[place], True, FIRST + place)
-        save_recording(drive, folder / "recordings" / f"manoeuvre_{place}.csv")
+    number = 0
+    for manoeuvre in manoeuvres:
+        driver = ManoeuvreDriver(manoeuvre)
+        plant = make_plant(case.plant, TIMES, case.faults)
+        true: TensorDict = driven(plant, [Ride(driver, slice(0, TIMES))], len(driver.actions))
+        for place in range(TIMES):
+            drive = measured(case, true[place], True, FIRST + number)
+            save_recording(drive, folder / "recordings" / f"manoeuvre_{number}.csv")
+            number += 1
     # Last: a folder with a question is whole.
     shutil.copyfile(seen / "question.yaml", folder / "question.yaml")
     return 1

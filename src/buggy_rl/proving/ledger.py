@@ -87,7 +87,7 @@ class Ledger:
 
 def whole(vault: Vault, case: Case, compared: bool = True) -> bool:
     """Whether nothing of a case is left to do."""
-    asked_again = asked_for(vault, case) is None or finished(vault.said(again(case)))
+    asked_again = not asked_for(vault, case) or finished(vault.said(again(case)))
     return (
         finished(vault.said(case.id))
         and vault.is_weighed(case.id)
