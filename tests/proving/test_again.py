@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.excitation import TIMES
+from buggy_rl.diagnosis.design import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
 from buggy_rl.proving.again import again, asked_for, drive_again, undecided
 from buggy_rl.proving.case import Case

@@ -11,7 +11,8 @@ from buggy_rl.diagnosis.candidate import size
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
 from buggy_rl.diagnosis.constancy import varying
-from buggy_rl.diagnosis.excitation import suggestions, weak
+from buggy_rl.diagnosis.design import suggestions
+from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.locate import locate
 from buggy_rl.diagnosis.proof import Errors, folds, prove

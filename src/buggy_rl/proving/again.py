@@ -9,7 +9,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.diagnosis.excitation import TIMES
+from buggy_rl.diagnosis.design import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.measuring import measured
@@ -23,7 +23,7 @@ FIRST = 200  # number of the first such drive, behind all others' noise
 
 
 class ManoeuvreDriver:
-    """Drives a manoeuvre with open eyes shut: as commands over time.
+    """Drives a manoeuvre without looking: as commands over time.
 
     Args:
         manoeuvre: What to drive.
