@@ -72,8 +72,12 @@ def planted_drives(
     seed: int = 0,
     quality: CameraConfig | None = None,
     make=single_track,
+    action: torch.Tensor | None = None,
 ) -> list[list[Recording]]:
-    """Drives `cars` cars of each case, all in one batch; effect -> parameter -> value."""
+    """Drives `cars` cars of each case, all in one batch; effect -> parameter -> value.
+
+    They are told `action` [cars, rows, 2], or else what `commands` draws.
+    """
     count = len(cases) * cars
     effects: dict[str, dict[str, torch.Tensor]] = {}
     parameters: dict[str, torch.Tensor] = {}
@@ -88,7 +92,8 @@ def planted_drives(
                     continue
                 own = {p.name: torch.full((count,), p.value) for p in effect_class(name).parameters}
                 effects.setdefault(name, own)[parameter][rows] = value
-    action = commands(cars, round(100 * seconds), seed).repeat(len(cases), 1, 1)
+    action = commands(cars, round(100 * seconds), seed) if action is None else action
+    action = action.repeat(len(cases), 1, 1)
     true = driven(engine, effects, parameters, action)
     result = []
     for index in range(len(cases)):

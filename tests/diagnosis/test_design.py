@@ -5,34 +5,26 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl.camera import Camera
 from buggy_rl.diagnosis import design
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.design import ENOUGH, TIMES, decided, suggestions
 from buggy_rl.diagnosis.evidence import blocks, evidence
 from buggy_rl.diagnosis.fit import Fitter
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.recordings import Recording
-from tests.diagnosis.planted import commands, driven, fitter, single_track
+from tests.diagnosis.planted import commands, fitter, planted_drives
 
 DRAGGY = {"viscous_drag": {"rate": 0.1}}
 CAUSES = ("viscous_drag", "aerodynamic_drag", "steering_gain")
 
 
-def steady(effects, seed=0, cars=2):
-    """Drives at one throttle each, weaving: speed hardly changes."""
-    action = commands(cars, 1500, seed, drive=(0.3, 0.3))
-    return measured(effects, action, seed)
+def measured(action, seed=0):
+    """Drives of a car with more drag, told `action` [cars, rows, 2]."""
+    return planted_drives([DRAGGY], len(action), seed=seed, action=action)[0]
 
 
-def measured(effects, action, seed=0):
-    cars = len(action)
-    values = {e: {p: torch.full((cars,), v) for p, v in ps.items()} for e, ps in effects.items()}
-    true = driven(single_track(cars), values, {}, action)
-    return [
-        Recording(f"{seed}_{car}", Camera(None, 100 * seed + car).recorded(true[car]), 0.01)
-        for car in range(cars)
-    ]
+def steady():
+    """At one throttle, weaving: speed hardly changes."""
+    return measured(commands(2, 1500, drive=(0.3, 0.3)))
 
 
 def explained(fit, cause):
@@ -44,7 +36,7 @@ def explained(fit, cause):
 @pytest.fixture(scope="module")
 def undecided():
     """A fit to steady drives of a car that has more drag, by three causes."""
-    fit = fitter(steady(DRAGGY), CAUSES)
+    fit = fitter(steady(), CAUSES)
     return fit, [explained(fit, cause) for cause in CAUSES]
 
 
@@ -64,7 +56,7 @@ def test_a_manoeuvre_decides_as_it_was_foretold(undecided, nats):
     alone = [fit.value(candidate.fitted) for candidate in candidates[:2]]
     foretold = float(nats[0, named("slow_slalom")])
     told = MANOEUVRES[named("slow_slalom")].actions(0.01).expand(TIMES, -1, -1)
-    both = fitter([*steady(DRAGGY), *measured(DRAGGY, told, seed=1)], CAUSES)
+    both = fitter([*steady(), *measured(told, seed=1)], CAUSES)
     values = [both.value(explained(both, c).fitted) for c in CAUSES[:2]]
     gained = (values[1] - values[0]) - (alone[1] - alone[0])
     assert foretold > ENOUGH

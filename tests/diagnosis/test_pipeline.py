@@ -123,3 +123,17 @@ def test_a_finer_step_is_looked_at_told_and_given_back(recordings, tmp_path, mon
     coarse.write_text(yaml.safe_dump({"engine": "single_track", "options": {"substeps": 1}}))
     file.write_text(yaml.safe_dump(repaired(str(coarse), done.answer, tmp_path, step=done.step)))
     assert make_simulator(file, 1).substeps == 4
+
+
+def test_a_users_own_factory_is_not_asked_for_another_step(recordings, tmp_path, monkeypatch):
+    # It may return one of our engines, and takes none of its options.
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from buggy_rl.engines import make_engine\n\n"
+        "def make(batch_size, device):\n"
+        "    return make_engine('single_track', batch_size, device)\n"
+    )
+    monkeypatch.setattr(pipeline, "fine_enough", lambda *_: Step({"substeps": 4}, "too coarse"))
+    config = replace(CONFIG, simulator=f"{own}:make", effects=["throttle_gain"])
+    assert pipeline._step(config, recordings) == Step()
+    assert pipeline._step(replace(CONFIG, effects=["throttle_gain"]), recordings).options

@@ -34,7 +34,7 @@ from buggy_rl.diagnosis.statement import stated
 from buggy_rl.diagnosis.trial import blaming, check_simulator
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.engines import read_simulator
+from buggy_rl.engines import ENGINES, read_simulator
 from buggy_rl.env import make_simulator
 from buggy_rl.recordings import Recording
 
@@ -169,7 +169,9 @@ def _retuned_first(
 
 
 def _step(config: DiagnosisConfig, recordings: Sequence[Recording]) -> Step:
-    """That the simulator needs for these drives."""
+    """That the simulator needs for these drives; a user's own factory is not asked for another."""
+    if _engine(config.simulator) not in ENGINES:
+        return Step()
     cut = stretches_of(recordings, config)
     return fine_enough(lambda options: Player(_maker(config, options=options)), cut)
 
