@@ -39,6 +39,7 @@ def test_every_method_answers_once_and_a_failure_is_an_answer(vault, monkeypatch
     assert set(said) == set(baselines.METHODS)
     assert said["broken"]["verdict"] == "crashed"
     assert said["broken"]["notes"] == ["no root found"]
+    assert all(answer["seconds"] > 0 for answer in said.values())
     monkeypatch.setitem(baselines.METHODS, "later", "tests.proving.test_baselines:broken")
     assert missing(vault, CASE) == ["later"]
 

@@ -72,6 +72,12 @@ def test_what_was_not_weighed_counts_as_decidable():
     assert table["first name right, decidable single effects"].figure.count == 1
 
 
+def test_a_time_that_nobody_took_is_no_time():
+    table = rows(answered(LATE, seconds=0.0), answered(LATE, seconds=4.0))
+    taken = table["seconds a case, median"].figure
+    assert (taken.value, taken.count) == (4.0, 1)
+
+
 def test_anything_named_where_nothing_is_counts_against_us_whatever_its_confidence():
     wrong = answered({}, said("wind", 0.1), verdict="cannot_tell")
     right = answered({})

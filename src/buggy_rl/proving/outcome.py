@@ -55,6 +55,7 @@ class Outcome:
     held_out: dict[str, dict[str, float]] = field(default_factory=dict)
     """as_given, named, oracle -> error, position."""
     seconds: float = 0.0
+    """That it took to answer; 0 where nobody looked at the clock."""
     failed: str = ""
     """Why it could not be weighed."""
     decided: bool | None = None
@@ -151,9 +152,9 @@ def gathered(vault: Vault) -> dict[str, list[Outcome]]:
             if (folder / baselines.FILE).exists():
                 # What a method repairs is its own: the tool's held-out error is not.
                 bare = {**weighed, "held_out": {}}
-                answered = {"status": "answered", "seconds": 0.0}
                 for method, other in json.loads((folder / baselines.FILE).read_text()).items():
-                    done = outcome(case, answered, other, bare)
+                    about = {"status": "answered", "seconds": other.get("seconds", 0.0)}
+                    done = outcome(case, about, other, bare)
                     found.setdefault(method, []).append(done)
     return found
 

@@ -128,7 +128,11 @@ def _rows(outcomes: Sequence[Outcome]) -> list[Row]:
     rest = [
         Row("crashed or timed out", share([o.status != "answered" for o in outcomes])),
         Row("could not be weighed", share([bool(o.failed) for o in outcomes])),
-        Row("seconds a case, median", middle([o.seconds for o in outcomes]), percent=False),
+        Row(
+            "seconds a case, median",
+            middle([o.seconds for o in outcomes if o.seconds]),
+            percent=False,
+        ),
     ]
     return [
         *_naming(outcomes),

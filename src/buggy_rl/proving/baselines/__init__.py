@@ -5,6 +5,7 @@ A method takes the folder of a case and returns an answer in the form of `diagno
 """
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,12 @@ def compare(vault: Vault, case: Case) -> int:
     folder = vault.said(case.id)
     for method in missing(vault, case):
         answer: Callable[[Path], dict[str, Any]] = load_named(METHODS[method])
+        begun = time.monotonic()
         try:
             said = answer(vault.seen(case.id))
         except (ValueError, ArithmeticError, RuntimeError) as error:
             said = {"verdict": "crashed", "effects": [], "notes": [str(error)]}
+        said["seconds"] = time.monotonic() - begun
         write_json(folder / FILE, {**_answers(folder), method: said})
     return 1
 
