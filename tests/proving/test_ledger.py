@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from buggy_rl.proving.baselines import METHODS
 from buggy_rl.proving.case import Case
 from buggy_rl.proving.exam import write_json
 from buggy_rl.proving.ledger import Ledger, outcomes, whole
@@ -63,6 +64,17 @@ def test_a_case_is_settled_when_nothing_is_left_to_do_and_once(vault, tmp_path):
     assert ledger.settle(vault, compared=False) == 1
     assert ledger.settle(vault, compared=False) == 0
     assert ledger.open([CASE, OTHER]) == [OTHER]
+
+
+def test_where_other_methods_answer_none_is_settled_before_all_have(vault, tmp_path):
+    write_json(vault.weighed(CASE.id), WEIGHED)
+    ledger, file = Ledger(tmp_path / "ledger.jsonl"), vault.said(CASE.id) / "baselines.json"
+    silent = {"verdict": "cannot_tell", "effects": [], "seconds": 1.0}
+    write_json(file, {next(iter(METHODS)): silent})
+    assert ledger.settle(vault, compared=False) == 0
+    write_json(file, dict.fromkeys(METHODS, silent))
+    assert ledger.settle(vault, compared=False) == 1
+    assert set(ledger.entries()[CASE.id]) == {OURS, *METHODS}
 
 
 def test_what_is_read_is_what_was_entered_without_the_case_at_hand(vault, tmp_path):

@@ -67,11 +67,14 @@ class Ledger:
 
         Args:
             vault: Where they lie.
-            compared: Whether other methods must have answered too.
+            compared: Whether other methods must have answered too. They must in any case once they
+                have begun to: a settled case is not asked again, and theirs would be lost.
         """
         entries, new = self.entries(), []
         by_case: dict[str, dict[str, Outcome]] = {}
-        for who, outcomes in gathered(vault).items():
+        found = gathered(vault)
+        compared = compared or len(found) > 1
+        for who, outcomes in found.items():
             for outcome in outcomes:
                 by_case.setdefault(outcome.case.id, {})[who] = outcome
         for id_, outcomes in by_case.items():
