@@ -15,7 +15,7 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Diagnoses and writes."""
-    config = from_command_line(__doc__, "buggy_rl.diagnosis.question:DiagnosisConfig")
+    config = from_command_line(__doc__, "buggy_rl.diagnosis.config:DiagnosisConfig")
 
     import json
 
@@ -23,11 +23,11 @@ def main() -> None:
     import yaml
     from tqdm import tqdm
 
-    from buggy_rl.diagnosis.correction import FILE
     from buggy_rl.diagnosis.pipeline import diagnose
     from buggy_rl.diagnosis.repair import repaired
     from buggy_rl.diagnosis.report import report
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
+    from buggy_rl.estimation.baseline import FILE
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(1)

@@ -15,15 +15,15 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Judges every simulator of a study and writes the table."""
-    config = from_command_line(__doc__, "buggy_rl.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
 
     import pandas as pd
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.comparison import held_out_windows, judge, markdown, table_row
-    from buggy_rl.study import candidates, fit_file, load_drives
-    from buggy_rl.visual import rollout_figure, table_figure
+    from buggy_rl.identification.study import candidates, fit_file, load_drives
+    from buggy_rl.identification.table import held_out_windows, judge, markdown, table_row
+    from buggy_rl.viz import rollout_figure, table_figure
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)

@@ -12,14 +12,14 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Drives, prints and saves."""
-    config = from_command_line(__doc__, "buggy_rl.policy_tables:PolicyTablesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.tables:PolicyTablesConfig")
 
     import pandas as pd
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.policy_drives import car_name
-    from buggy_rl.policy_tables import results, tables
+    from buggy_rl.policies.drives import car_name
+    from buggy_rl.policies.tables import results, tables
 
     torch.set_num_threads(config.threads)
     found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))

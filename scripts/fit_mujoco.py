@@ -15,19 +15,19 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Fits and writes the simulator file."""
-    config = from_command_line(__doc__, "buggy_rl.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
 
     import torch
     import yaml
     from tqdm import tqdm
 
     from buggy_rl import keys
-    from buggy_rl.comparison import block_numbers, thinned
-    from buggy_rl.dataset import filtered, local_parabola, windows
     from buggy_rl.engines import make_engine
-    from buggy_rl.evaluation import WARM_UP
-    from buggy_rl.fitting import Simulator, as_simulator, fit, second_pass
-    from buggy_rl.study import fit_file, load_drives
+    from buggy_rl.estimation.segments import WARM_UP
+    from buggy_rl.identification.least_squares import Simulator, as_simulator, fit, second_pass
+    from buggy_rl.identification.study import fit_file, load_drives
+    from buggy_rl.identification.table import block_numbers, thinned
+    from buggy_rl.recordings.windows import filtered, local_parabola, windows
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, on_refusal=tqdm.write)

@@ -21,20 +21,20 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Runs the stages that are asked for."""
-    config = from_command_line(__doc__, "buggy_rl.proving.proof:ProofConfig")
+    config = from_command_line(__doc__, "buggy_rl.blind_test.proof:ProofConfig")
 
     from tqdm import tqdm
 
-    from buggy_rl.proving.again import again, drive_again, undecided
-    from buggy_rl.proving.baselines import compare, uncompared
-    from buggy_rl.proving.exam import Examiner
-    from buggy_rl.proving.ledger import Ledger, outcomes
-    from buggy_rl.proving.opening import open_once, openings
-    from buggy_rl.proving.outcome import OURS
-    from buggy_rl.proving.preparation import needed, prepare
-    from buggy_rl.proving.proof import cases_of, side_by_side, unanswered, unsealed, unweighed
-    from buggy_rl.proving.score import score
-    from buggy_rl.proving.sealing import publish, seal
+    from buggy_rl.blind_test.again import again, drive_again, undecided
+    from buggy_rl.blind_test.baselines import compare, uncompared
+    from buggy_rl.blind_test.exam import Examiner
+    from buggy_rl.blind_test.ledger import Ledger, outcomes
+    from buggy_rl.blind_test.opening import open_once, openings
+    from buggy_rl.blind_test.outcome import OURS
+    from buggy_rl.blind_test.preparation import needed, prepare
+    from buggy_rl.blind_test.proof import cases_of, side_by_side, unanswered, unsealed, unweighed
+    from buggy_rl.blind_test.score import score
+    from buggy_rl.blind_test.sealing import publish, seal
 
     vault, scripts = config.vault, Path(__file__).resolve().parent
     for folder in (vault.output, vault.sealed, vault.prepared):
@@ -74,7 +74,7 @@ def main() -> None:
         together("driving again", drive_again, [(vault, c) for c in retried], [1] * len(retried))
         ask("asking again", [again(case) for case in cases if vault.seen(again(case)).exists()])
     if "weigh" in config.stages:
-        from buggy_rl.proving.oracle import weigh
+        from buggy_rl.blind_test.oracle import weigh
 
         left = unweighed(vault, cases)
         arguments = [(vault, case, config.effects, config.rivals) for case in left]
@@ -94,7 +94,7 @@ def main() -> None:
             open_once(counter)
         print("\n".join(scores[OURS].lines()))
     if "page" in config.stages:
-        from buggy_rl.proving.page import write_page
+        from buggy_rl.blind_test.page import write_page
 
         command = " ".join(["python", *(a for a in sys.argv if not a.startswith("stages="))])
         print(f"written: {write_page(config, scores, command, openings(counter))}")

@@ -18,18 +18,18 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Drives all cars at once, then measures and writes drive by drive."""
-    config = from_command_line(__doc__, "buggy_rl.drivers.recording:RecordConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.controllers.recording:RecordConfig")
 
     import torch
     from tensordict import TensorDict
     from tqdm import tqdm
 
     from buggy_rl import keys
-    from buggy_rl.camera import Camera
-    from buggy_rl.drivers.recording import driven
-    from buggy_rl.drivers.room import RoomDriver
-    from buggy_rl.env import make_simulator
+    from buggy_rl.policies.controllers.recording import driven
+    from buggy_rl.policies.controllers.room import RoomDriver
     from buggy_rl.recordings import Recording, save_recording
+    from buggy_rl.recordings.camera import Camera
+    from buggy_rl.task.env import make_simulator
     from buggy_rl.vehicle import CONTROL_PERIOD
 
     torch.set_num_threads(1)

@@ -25,17 +25,17 @@ NAMELESS = {  # what an answer without a name says
 
 def main() -> None:
     """Seals, asks, opens."""
-    config = from_command_line(__doc__, "buggy_rl.proving.riddle:RiddleConfig")
+    config = from_command_line(__doc__, "buggy_rl.blind_test.blind_demo:RiddleConfig")
 
     import json
 
     import torch
 
+    from buggy_rl.blind_test.blind_demo import MEASURED, distance, riddle, rollouts
+    from buggy_rl.blind_test.exam import write_json
+    from buggy_rl.blind_test.sealing import publish, seal
     from buggy_rl.effects import effect_class
-    from buggy_rl.proving.exam import write_json
-    from buggy_rl.proving.riddle import MEASURED, distance, riddle, rollouts
-    from buggy_rl.proving.sealing import publish, seal
-    from buggy_rl.visual import rollout_figure
+    from buggy_rl.viz import rollout_figure
 
     torch.set_num_threads(1)
     vault, case = config.vault, riddle(config)

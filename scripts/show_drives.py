@@ -13,15 +13,15 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Draws the training drives of a study."""
-    config = from_command_line(__doc__, "buggy_rl.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
 
     from tensordict import TensorDict
     from tqdm import tqdm
 
     from buggy_rl import keys
-    from buggy_rl.dataset import mirror
-    from buggy_rl.study import load_drives
-    from buggy_rl.visual import histogram_figure
+    from buggy_rl.identification.study import load_drives
+    from buggy_rl.recordings.windows import mirror
+    from buggy_rl.viz import histogram_figure
 
     drives = load_drives(config.data, on_refusal=tqdm.write)
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)

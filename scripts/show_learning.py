@@ -14,10 +14,10 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Reads the logs and draws."""
-    config = from_command_line(__doc__, "buggy_rl.learning_curves:ShowLearningConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.learning_curves:ShowLearningConfig")
 
-    from buggy_rl.learning_curves import curves
-    from buggy_rl.visual import learning_figure
+    from buggy_rl.policies.learning_curves import curves
+    from buggy_rl.viz import learning_figure
 
     found = curves(config)
     for curve in found:

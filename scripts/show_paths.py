@@ -14,10 +14,10 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Makes every kind of path, checks it, and draws it."""
-    config = from_command_line(__doc__, "buggy_rl.paths.making:ShowPathsConfig")
+    config = from_command_line(__doc__, "buggy_rl.task.paths.making:ShowPathsConfig")
 
-    from buggy_rl.paths import make_paths
-    from buggy_rl.visual import paths_figure
+    from buggy_rl.task.paths import make_paths
+    from buggy_rl.viz import paths_figure
 
     chosen = {
         "training": replace(config.paths, kind="simplex", part="training"),

@@ -14,13 +14,13 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Drives and draws."""
-    config = from_command_line(__doc__, "buggy_rl.policy_drives:ShowPoliciesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.drives:ShowPoliciesConfig")
 
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.policy_drives import panels
-    from buggy_rl.visual import policies_figure
+    from buggy_rl.policies.drives import panels
+    from buggy_rl.viz import policies_figure
 
     torch.set_num_threads(config.threads)
     found = list(panels(config, lambda todo: tqdm(todo, "driving", unit="place")))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from buggy_rl.config import from_command_line, plain, run, save_run
 
-SCHEMA = "buggy_rl.study:StudyConfig"
+SCHEMA = "buggy_rl.identification.study:StudyConfig"
 
 
 def main() -> None:
@@ -23,9 +23,9 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
+    from buggy_rl.identification.study import load_drives, model_file, model_runs
     from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
-    from buggy_rl.study import load_drives, model_file, model_runs
 
     torch.set_num_threads(config.threads)
     save_run(config, Path(config.output) / "models")

@@ -16,13 +16,13 @@ from buggy_rl.config import from_command_line, plain, run, save_run
 def main() -> None:
     """Trains until the steps are used up."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: busy waiting ruins 2 cores
-    config = from_command_line(__doc__, "buggy_rl.policy_run:PolicyRunConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.run:PolicyRunConfig")
 
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.policy_run import PolicyRun
-    from buggy_rl.ppo import NonFiniteLossError
+    from buggy_rl.policies.ppo import NonFiniteLossError
+    from buggy_rl.policies.run import PolicyRun
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)

@@ -23,8 +23,8 @@ def main() -> None:
 
     from tqdm import tqdm
 
-    from buggy_rl.proving.exam import write_json
-    from buggy_rl.proving.proof import side_by_side
+    from buggy_rl.blind_test.exam import write_json
+    from buggy_rl.blind_test.proof import side_by_side
     from buggy_rl.transfer.evaluation import judge, unjudged
     from buggy_rl.transfer.factory import write_factories
     from buggy_rl.transfer.job import Job

@@ -14,14 +14,14 @@ from buggy_rl.config import from_command_line, plain, run, save_run
 
 def main() -> None:
     """Tunes, drives, prints and saves."""
-    config = from_command_line(__doc__, "buggy_rl.driver_tables:DriverTablesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.controller_tables:DriverTablesConfig")
 
     import pandas as pd
     import torch
     import yaml
     from tqdm import tqdm
 
-    from buggy_rl.driver_tables import results, table, tuned
+    from buggy_rl.policies.controller_tables import results, table, tuned
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)

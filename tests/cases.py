@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.camera import Camera, CameraConfig
-from buggy_rl.drivers.recording import driven
-from buggy_rl.drivers.room import RoomDriver
+from buggy_rl.blind_test import sizes
+from buggy_rl.blind_test.sizes import CAMERA
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.faults import NEUTRAL
-from buggy_rl.proving import sizes
-from buggy_rl.proving.sizes import CAMERA
+from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 # effect -> parameter -> range of its size, and whether it has a sign that is drawn too

@@ -10,7 +10,7 @@ torch.set_num_threads(1)
 
 
 # Minutes by few tests: begun last it would leave one core alone with it at the end.
-LONGEST = "tests/proving/test_proof.py"
+LONGEST = "tests/blind_test/test_proof.py"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

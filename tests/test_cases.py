@@ -3,8 +3,8 @@
 import torch
 
 from buggy_rl import keys
-from buggy_rl.camera import CameraConfig
 from buggy_rl.engines.reference.faults import FAULTS
+from buggy_rl.recordings.camera import CameraConfig
 from tests.cases import CAMERA, NOTHING, SIZES, UNKNOWN_SIZES, Case, concealing, draw, make_drives
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)

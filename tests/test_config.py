@@ -48,10 +48,10 @@ def test_help_shows_key_default_and_meaning_of_every_option():
 
 
 def test_help_follows_a_class_that_a_package_hands_on(tmp_path, monkeypatch):
-    # buggy_rl.paths hands PathConfig on: no class is defined there
+    # buggy_rl.task.paths hands PathConfig on: no class is defined there
     (tmp_path / "travels.py").write_text(
         "from dataclasses import dataclass, field\n"
-        "from buggy_rl.paths import PathConfig\n"
+        "from buggy_rl.task.paths import PathConfig\n"
         "@dataclass\n"
         "class Trip:\n"
         "    paths: PathConfig = field(default_factory=PathConfig)\n"
@@ -100,7 +100,7 @@ def test_help_answers_without_importing_torch(script: Path):
     ],
 )
 def test_likely_slips_in_a_study_are_named(tmp_path: Path, content: str, message: str):
-    from buggy_rl.study import StudyConfig
+    from buggy_rl.identification.study import StudyConfig
 
     file = tmp_path / "study.yaml"
     file.write_text(content)

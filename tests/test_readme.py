@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from buggy_rl.config import build, plain
-from buggy_rl.policy import load_policy
-from buggy_rl.policy_run import PolicyRunConfig
-from buggy_rl.transforms.rate_limit import RateLimit
+from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.task.transforms.rate_limit import RateLimit
 
 ROOT = Path(__file__).parents[1]
 FITTED = {

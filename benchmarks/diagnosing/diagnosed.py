@@ -6,10 +6,10 @@ from pathlib import Path
 
 import yaml
 
+from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.effects import EFFECTS
-from buggy_rl.env import make_simulator
+from buggy_rl.task.env import make_simulator
 from diagnosing.drives import CHANGED, OFF, RIGHT, load
 from diagnosing.job import Job, Row
 

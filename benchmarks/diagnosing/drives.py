@@ -8,13 +8,13 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
-from buggy_rl.camera import Camera
-from buggy_rl.drivers.recording import driven
-from buggy_rl.drivers.room import RoomDriver
-from buggy_rl.env import make_simulator
 from buggy_rl.models.factory import ModelConfig, make_model, save_model
 from buggy_rl.models.training import Training, TrainingConfig
+from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, load_recordings, save_recording
+from buggy_rl.recordings.camera import Camera
+from buggy_rl.task.env import make_simulator
 from buggy_rl.vehicle import CONTROL_PERIOD
 from diagnosing.job import Job
 

@@ -20,13 +20,14 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.comparison import block_numbers, thinned
-from buggy_rl.dataset import filtered, local_parabola, relative_pose, windows
 from buggy_rl.engines.mujoco import MujocoEngine
-from buggy_rl.evaluation import WARM_UP, open_loop
-from buggy_rl.fitting import FitConfig, fit
+from buggy_rl.estimation.segments import WARM_UP
+from buggy_rl.identification.least_squares import FitConfig, fit
+from buggy_rl.identification.open_loop import open_loop
+from buggy_rl.identification.residuals import CHANNEL_SCALE, STEP
+from buggy_rl.identification.table import block_numbers, thinned
 from buggy_rl.parameters import Parameter
-from buggy_rl.residuals import CHANNEL_SCALE, STEP
+from buggy_rl.recordings.windows import filtered, local_parabola, relative_pose, windows
 from diagnosing.drives import OFF, load
 from diagnosing.job import Job, Row
 
@@ -53,7 +54,7 @@ def peer_row(job: Job) -> Row:
         raise ValueError("mujoco.sysid is empty: pip install 'mujoco[sysid]'")
     simulator = MujocoEngine(nthread=job.config.threads)
     wanted = job.config.parameter
-    free_ones = [n for n in simulator.parameters if n not in CONFIG.fixed or n == wanted]
+    free_ones = [n for n in simulator.declared if n not in CONFIG.fixed or n == wanted]
     names = free_ones if free else [wanted]
     recordings = load(job.file(OFF), job.seconds)
     length = WARM_UP + round(CONFIG.horizon / recordings[0].dt) + 1
@@ -85,7 +86,7 @@ def _sysid(simulator: MujocoEngine, names: list[str], cut, velocity: Tensor) -> 
     Parameters are scaled to their ranges, and the step of a finite difference is ours: an engine
     hands out float32, in which sysid's step of 1.5e-8 does not exist.
     """
-    chosen = [simulator.parameters[name] for name in names]
+    chosen = [simulator.declared[name] for name in names]
     rollout = EngineRollout(simulator, chosen, cut, velocity)
     parameters = sysid.ParameterDict()
     for p in chosen:

@@ -8,12 +8,12 @@ from typing import Any
 import torch
 from torchrl.envs import EnvBase
 
-from buggy_rl.drivers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.drivers.tuning import tune
-from buggy_rl.driving import drive
-from buggy_rl.env import make_env
-from buggy_rl.paths import make_paths
-from buggy_rl.policy_run import PolicyRunConfig, validation_task
+from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.tuning import tune
+from buggy_rl.policies.run import PolicyRunConfig, validation_task
+from buggy_rl.task.env import make_env
+from buggy_rl.task.paths import make_paths
 from training.cases import Training, make_simulator, read_settings, validation_environment
 
 

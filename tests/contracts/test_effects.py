@@ -90,7 +90,7 @@ def effects(request):
 
 
 def test_the_names_and_parameters_are_those_agreed_on():
-    units = {n: {p.name: p.unit for p in effect_class(n).parameters} for n in EFFECTS}
+    units = {n: {p.name: p.unit for p in effect_class(n).declared} for n in EFFECTS}
     assert units == CONTRACT
 
 
@@ -100,7 +100,7 @@ def test_it_says_what_it_is(name):
     assert cls.kind in ("actuation", "motion", "sensing")
     assert cls.equation
     assert "\n" not in cls.equation
-    for p in cls.parameters:
+    for p in cls.declared:
         assert isinstance(p, EffectParameter)
         assert p.lower <= p.value <= p.upper
         assert p.unit
@@ -117,7 +117,7 @@ def test_its_sentence_tells_two_sizes_apart(name):
         p.name: p.value_at(0.3 * p.coordinate(large[p.name]))
         if p.reciprocal
         else p.value + 0.3 * (large[p.name] - p.value)
-        for p in cls.parameters
+        for p in cls.declared
     }
     sentences = cls.sentence(large), cls.sentence(small)
     assert sentences[0] != sentences[1]
@@ -207,7 +207,7 @@ def test_a_reset_of_some_cars_leaves_the_others_as_they_are(effects):
 
 def test_it_stays_finite_at_its_bounds(name):
     cls = effect_class(name)
-    rows = [{**fault(name), p.name: bound} for p in cls.parameters for bound in (p.lower, p.upper)]
+    rows = [{**fault(name), p.name: bound} for p in cls.declared for bound in (p.lower, p.upper)]
     states = driven(over([batched(name, rows)], make("single_track", (len(rows),))), 30)
     for key, value in seen(states).items():
         assert value.isfinite().all(), key
@@ -218,10 +218,7 @@ def test_a_little_more_of_it_changes_little(name):
     cls = effect_class(name)
     shares = torch.linspace(0.0, 1.0, 101).tolist()
     rows = [
-        {
-            p.name: float(p.value_at(share * p.coordinate(fault(name)[p.name])))
-            for p in cls.parameters
-        }
+        {p.name: float(p.value_at(share * p.coordinate(fault(name)[p.name]))) for p in cls.declared}
         for share in shares
     ]
     engine = make("single_track", (len(rows),))
@@ -250,7 +247,7 @@ def _fresh(effects):
 
 
 def test_a_wrong_value_is_refused_with_what_would_be_right(name):
-    parameter = effect_class(name).parameters[0]
+    parameter = effect_class(name).declared[0]
     beyond = parameter.upper * 2 + 1
     with pytest.raises(ValueError, match=rf"{name}.*{parameter.name}.*outside.*neutral is"):
         make_effect(name, {parameter.name: beyond})
@@ -261,9 +258,9 @@ def test_a_wrong_value_is_refused_with_what_would_be_right(name):
 
 
 def test_a_fit_may_step_out_of_the_bounds(name):
-    parameter = effect_class(name).parameters[0]
+    parameter = effect_class(name).declared[0]
     beyond = torch.tensor([parameter.upper * 1.5 + 0.1, parameter.lower * 1.5 - 0.1])
-    rest = {p.name: torch.full((2,), fault(name)[p.name]) for p in effect_class(name).parameters}
+    rest = {p.name: torch.full((2,), fault(name)[p.name]) for p in effect_class(name).declared}
     values = TensorDict({**rest, parameter.name: beyond}, [2])
     effect = make_effect(name).with_parameters(values)
     assert torch.equal(effect.values[parameter.name], beyond)

@@ -48,9 +48,9 @@ def make(name, batch_size=(), **options):
 
 def symmetric(engine):
     """The engine with left and right alike, and as many cars."""
-    values = {n: v for n, v in SYMMETRIC.items() if n in engine.parameters}
+    values = {n: v for n, v in SYMMETRIC.items() if n in engine.declared}
     for left, right in PAIRS:
-        if left in engine.parameters:
+        if left in engine.declared:
             values[right] = float(engine.values[left])
     tensors = {name: torch.full(engine.batch_size, value) for name, value in values.items()}
     return engine.with_parameters(TensorDict(tensors, batch_size=engine.batch_size))
@@ -299,7 +299,7 @@ def test_cars_that_are_done_start_again_and_the_others_drive_on(name):
 
 
 def test_parameters_are_declared_in_full(name):
-    for key, parameter in make(name).parameters.items():
+    for key, parameter in make(name).declared.items():
         assert parameter.name == key
         assert parameter.lower < parameter.upper, key
         assert parameter.lower <= parameter.value <= parameter.upper, key
@@ -308,7 +308,7 @@ def test_parameters_are_declared_in_full(name):
 
 
 def test_every_parameter_changes_the_drive(name):
-    declared = list(make(name).parameters.values())
+    declared = list(make(name).declared.values())
     count = len(declared)
     if not count:
         assert name in ("hold", "learned")  # these have nothing to declare
@@ -333,7 +333,7 @@ def test_every_parameter_changes_the_drive(name):
 
 def test_the_declared_values_are_those_in_use(name):
     engine = make(name)
-    declared = {n: torch.tensor(p.value) for n, p in engine.parameters.items()}
+    declared = {n: torch.tensor(p.value) for n, p in engine.declared.items()}
     again = engine.with_parameters(TensorDict(declared))
     poses, _, _ = follow(engine, engine.reset(), manoeuvre(20))
     other_poses, _, _ = follow(again, again.reset(), manoeuvre(20))
@@ -342,7 +342,7 @@ def test_the_declared_values_are_those_in_use(name):
 
 def test_an_unknown_parameter_is_refused_with_those_there_are(name):
     engine = make(name)
-    available = ", ".join(sorted(engine.parameters)) or "none"
+    available = ", ".join(sorted(engine.declared)) or "none"
     with pytest.raises(KeyError, match="no parameter colour; available") as refused:
         make(name, parameters={"colour": 1.0})
     assert available in str(refused.value)

@@ -8,9 +8,9 @@ from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
-from buggy_rl.env import TaskConfig, TransformConfig, make_env
-from buggy_rl.paths import PathConfig, joined_paths, make_paths
-from buggy_rl.transforms import TRANSFORMS, make_transform
+from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.task.paths import PathConfig, joined_paths, make_paths
+from buggy_rl.task.transforms import TRANSFORMS, make_transform
 from tests.contracts.test_engines import make
 
 BEFORE = {  # what must stand before a transform for it to have something to work on

@@ -17,7 +17,7 @@ class Decoy(MotionEffect):
 
     name = "decoy"
     equation = "dv/dt = a tanh(W s + b)"
-    parameters = (number("a"), number("b"), number("c"))
+    declared = (number("a"), number("b"), number("c"))
 
     @classmethod
     def sentence(cls, values):
@@ -29,5 +29,5 @@ class Decoy(MotionEffect):
         mix = torch.randn(FEATURES, 3, 3, generator=generator) / FEATURES**0.5
         seen = torch.cat([motion.after, motion.action], -1)
         features = torch.tanh(seen @ weight)
-        size = torch.stack([self._here(p.name).expand(len(seen)) for p in self.parameters], -1)
+        size = torch.stack([self._here(p.name).expand(len(seen)) for p in self.declared], -1)
         return self.dt * torch.einsum("nf,fij,ni->nj", features, mix, size)

@@ -7,15 +7,15 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
-from buggy_rl.camera import Camera, CameraConfig
-from buggy_rl.diagnosis.fit import Fitter
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.likelihood import likelihood
-from buggy_rl.diagnosis.rollouts import Player, explained
-from buggy_rl.diagnosis.stretches import stretches
 from buggy_rl.effects import effect_class
 from buggy_rl.engines import make_engine
+from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.noise_model import likelihood
+from buggy_rl.estimation.rollout import Player, explained
+from buggy_rl.estimation.segments import stretches
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.camera import Camera, CameraConfig
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)
 PLANTED = {
@@ -87,10 +87,10 @@ def planted_drives(
         for name, values in case.items():
             for parameter, value in values.items():
                 if name == "parameter":
-                    neutral = torch.full((count,), engine.parameters[parameter].value)
+                    neutral = torch.full((count,), engine.declared[parameter].value)
                     parameters.setdefault(parameter, neutral)[rows] = value
                     continue
-                own = {p.name: torch.full((count,), p.value) for p in effect_class(name).parameters}
+                own = {p.name: torch.full((count,), p.value) for p in effect_class(name).declared}
                 effects.setdefault(name, own)[parameter][rows] = value
     action = commands(cars, round(100 * seconds), seed) if action is None else action
     action = action.repeat(len(cases), 1, 1)
@@ -109,5 +109,5 @@ def planted_drives(
 def fitter(recordings, effects=FEW, parameters=(), make=single_track, stride=1.0):
     """Fits stretches of drives by the simulator that they are of."""
     cut, player = stretches(recordings, 1.0, stride), Player(make)
-    declared = {name: make(1).parameters[name] for name in parameters}
+    declared = {name: make(1).declared[name] for name in parameters}
     return Fitter(player, cut, likelihood(player, cut), Library(effects, declared))

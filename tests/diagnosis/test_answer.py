@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.adequacy import Remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, described, sentence
-from buggy_rl.diagnosis.locate import Interval, Located, Region
+from buggy_rl.diagnosis.localisation import Interval, Located, Region
+from buggy_rl.diagnosis.unexplained import Remaining
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.
 SCHEMA = {

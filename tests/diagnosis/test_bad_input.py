@@ -5,11 +5,12 @@ import torch
 from torchrl.envs import ExcludeTransform, TransformedEnv
 
 from buggy_rl import keys
-from buggy_rl.diagnosis import guard, trial
-from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.diagnosis import preflight_recordings as preflight
+from buggy_rl.diagnosis import preflight_simulator
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.kinematic import KinematicEngine
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import stretches
 from tests.drives import counting_drive, toy_drive
 
 
@@ -94,20 +95,20 @@ FAULTS = {
 @pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.__name__)
 def test_a_faulty_simulator_is_refused_by_name_in_one_line(kind):
     with pytest.raises(ValueError, match=FAULTS[kind]) as told:
-        trial.check_simulator(kind, "my.py:make")
+        preflight_simulator.check_simulator(kind, "my.py:make")
     assert "simulator my.py:make" in str(told.value)
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("name", ["single_track", "kinematic"])
 def test_a_sound_simulator_passes_without_a_note(name):
-    assert trial.check_simulator(lambda cars: make_engine(name, cars), name) == []
+    assert preflight_simulator.check_simulator(lambda cars: make_engine(name, cars), name) == []
 
 
 def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
     with pytest.raises(ValueError, match="moves alike whatever the commands"):
-        trial.check_simulator(lambda cars: make_engine("hold", cars), "hold")
-    notes = trial.check_simulator(Half, "half")
+        preflight_simulator.check_simulator(lambda cars: make_engine("hold", cars), "hold")
+    notes = preflight_simulator.check_simulator(Half, "half")
     assert notes == [
         "simulator half moves alike whatever the steering: effects on it cannot be told"
     ]
@@ -115,19 +116,19 @@ def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
 
 def test_what_is_no_simulator_or_of_another_size_is_refused():
     with pytest.raises(ValueError, match=r"simulator x is a dict: .* EnvBase"):
-        trial.check_simulator(lambda cars: {}, "x")  # type: ignore[arg-type, return-value]
+        preflight_simulator.check_simulator(lambda cars: {}, "x")  # type: ignore[arg-type, return-value]
     with pytest.raises(ValueError, match=r"batch size \[1\] where \[5\] was asked"):
-        trial.check_simulator(lambda cars: make_engine("hold", 1), "x")
+        preflight_simulator.check_simulator(lambda cars: make_engine("hold", 1), "x")
     with pytest.raises(ValueError, match=r"control period 0.02 s: must be 0.01 s"):
-        trial.check_simulator(lambda cars: make_engine("hold", cars, dt=0.02), "x")
+        preflight_simulator.check_simulator(lambda cars: make_engine("hold", cars, dt=0.02), "x")
     with pytest.raises(ValueError, match="cannot be built for 5 cars: ValueError: no engine"):
-        trial.check_simulator(lambda cars: make_engine("teleport", cars), "x")
+        preflight_simulator.check_simulator(lambda cars: make_engine("teleport", cars), "x")
 
     def blind(cars):
         return TransformedEnv(make_engine("kinematic", cars), ExcludeTransform(keys.POSE))
 
     with pytest.raises(ValueError, match=r"simulator x: .* gives no 'pose'; it must give"):
-        trial.check_simulator(blind, "x")
+        preflight_simulator.check_simulator(blind, "x")
 
 
 def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
@@ -135,10 +136,10 @@ def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
     drive.data[keys.ACTION][200:, 0] = 1.0
     cut = stretches([drive], 1.0, 1.0)
     words = "simulator mine: step raised ZeroDivisionError"
-    with pytest.raises(ValueError, match=words) as told, trial.blaming("mine"):
+    with pytest.raises(ValueError, match=words) as told, preflight_simulator.blaming("mine"):
         Player(Crashing).play(cut, {})
     assert isinstance(told.value.__cause__, ZeroDivisionError)
-    with pytest.raises(KeyError, match="ours"), trial.blaming("mine"):
+    with pytest.raises(KeyError, match="ours"), preflight_simulator.blaming("mine"):
         raise KeyError("ours")
 
 
@@ -147,22 +148,22 @@ def test_no_number_in_the_middle_is_told_with_its_drive_and_time():
     cut = stretches(drives, 1.0, 1.0)  # starts at 0, 1, 2, 3 s of each
     gap = torch.zeros(8, 10, 6)
     instants = Player(Crashing).instants(cut)
-    assert guard.check_gaps(gap, cut, instants, ["a", "b"], "x") == []
+    assert preflight.check_gaps(gap, cut, instants, ["a", "b"], "x") == []
     gap[6, 4:, 2] = float("nan")  # drive b from 2 s, the reading 0.5 s after the start at 0.3 s
-    notes = guard.check_gaps(gap, cut, instants, ["a", "b"], "x")
+    notes = preflight.check_gaps(gap, cut, instants, ["a", "b"], "x")
     assert notes == [
         "simulator x returns NaN in 1 of 8 stretches, first in drive b at 2.80 s; those count as "
         "very wrong"
     ]
     gap[:5, 9, 3] = 60.0
     with pytest.raises(ValueError, match=r"x runs away in 6 of 8 .* drive a at 1\.30 s; play"):
-        guard.check_gaps(gap, cut, instants, ["a", "b"], "x")
+        preflight.check_gaps(gap, cut, instants, ["a", "b"], "x")
 
 
 def test_good_drives_pass_without_a_note():
     drives = [toy_drive(name, 500, seed) for seed, name in enumerate("ab")]
-    assert guard.check_drives(drives, 1.0) == []
-    assert guard.check_blocks(stretches([toy_drive("a", 1400, 0)], 1.0, 1.0)) == []
+    assert preflight.check_drives(drives, 1.0) == []
+    assert preflight.check_blocks(stretches([toy_drive("a", 1400, 0)], 1.0, 1.0)) == []
 
 
 def test_drives_that_show_nothing_are_refused():
@@ -180,20 +181,20 @@ def test_drives_that_show_nothing_are_refused():
         ([fast], "drive fast has control period 0.02 s"),
     ):
         with pytest.raises(ValueError, match=words):
-            guard.check_drives(recordings, 1.0)
+            preflight.check_drives(recordings, 1.0)
 
 
 def test_what_drives_cannot_show_is_noted():
     lap, other = toy_drive("lap", 500, 0), toy_drive("other", 500, 1)
-    [note] = guard.check_drives([lap], 1.0)
+    [note] = preflight.check_drives([lap], 1.0)
     assert note.startswith("one drive only: blocks of 8 s of it are held out")
-    [note] = guard.check_drives([lap, other, toy_drive("stub", 100, 2)], 1.0)
+    [note] = preflight.check_drives([lap, other, toy_drive("stub", 100, 2)], 1.0)
     assert note == "drive stub is left out: it covers 1.00 s at a stretch, not 1.31 s without a gap"
     for drive in (lap, other):
         drive.data[keys.ACTION][:, 1] = 0.25
-    [note] = guard.check_drives([lap, other], 1.0)
+    [note] = preflight.check_drives([lap, other], 1.0)
     assert note.startswith("steering is 0.25 all the time: nothing that depends on it")
-    [note] = guard.check_blocks(stretches([lap], 1.0, 1.0))
+    [note] = preflight.check_blocks(stretches([lap], 1.0, 1.0))
     assert "nothing can be held out" in note
 
 
@@ -204,17 +205,19 @@ def test_dropped_frames_are_counted_with_what_is_left():
     kept = [*range(100), *range(120, 300), *range(380, 500)]
     drive.data = drive.data[torch.tensor(kept)]
     drive.data[keys.SEGMENT] = torch.tensor([0] * 100 + [1] * 180 + [2] * 120)
-    [note] = guard.check_drives([drive, toy_drive("whole", 500, 1)], 1.0)
+    [note] = preflight.check_drives([drive, toy_drive("whole", 500, 1)], 1.0)
     assert note == (
         "drive torn: 20% of the frames are missing, in 2 gaps; 1.8 of 5.0 s can be compared"
     )
 
 
 def test_clocks_that_differ_by_more_than_a_sample_are_noted():
-    assert guard.check_clock(0.014) == guard.check_clock(-0.014) == []
-    assert guard.check_clock(0.03)[0].startswith("commands act 30 ms later than they are stamped")
-    assert guard.check_clock(-0.02)[0].startswith("commands act 20 ms earlier")
+    assert preflight.check_clock(0.014) == preflight.check_clock(-0.014) == []
+    assert preflight.check_clock(0.03)[0].startswith(
+        "commands act 30 ms later than they are stamped"
+    )
+    assert preflight.check_clock(-0.02)[0].startswith("commands act 20 ms earlier")
 
 
 def test_a_counting_drive_is_no_motion_of_a_car_but_moves():
-    assert len(guard.check_drives([counting_drive("a", 300)], 1.0)) == 1  # one drive only
+    assert len(preflight.check_drives([counting_drive("a", 300)], 1.0)) == 1  # one drive only

@@ -4,8 +4,8 @@ import torch
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.confidence import SAME, VARIED, constancy
 from buggy_rl.diagnosis.constancy import WORDS, Varying, conditions, varying
-from buggy_rl.diagnosis.evidence import blocks, evidence
-from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.estimation.cross_validation import blocks, evidence
+from buggy_rl.estimation.gauss_newton import Fitter
 from tests.diagnosis.planted import fitter, planted_drives
 
 DRAGS = [

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.proof import Errors
+from buggy_rl.diagnosis.validation import Errors
 
 
 def test_one_spin_weighs_in_the_mean_and_not_in_the_median():

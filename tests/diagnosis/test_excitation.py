@@ -3,7 +3,7 @@ import torch
 from buggy_rl import keys
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.stretches import stretches
+from buggy_rl.estimation.segments import stretches
 from tests.drives import counting_drive
 
 

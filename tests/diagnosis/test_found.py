@@ -3,10 +3,10 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.confidence import confidences
 from buggy_rl.diagnosis.constancy import Varying
 from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.estimation.misfit import Usual
 
 
 def _candidate(causes, *excesses):

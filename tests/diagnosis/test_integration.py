@@ -1,9 +1,9 @@
 from functools import cache
 
 from buggy_rl.diagnosis.integration import fine_enough
-from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.stretches import stretches
 from buggy_rl.engines import make_engine
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import stretches
 from tests.diagnosis.planted import planted_drives
 
 COARSE = 0.005  # [s]; by itself MuJoCo's car steps in half of that

@@ -7,15 +7,15 @@ import torch
 import yaml
 
 from buggy_rl.diagnosis import pipeline
-from buggy_rl.diagnosis.fit import Fitter
+from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.integration import Step
-from buggy_rl.diagnosis.likelihood import likelihood
 from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.question import DiagnosisConfig
 from buggy_rl.diagnosis.repair import repaired
 from buggy_rl.diagnosis.search import Search
-from buggy_rl.diagnosis.stretches import stretches
-from buggy_rl.env import make_simulator
+from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.noise_model import likelihood
+from buggy_rl.estimation.segments import stretches
+from buggy_rl.task.env import make_simulator
 from tests.diagnosis.planted import fitter, planted_drives
 
 CONFIG = DiagnosisConfig(

@@ -9,26 +9,26 @@ import pytest
 import torch
 from torchrl.envs import TransformedEnv
 
-from buggy_rl.camera import Camera, CameraConfig
-from buggy_rl.diagnosis.adequacy import remaining
 from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value
 from buggy_rl.diagnosis.case import prepared
-from buggy_rl.diagnosis.fit import Fitter
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.locate import Region, locate
-from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.localisation import Region, locate
 from buggy_rl.diagnosis.report import causes, report, sections, wording
 from buggy_rl.diagnosis.report.errors import errors
 from buggy_rl.diagnosis.report.markup import Bar, Markup, bars, escaped, tag
 from buggy_rl.diagnosis.report.ranking import losers, ranking
 from buggy_rl.diagnosis.report.replays import replays
-from buggy_rl.diagnosis.rollouts import Player
 from buggy_rl.diagnosis.search import Found, Search
-from buggy_rl.drivers.recording import driven
-from buggy_rl.drivers.room import RoomDriver
+from buggy_rl.diagnosis.unexplained import remaining
 from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.engines import make_engine
+from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.camera import Camera, CameraConfig
 
 GAIN = 0.7
 NAME = 'drive <b>"1"</b> & $x_1'
@@ -237,12 +237,12 @@ def test_every_verdict_says_what_it_means(diagnosis, verdict):
 
 def test_of_a_simulator_that_was_re_tuned_the_page_tells_what_it_had(diagnosis):
     case, _, _, said = diagnosis
-    given = case.player.make(1).parameters["mass"].value
+    given = case.player.make(1).declared["mass"].value
 
     def tuned(cars):
         return make_engine("single_track", cars, parameters={"mass": 2 * given})
 
-    own = {"mass": tuned(1).parameters["mass"]}
+    own = {"mass": tuned(1).declared["mass"]}
     again = replace(
         case,
         player=replace(case.player, make=tuned),

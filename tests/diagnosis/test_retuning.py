@@ -6,15 +6,15 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis import retuning
-from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.evidence import Evidence
-from buggy_rl.diagnosis.fit import Fitted, Fitter
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.proof import prove
 from buggy_rl.diagnosis.retuning import retuned, with_own
+from buggy_rl.diagnosis.validation import prove
 from buggy_rl.engines import make_engine
+from buggy_rl.estimation.cross_validation import Evidence
+from buggy_rl.estimation.gauss_newton import Fitted, Fitter
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.misfit import misfit
 from tests.diagnosis.planted import fitter, planted_drives
 
 FEW = ["steering_gain"]
@@ -43,7 +43,7 @@ def again(case, tuned):
     def make(cars):
         return make_engine("single_track", cars, parameters=tuned.values)
 
-    declared = {name: make(1).parameters[name] for name in FITTED}
+    declared = {name: make(1).declared[name] for name in FITTED}
     library = Library(FEW, declared, own=False)
     player = replace(case.player, make=make)
     return replace(case, player=player, library=library, retuned_from=case.player)
@@ -68,7 +68,7 @@ def test_a_wrong_parameter_is_said_in_words_with_its_interval(tuned):
 
 
 def test_parameters_that_were_fitted_are_no_causes_any_more():
-    declared = {"mass": make_engine("single_track", 1).parameters["mass"]}
+    declared = {"mass": make_engine("single_track", 1).declared["mass"]}
     assert Library([], declared).causes == ["parameter:mass"]
     assert Library([], declared, own=False).causes == []
     assert Library([], declared, own=False).numbers("parameter:mass")[0].unit == "kg"
@@ -100,7 +100,7 @@ def test_what_is_held_out_of_the_proof_is_held_out_of_the_re_tuning_too(case, ag
 def sides(left, right, covariance):
     """Two locks that were fitted, with what is known of them."""
     names = ("left_angle", "right_angle", "drive_force")
-    declared = {name: make_engine("single_track", 1).parameters[name] for name in names}
+    declared = {name: make_engine("single_track", 1).declared[name] for name in names}
     library = Library([], declared)
     causes = [f"parameter:{name}" for name in names]
     fitted = Fitted(

@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.evidence import evidences
 from buggy_rl.diagnosis.search import Search
+from buggy_rl.estimation.cross_validation import evidences
+from buggy_rl.estimation.misfit import Usual
 from tests.diagnosis.planted import fitter
 
 FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]

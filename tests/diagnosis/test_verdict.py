@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.adequacy import Remaining, Usual
 from buggy_rl.diagnosis.answer import Named
+from buggy_rl.diagnosis.unexplained import Remaining
 from buggy_rl.diagnosis.verdict import verdict_of
+from buggy_rl.estimation.misfit import Usual
 
 
 def cause(name="steering_lag", kind="actuation", sure=0.97, **rivals):

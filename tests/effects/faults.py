@@ -17,11 +17,11 @@ TOLD = {
 
 def fault(name):
     """Values at which an effect is plainly felt: a probe away from neutral, or where told."""
-    return TOLD.get(name) or {p.name: p.value + p.probe for p in effect_class(name).parameters}
+    return TOLD.get(name) or {p.name: p.value + p.probe for p in effect_class(name).declared}
 
 
 def neutral(name):
-    return {p.name: p.value for p in effect_class(name).parameters}
+    return {p.name: p.value for p in effect_class(name).declared}
 
 
 def batched(name, rows):

@@ -57,7 +57,7 @@ def test_cornering_drag_is_its_share_of_the_lateral_acceleration():
 
 @pytest.mark.parametrize("name", RESISTANCES)
 def test_no_resistance_moves_a_car_or_turns_it_round(name):
-    strongest = {p.name: p.upper for p in make_effect(name).parameters}
+    strongest = {p.name: p.upper for p in make_effect(name).declared}
     for vx in (-2.0, -0.01, 0.0, 1e-4, 0.03, 2.0):
         got = speeds(coasted(name, strongest, (vx, 0.0, 3.0 if vx else 0.0), 50))
         assert (got * vx >= 0).all()

@@ -237,7 +237,7 @@ def test_with_parameters_keeps_what_was_set_before():
     engine = MujocoEngine(parameters={"drive_force": 30.0})
     changed = engine.with_parameters(TensorDict({"mass": torch.tensor([1.6, 2.0])}, batch_size=[2]))
     assert float(changed.values["drive_force"]) == 30.0
-    assert changed.parameters["drive_force"].value == 30.0
+    assert changed.declared["drive_force"].value == 30.0
     assert changed.batch_size == (2,)
 
 

@@ -224,9 +224,9 @@ def test_each_car_of_a_batch_has_its_own_parameters():
 
 
 def test_a_step_can_be_differentiated_from_rest_and_by_every_parameter():
-    names = sorted(ReferenceEngine().parameters)
+    names = sorted(ReferenceEngine().declared)
     values = TensorDict(
-        {n: torch.full((2,), p.value) for n, p in ReferenceEngine().parameters.items()}, [2]
+        {n: torch.full((2,), p.value) for n, p in ReferenceEngine().declared.items()}, [2]
     )
     values.requires_grad_()
     engine = ReferenceEngine().with_parameters(values)

@@ -121,8 +121,8 @@ def test_a_batch_of_faults_drives_as_each_car_alone(name, commanded, faulty):
 
 def test_the_engine_declares_no_fault_as_a_parameter():
     engine = ReferenceEngine(faults={"tire_grip.grip": 0.7})
-    assert not set(NEUTRAL) & set(engine.parameters)
-    assert engine.parameters["grip"].value == ReferenceEngine().parameters["grip"].value
+    assert not set(NEUTRAL) & set(engine.declared)
+    assert engine.declared["grip"].value == ReferenceEngine().declared["grip"].value
     with pytest.raises(KeyError, match="no parameter payload"):
         ReferenceEngine(parameters={"payload.mass_ratio": 1.2})
 

@@ -3,11 +3,11 @@ import torch
 from torch.testing import assert_close
 
 from buggy_rl import keys
-from buggy_rl.dataset import windows
 from buggy_rl.models.factory import ModelConfig, make_model
 from buggy_rl.models.losses import one_step_loss, rollout_loss
 from buggy_rl.models.normalisation import coasting_deceleration, resting_throttle
 from buggy_rl.models.training import Training, TrainingConfig
+from buggy_rl.recordings.windows import windows
 from tests.drives import toy_drive
 
 QUICK = TrainingConfig(epochs=4, horizon=10, stride=10, batch_size=64)

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from buggy_rl.config import build, plain
-from buggy_rl.policy import Policy, PolicyConfig, save_policy
-from buggy_rl.policy_run import PolicyRunConfig
+from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
+from buggy_rl.policies.run import PolicyRunConfig
 from buggy_rl.transfer.evaluation import ROOM, Judged, driven, judge, judgements, unjudged
 from buggy_rl.transfer.plan import TransferConfig
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from buggy_rl.config import build, plain
-from buggy_rl.diagnosis.question import DiagnosisConfig
-from buggy_rl.policy_run import PolicyRunConfig
-from buggy_rl.study import StudyConfig, model_file, model_runs
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.identification.study import StudyConfig, model_file, model_runs
+from buggy_rl.policies.run import PolicyRunConfig
 from buggy_rl.transfer.jobs import LOGGED, diagnoses, models, share_trained, trainings
 from buggy_rl.transfer.plan import ARMS, TransferConfig
 

@@ -3,7 +3,7 @@
 import pytest
 
 from buggy_rl.config import build
-from buggy_rl.proving.plants import abilities
+from buggy_rl.plants import abilities
 from buggy_rl.transfer.plan import Trained, TransferConfig
 
 LATE = {"steering_dead_time": {"dead_time": 0.08}}

@@ -6,7 +6,7 @@ import torch
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.base import Engine
-from buggy_rl.env import make_env, make_simulator
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.transfer.factory import write_factory
 from buggy_rl.transfer.randomised import SPREADS, randomised
 
@@ -34,7 +34,7 @@ def shipped(name: str) -> float:
 def test_every_declared_spread_is_of_a_parameter_that_mujoco_has():
     engine = make_engine("mujoco", 1)
     assert isinstance(engine, Engine)
-    assert {name for spread in SPREADS for name in spread.names} <= set(engine.parameters)
+    assert {name for spread in SPREADS for name in spread.names} <= set(engine.declared)
 
 
 def test_no_two_cars_are_alike(drawn):
@@ -72,7 +72,7 @@ def test_values_stay_within_what_the_simulator_allows():
     torch.manual_seed(0)
     engine = randomised("mujoco", CARS)
     assert isinstance(engine, Engine)
-    for name, parameter in engine.parameters.items():
+    for name, parameter in engine.declared.items():
         assert float(engine.values[name].min()) >= parameter.lower - 1e-6
         assert float(engine.values[name].max()) <= parameter.upper + 1e-6
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from buggy_rl.diagnosis.adequacy import Remaining
 from buggy_rl.diagnosis.constancy import WORDS
-from buggy_rl.diagnosis.locate import Located
+from buggy_rl.diagnosis.localisation import Located
+from buggy_rl.diagnosis.unexplained import Remaining
 from buggy_rl.effects import effect_class
 
 Verdict = Literal[

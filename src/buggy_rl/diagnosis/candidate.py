@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import misfit, typical
-from buggy_rl.diagnosis.evidence import Evidence
-from buggy_rl.diagnosis.fit import Fitted
+from buggy_rl.estimation.cross_validation import Evidence
+from buggy_rl.estimation.gauss_newton import Fitted
+from buggy_rl.estimation.misfit import misfit, typical
 
 
 @dataclass

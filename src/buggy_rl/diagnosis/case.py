@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import Usual
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.likelihood import Likelihood, likelihood
-from buggy_rl.diagnosis.question import DiagnosisConfig
-from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.stretches import Stretches, stretches
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.misfit import Usual
+from buggy_rl.estimation.noise_model import Likelihood, likelihood
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import Stretches, stretches
 from buggy_rl.recordings import Recording
 
 
@@ -40,7 +40,7 @@ class Case:
         """Causes, with what the simulator as given has of each."""
         if self.retuned_from is None:
             return self.library
-        declared = getattr(self.retuned_from.make(1), "parameters", {})
+        declared = getattr(self.retuned_from.make(1), "declared", {})
         return Library(self.library.effects, declared)
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import torch
 
-from buggy_rl.diagnosis.adequacy import CAP
 from buggy_rl.diagnosis.candidate import Candidate, in_its_place, size
 from buggy_rl.diagnosis.constancy import Varying
 from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.estimation.misfit import CAP
 
 SHARPNESS = 0.25  # of nats: neighbours in time are not independent, and no library is complete
 ALIKE = 2.0  # nats by which e times as much left over speaks against a rival,

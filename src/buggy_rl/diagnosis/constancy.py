@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import misfit
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.fit import Fitter
-from buggy_rl.diagnosis.locate import features
-from buggy_rl.diagnosis.stretches import Stretches
+from buggy_rl.diagnosis.localisation import features
+from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.misfit import misfit
+from buggy_rl.estimation.segments import Stretches
 
 MOST = 3.0  # standard deviations from the median, as which a stretch's condition counts at most
 VARIATION = 1.0  # sd of how a number may vary with a condition's sd, in units of its size

@@ -2,8 +2,7 @@
 
 import torch
 
-from buggy_rl.diagnosis.stretches import Stretches
-from buggy_rl.evaluation import WARM_UP
+from buggy_rl.estimation.segments import WARM_UP, Stretches
 from buggy_rl.vehicle import wrap_angle
 
 SHOWN = 0.03  # share of the time that counts as having been driven

@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from buggy_rl.diagnosis.adequacy import misfit
-from buggy_rl.diagnosis.likelihood import likelihood
-from buggy_rl.diagnosis.rollouts import Player
-from buggy_rl.diagnosis.stretches import Stretches
+from buggy_rl.estimation.misfit import misfit
+from buggy_rl.estimation.noise_model import likelihood
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import Stretches
 
 CLOSER = 0.1  # times the noise, by which half the step must come closer to the drives
 HALVINGS = 3  # at most: each takes twice the time

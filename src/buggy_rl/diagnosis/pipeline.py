@@ -8,35 +8,35 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.adequacy import usual
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.case import Case, prepared, stretches_of
 from buggy_rl.diagnosis.confidence import SOUND
-from buggy_rl.diagnosis.correction import Correction, correct
-from buggy_rl.diagnosis.evidence import blocks
-from buggy_rl.diagnosis.fit import Fitter
-from buggy_rl.diagnosis.guard import (
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.integration import Step, fine_enough
+from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
     check_clock,
     check_drives,
     check_gaps,
     check_latency,
 )
-from buggy_rl.diagnosis.integration import Step, fine_enough
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.likelihood import Likelihood
-from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
 from buggy_rl.diagnosis.retuning import retuned
-from buggy_rl.diagnosis.rollouts import Player, effects_of
 from buggy_rl.diagnosis.search import Found, Search
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import stated
-from buggy_rl.diagnosis.trial import blaming, check_simulator
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.engines import ENGINES, read_simulator
-from buggy_rl.env import make_simulator
+from buggy_rl.estimation.baseline import Correction, correct
+from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.misfit import usual
+from buggy_rl.estimation.noise_model import Likelihood
+from buggy_rl.estimation.rollout import Player, effects_of
 from buggy_rl.recordings import Recording
+from buggy_rl.task.env import make_simulator
 
 
 @dataclass
@@ -101,7 +101,7 @@ def diagnose(
         notes += check_drives(baseline, config.seconds)
     notes += check_simulator(make, config.simulator)
     own = not baseline if config.parameters is None else config.parameters
-    declared = getattr(make(1), "parameters", {}) if own else {}
+    declared = getattr(make(1), "declared", {}) if own else {}
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
@@ -156,7 +156,7 @@ def _retuned_first(
     tuned = stages.done("retuning", lambda: retuned(done.case, progress))
     make = _maker(config, tuned.values, done.step)
     player = replace(given, make=make, options=measurable_options(make)[0])
-    declared = getattr(make(1), "parameters", {})
+    declared = getattr(make(1), "declared", {})
     library = Library(done.case.library.effects, declared, own=False)
     case = prepared(player, done.case.recordings, library, config)
     case.retuned_from = given

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.diagnosis.answer import Answer
-from buggy_rl.diagnosis.correction import FILE, Correction
-from buggy_rl.diagnosis.rollouts import Options
+from buggy_rl.estimation.baseline import FILE, Correction
+from buggy_rl.estimation.rollout import Options
 
 
 def repaired(

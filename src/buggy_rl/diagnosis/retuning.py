@@ -9,10 +9,10 @@ from buggy_rl.diagnosis.answer import NORMAL, Named, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import CEILING
-from buggy_rl.diagnosis.evidence import blocks, evidence
-from buggy_rl.diagnosis.fit import Fitted, Fitter
-from buggy_rl.diagnosis.library import OWN
 from buggy_rl.diagnosis.search import EAGER
+from buggy_rl.estimation.cross_validation import blocks, evidence
+from buggy_rl.estimation.gauss_newton import Fitted, Fitter
+from buggy_rl.estimation.hypothesis import OWN
 
 ROUNDS, ITERATIONS = 3, 4  # of the fit: between them it learns how much a nat counts
 MOVED = 0.1  # of its typical size, by which a parameter must have moved to be wrong,

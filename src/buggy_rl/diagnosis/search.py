@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import Usual
 from buggy_rl.diagnosis.candidate import Candidate, in_its_place, size
-from buggy_rl.diagnosis.evidence import blocks, evidences
-from buggy_rl.diagnosis.exchange import exchanges
-from buggy_rl.diagnosis.fit import Fitted, Fitter
-from buggy_rl.diagnosis.library import bounded
-from buggy_rl.diagnosis.likelihood import likelihood
-from buggy_rl.diagnosis.merit import NATS, Merit
-from buggy_rl.diagnosis.screening import screened
+from buggy_rl.diagnosis.selection import NATS, Merit
+from buggy_rl.diagnosis.swap import exchanges
+from buggy_rl.estimation.cross_validation import blocks, evidences
+from buggy_rl.estimation.gauss_newton import Fitted, Fitter
+from buggy_rl.estimation.hypothesis import bounded
+from buggy_rl.estimation.misfit import Usual
+from buggy_rl.estimation.noise_model import likelihood
+from buggy_rl.estimation.screening import screened
 
 ITERATIONS = 6  # of a fit
 POLISHED = 8  # times that the best is fitted on at most

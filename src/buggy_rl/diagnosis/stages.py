@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import torch
 
-from buggy_rl.diagnosis.question import DiagnosisConfig
+from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.recordings import Recording
 
 FOLDER = "stages"  # in the folder of the answer

@@ -5,22 +5,23 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.adequacy import NOTHING, misfit, remaining
 from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Tried, Value, sentence
 from buggy_rl.diagnosis.candidate import size
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
 from buggy_rl.diagnosis.constancy import varying
-from buggy_rl.diagnosis.design import suggestions
 from buggy_rl.diagnosis.excitation import weak
-from buggy_rl.diagnosis.library import OWN
-from buggy_rl.diagnosis.locate import locate
-from buggy_rl.diagnosis.proof import Errors, folds, prove
+from buggy_rl.diagnosis.experiments import suggestions
+from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.diagnosis.unexplained import remaining
+from buggy_rl.diagnosis.validation import Errors, folds, prove
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
+from buggy_rl.estimation.hypothesis import OWN
+from buggy_rl.estimation.misfit import NOTHING, misfit
 
 TOLD = 24  # explanations that are written down
 MOST_RIVALS = 4  # that a manoeuvre is looked for to decide between

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 
-from buggy_rl.diagnosis.adequacy import Remaining, Usual
 from buggy_rl.diagnosis.answer import Named, Verdict
 from buggy_rl.diagnosis.confidence import SOUND
+from buggy_rl.diagnosis.unexplained import Remaining
+from buggy_rl.estimation.misfit import Usual
 
 UNDECIDED = 0.5  # confidence below which an answer is no answer,
 RIVALLED = 0.1  # and probability of its rivals above which it is not the only one

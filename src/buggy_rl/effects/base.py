@@ -77,7 +77,7 @@ class Effect(Transform):
     equation: ClassVar[str]
     source: ClassVar[str] = ""
     """Where the equation is from, where that is known."""
-    parameters: ClassVar[tuple[EffectParameter, ...]]  # type: ignore[assignment]
+    declared: ClassVar[tuple[EffectParameter, ...]]  # type: ignore[assignment]
     deciding: ClassVar[tuple[str, ...]] = ()
     """Parameters that make it neutral whatever the others are; none where all have to agree."""
 
@@ -91,7 +91,7 @@ class Effect(Transform):
         super().__init__()
         self.dt = dt
         self._refuse_unknown(values)
-        chosen = {p.name: self._sensible(p, values.get(p.name, p.value)) for p in self.parameters}
+        chosen = {p.name: self._sensible(p, values.get(p.name, p.value)) for p in self.declared}
         self._adopt({name: torch.tensor(value) for name, value in chosen.items()})
 
     @classmethod
@@ -102,7 +102,7 @@ class Effect(Transform):
     @property
     def values(self) -> dict[str, Tensor]:
         """Parameter values in use, each of shape () or of the batch's shape."""
-        return {p.name: self._kept("value_" + p.name) for p in self.parameters}
+        return {p.name: self._kept("value_" + p.name) for p in self.declared}
 
     @property
     def options(self) -> dict[str, Any]:
@@ -162,7 +162,7 @@ class Effect(Transform):
     def _felt(self, values: Mapping[str, Tensor]) -> Tensor:
         differs = [
             values[p.name] != torch.tensor(p.value, device=values[p.name].device)
-            for p in self.parameters
+            for p in self.declared
             if p.name in (self.deciding or values)
         ]
         felt = differs[0]
@@ -243,7 +243,7 @@ class Effect(Transform):
 
     @classmethod
     def _refuse_unknown(cls, names) -> None:
-        known = [p.name for p in cls.parameters]
+        known = [p.name for p in cls.declared]
         unknown = sorted(set(names) - set(known))
         if unknown:
             raise ValueError(

@@ -87,7 +87,7 @@ class ResidualAcceleration(MotionEffect):
 
     name = "residual_acceleration"
     equation = "d(vx, vy, yaw_rate)/dt = strength network(v, command, engine's accelerations)"
-    parameters = (
+    declared = (
         EffectParameter("strength", 0.0, 0.0, 2.0, "-", "1 is as it was trained.", 0.5, 0.05),
     )
 

@@ -115,7 +115,7 @@ def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase"
     content = read_simulator(file)
     if content["effects"]:
         raise ValueError(
-            f"{file} is an engine with effects: build it with buggy_rl.env.make_simulator"
+            f"{file} is an engine with effects: build it with buggy_rl.task.env.make_simulator"
         )
     merged = {**content["parameters"], **(parameters or {})}
     settings = {**content["options"], **options}

@@ -296,5 +296,5 @@ class ActuatedEngine(Engine):
         return torch.stack(torch.broadcast_tensors(*pair), -1)
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        chosen = {name: p.value for name, p in self.parameters.items()}
+        chosen = {name: p.value for name, p in self.declared.items()}
         return type(self)(batch_size, self.device, chosen, self.dt, self.preset, self.substeps)

@@ -36,7 +36,8 @@ class Engine(EnvBase):
     """
 
     batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
-    parameters: dict[str, Parameter]
+    declared: dict[str, Parameter]
+    """Physical parameters by name, with the values in use where all cars share them."""
     values: dict[str, Tensor]
     """Parameter values in use, each of shape () or of the batch's shape."""
 
@@ -51,14 +52,14 @@ class Engine(EnvBase):
         shape = (batch_size,) if isinstance(batch_size, int) else tuple(batch_size)
         super().__init__(device=torch.device(device), batch_size=torch.Size(shape))
         self.dt = dt
-        self.parameters = {p.name: p for p in declared}
+        self.declared = {p.name: p for p in declared}
         overrides = dict(parameters or {})
         self._refuse_unknown(overrides)
         for name, value in overrides.items():
-            self.parameters[name] = replace(self.parameters[name], value=float(value))
+            self.declared[name] = replace(self.declared[name], value=float(value))
         self.values = {
             name: torch.tensor(p.value, dtype=torch.float32, device=self.device)
-            for name, p in self.parameters.items()
+            for name, p in self.declared.items()
         }
 
     def _finish(self) -> None:
@@ -179,9 +180,9 @@ class Engine(EnvBase):
         """Called after `values` were replaced, for engines that keep something derived."""
 
     def _refuse_unknown(self, names) -> None:
-        unknown = sorted(set(names) - set(self.parameters))
+        unknown = sorted(set(names) - set(self.declared))
         if unknown:
             raise KeyError(
                 f"{type(self).__name__} has no parameter {', '.join(unknown)}; "
-                f"available: {', '.join(sorted(self.parameters)) or 'none'}"
+                f"available: {', '.join(sorted(self.declared)) or 'none'}"
             )

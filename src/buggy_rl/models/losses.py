@@ -5,8 +5,8 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from buggy_rl import keys
-from buggy_rl.dataset import model_inputs, relative_pose
 from buggy_rl.models.base import DynamicsModel
+from buggy_rl.recordings.windows import model_inputs, relative_pose
 from buggy_rl.vehicle import integrate_pose
 
 VELOCITY_WEIGHT = 4.0  # of the velocity error against the pose error; both are of order one

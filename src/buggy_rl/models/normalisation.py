@@ -6,10 +6,10 @@ import torch
 from tensordict import TensorDictBase
 
 from buggy_rl import keys
-from buggy_rl.dataset import model_inputs, windows
 from buggy_rl.models.base import NO_DRIVE, REST_SPEED, DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.windows import model_inputs, windows
 
 REST_WATCH = 0.5  # [s] how long a standing car is watched for setting off, a coasting one for loss
 COASTING = 0.3  # [m/s] speed from which coasting tells a deceleration

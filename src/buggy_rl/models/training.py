@@ -13,12 +13,12 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from buggy_rl.dataset import Preparation, filtered, mirror, windows
 from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.models.losses import one_step_loss, rollout_loss
 from buggy_rl.models.normalisation import fit_normalisation
 from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.windows import Preparation, filtered, mirror, windows
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.exam import write_json
 from buggy_rl.config import from_plain
-from buggy_rl.courses import courses, judging
-from buggy_rl.driving import Driver, drive
-from buggy_rl.env import TaskConfig, make_env, make_simulator
-from buggy_rl.marshal import Marshal
-from buggy_rl.policy import load_policy
-from buggy_rl.proving.case import Case
-from buggy_rl.proving.exam import write_json
-from buggy_rl.proving.plants import make_plant
+from buggy_rl.plants import make_plant
+from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.benchmark_paths import courses, judging
+from buggy_rl.policies.closed_loop import Driver, drive
+from buggy_rl.policies.track_reset import Marshal
+from buggy_rl.task.env import TaskConfig, make_env, make_simulator
 from buggy_rl.transfer.job import digest
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 from buggy_rl.vehicle import CONTROL_PERIOD

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from torchrl.envs import EnvBase
 
+from buggy_rl.transfer.parameter_posterior import undecided
 from buggy_rl.transfer.plan import TransferConfig
 from buggy_rl.transfer.randomised import randomised
-from buggy_rl.transfer.undecided import undecided
 
 SOURCE = '''"""{simulator}, {name}; written by scripts/transfer.py."""
 

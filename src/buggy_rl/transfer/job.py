@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from buggy_rl.proving.exam import write_json
+from buggy_rl.blind_test.exam import write_json
 
 RECORD = "job.json"  # how a job was begun, and whether it is done
 LOG = "log.txt"  # all that its script said

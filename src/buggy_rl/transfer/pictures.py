@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from buggy_rl.transfer.score import Pair, kinds, mean
-from buggy_rl.visual.style import COLOURS, MEASURED, tidy
+from buggy_rl.viz.style import COLOURS, MEASURED, tidy
 
 SPREAD = 0.7  # of the room between two cars that their arms take up
 BESIDE = 0.06  # [cars] how far the seeds stand beside their mean

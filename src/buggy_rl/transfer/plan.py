@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from omegaconf import MISSING
 
-from buggy_rl.proving.case import Case
-from buggy_rl.proving.preparation import LEARNED
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.preparation import LEARNED
 
 STAGES = ("drive", "diagnose", "learn", "train", "evaluate", "page")
 ARMS = {

@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl.engines.base import Engine
-from buggy_rl.env import make_simulator
+from buggy_rl.task.env import make_simulator
 
 
 class Spread(NamedTuple):
@@ -76,5 +76,5 @@ def drawn(engine: Engine) -> dict[str, Tensor]:
             if name in engine.values:
                 value = values.get(name, engine.values[name].cpu().expand(engine.batch_size))
                 values[name] = value + number if spread.added else value * number
-    ranges = engine.parameters
+    ranges = engine.declared
     return {n: v.clamp(ranges[n].lower, ranges[n].upper) for n, v in values.items()}

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from buggy_rl.proving.case import Case
-from buggy_rl.proving.measuring import measured
-from buggy_rl.proving.motion import moved
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.measuring import measured
+from buggy_rl.blind_test.motion import moved
 from buggy_rl.recordings import save_recording
 
 NOISE = 100  # first number of a baseline drive's noise, well behind those of the others

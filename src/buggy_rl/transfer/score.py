@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from buggy_rl.policy_tables import ORIGINAL, mean_interval
+from buggy_rl.policies.tables import ORIGINAL, mean_interval
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 
 CURED = 0.2  # share of the unrepaired one's loss that the repaired one may have

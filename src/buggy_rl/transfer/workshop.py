@@ -5,7 +5,7 @@ import subprocess
 import time
 from collections.abc import Iterator, Sequence
 
-from buggy_rl.proving.exam import end
+from buggy_rl.blind_test.exam import end
 from buggy_rl.transfer.job import Job
 
 LOOK = 1.0  # [s] between two looks at what runs

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 from buggy_rl.diagnosis.answer import Named
 from buggy_rl.diagnosis.constancy import WORDS
-from buggy_rl.diagnosis.library import Library
-from buggy_rl.diagnosis.merit import NATS
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.markup import (
     Bar,
@@ -19,6 +17,8 @@ from buggy_rl.diagnosis.report.markup import (
 )
 from buggy_rl.diagnosis.report.ranking import losers, ranking
 from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.diagnosis.selection import NATS
+from buggy_rl.estimation.hypothesis import Library
 
 SHOWN = 10  # single causes in the chart of evidence
 CLOSEST = 5  # rivals that are told of

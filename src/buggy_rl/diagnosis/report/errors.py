@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.locate import charged, features
+from buggy_rl.diagnosis.localisation import charged, features
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from buggy_rl.diagnosis.adequacy import CAP
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.search import Found
-from buggy_rl.diagnosis.stretches import Stretches
-from buggy_rl.evaluation import WARM_UP
+from buggy_rl.estimation.misfit import CAP
+from buggy_rl.estimation.segments import WARM_UP, Stretches
 
 TELLING = 2  # stretches on which the explanation shows most; one more is an ordinary one
 

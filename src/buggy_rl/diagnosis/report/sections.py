@@ -22,7 +22,7 @@ from buggy_rl.diagnosis.report.replay_figure import replay_figure
 from buggy_rl.diagnosis.report.replays import replays
 from buggy_rl.diagnosis.report.style import inline
 from buggy_rl.diagnosis.search import Found, Search
-from buggy_rl.evaluation import WARM_UP
+from buggy_rl.estimation.segments import WARM_UP
 
 WORST = 5  # intervals that are listed
 PROVEN = {  # column of the proof -> its heading

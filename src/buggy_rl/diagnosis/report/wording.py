@@ -3,8 +3,8 @@
 import math
 
 from buggy_rl.diagnosis.answer import Verdict
-from buggy_rl.diagnosis.library import OWN
-from buggy_rl.diagnosis.locate import Region
+from buggy_rl.diagnosis.localisation import Region
+from buggy_rl.estimation.hypothesis import OWN
 
 VERDICTS: dict[Verdict, str] = {
     "missing_physics": "missing physics",

@@ -58,7 +58,7 @@ class SteeringRateLimit(ServoEffect):
     lasting = True
     name = "steering_rate_limit"
     equation = "|du'/dt| <= rate"
-    parameters = (
+    declared = (
         EffectParameter(
             "rate",
             NO_LIMIT,
@@ -98,7 +98,7 @@ class SteeringBacklash(ServoEffect):
     name = "steering_backlash"
     lasting = True
     equation = "|servo - steering'| <= width / 2, and steering' rests while it can"
-    parameters = (
+    declared = (
         EffectParameter(
             "width", 0.0, 0.0, 1.0, "-", "Play from stop to stop, of a range of 2.", 0.1, 0.02
         ),

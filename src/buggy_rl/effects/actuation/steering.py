@@ -16,7 +16,7 @@ class SteeringGain(CommandEffect):
     name = "steering_gain"
     channel = 1
     equation = "steering' = gain steering"
-    parameters = (
+    declared = (
         EffectParameter(
             "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering asked.", 0.15, 0.02
         ),
@@ -36,7 +36,7 @@ class SteeringOffset(CommandEffect):
     name = "steering_offset"
     channel = 1
     equation = "steering' = steering + offset"
-    parameters = (
+    declared = (
         EffectParameter(
             "offset", 0.0, -0.8, 0.8, "-", "Added to the steering command.", 0.06, 0.01
         ),
@@ -61,7 +61,7 @@ class SteeringAsymmetry(CommandEffect):
     name = "steering_asymmetry"
     channel = 1
     equation = "steering' = sqrt(q) steering to the left, steering / sqrt(q) to the right"
-    parameters = (
+    declared = (
         EffectParameter(
             "left_to_right", 1.0, 0.2, 5.0, "-", "Gain to the left over gain right.", 0.2, 0.02
         ),

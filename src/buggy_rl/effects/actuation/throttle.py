@@ -62,7 +62,7 @@ class ThrottleGain(PullEffect):
 
     name = "throttle_gain"
     equation = "drive' - onset = gain (drive - onset)"
-    parameters = (
+    declared = (
         EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive asked.", 0.2, 0.02),
     )
 
@@ -80,7 +80,7 @@ class ThrottleOffset(CommandEffect):
     name = "throttle_offset"
     channel = 0
     equation = "throttle' = throttle + offset"
-    parameters = (
+    declared = (
         EffectParameter("offset", 0.0, -1.0, 1.0, "-", "Added to the throttle command.", 0.1, 0.01),
     )
 
@@ -107,7 +107,7 @@ class ThrottleDeadband(DriveEffect):
     equation = "drive' = max(0, drive - width) (1 + restored width / (1 - width))"
     source = "DART, Lyons et al., whose motor acts on the drive less a deadband: restored = 0"
     deciding = ("width",)
-    parameters = (
+    declared = (
         EffectParameter(
             "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.08, 0.01
         ),
@@ -133,7 +133,7 @@ class BatterySag(PullEffect):
 
     name = "battery_sag"
     equation = "drive' - onset = (1 - loss_per_minute elapsed / 60 s) (drive - onset)"
-    parameters = (
+    declared = (
         EffectParameter(
             "loss_per_minute",
             0.0,

@@ -66,7 +66,7 @@ class ThrottleDeadTime(DeadTime):
 
     name = "throttle_dead_time"
     channel = 0
-    parameters = dead_time("Delay until the throttle is heard.")
+    declared = dead_time("Delay until the throttle is heard.")
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -78,7 +78,7 @@ class SteeringDeadTime(DeadTime):
 
     name = "steering_dead_time"
     channel = 1
-    parameters = dead_time("Delay until the steering is heard.")
+    declared = dead_time("Delay until the steering is heard.")
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -90,7 +90,7 @@ class ThrottleLag(Lag):
 
     name = "throttle_lag"
     channel = 0
-    parameters = (
+    declared = (
         EffectParameter(
             "time_constant", 0.0, 0.0, 1.0, "s", "Time in which 63 % has come.", 0.08, 0.01
         ),
@@ -107,7 +107,7 @@ class SteeringLag(Lag):
 
     name = "steering_lag"
     channel = 1
-    parameters = (
+    declared = (
         EffectParameter(
             "time_constant", 0.0, 0.0, 1.0, "s", "Time in which 63 % has come.", 0.08, 0.01
         ),

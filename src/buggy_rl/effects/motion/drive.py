@@ -37,7 +37,7 @@ class Payload(MotionEffect):
 
     name = "payload"
     equation = "(dvx/dt + rolling + braking of the turned wheels) / mass_ratio"
-    parameters = (
+    declared = (
         EffectParameter("mass_ratio", 1.0, 0.5, 3.0, "-", "Mass over the simulated.", 0.2, 0.02),
     )
 
@@ -91,7 +91,7 @@ class MotorPowerLimit(MotorEffect):
 
     name = "motor_power_limit"
     equation = "drive acceleration <= power_per_mass / vx"
-    parameters = (
+    declared = (
         EffectParameter(
             "power_per_mass",
             UNLIMITED,
@@ -130,7 +130,7 @@ class TopSpeed(MotorEffect):
 
     name = "top_speed"
     equation = "drive acceleration - speed_loss vx (1 / speed_ratio - 1)"
-    parameters = (
+    declared = (
         EffectParameter(
             "speed_ratio", 1.0, 0.2, 3.0, "-", "No-load speed over the simulated.", 0.15, 0.02
         ),

@@ -24,7 +24,7 @@ class FloorSlope(MotionEffect):
 
     name = "floor_slope"
     equation = "dv_world/dt = (along_x, along_y) tanh(speed / 0.1 m/s)"
-    parameters = (
+    declared = (
         EffectParameter("along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.25, 0.03),
         EffectParameter("along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.25, 0.03),
     )
@@ -52,7 +52,7 @@ class Wind(MotionEffect):
 
     name = "wind"
     equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
-    parameters = (
+    declared = (
         EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.2, 0.03),
         EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.2, 0.03),
     )

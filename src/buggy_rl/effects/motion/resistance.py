@@ -25,7 +25,7 @@ class AerodynamicDrag(MotionEffect):
 
     name = "aerodynamic_drag"
     equation = "dv/dt = -coefficient |v| v"
-    parameters = (
+    declared = (
         EffectParameter(
             "coefficient", 0.0, -0.05, 2.0, "1/m", "Deceleration over speed squared.", 0.08, 0.01
         ),
@@ -50,7 +50,7 @@ class RollingResistance(MotionEffect):
 
     name = "rolling_resistance"
     equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s)"
-    parameters = (
+    declared = (
         EffectParameter("deceleration", 0.0, -0.5, 5.0, "m/s^2", "Whatever the speed.", 0.3, 0.05),
     )
 
@@ -69,7 +69,7 @@ class ViscousDrag(MotionEffect):
 
     name = "viscous_drag"
     equation = "dvx/dt = -rate vx"
-    parameters = (
+    declared = (
         EffectParameter("rate", 0.0, -0.2, 5.0, "1/s", "Deceleration over speed.", 0.2, 0.02),
     )
 
@@ -91,7 +91,7 @@ class CorneringDrag(MotionEffect):
 
     name = "cornering_drag"
     equation = "dvx/dt = -coefficient |vx yaw_rate|"
-    parameters = (
+    declared = (
         EffectParameter(
             "coefficient", 0.0, -0.3, 2.0, "-", "Deceleration over lateral one.", 0.15, 0.02
         ),

@@ -57,7 +57,7 @@ class OneSidedDrag(YawEffect):
 
     name = "one_sided_drag"
     equation = "dr/dt = yaw_acceleration tanh(vx / 0.3 m/s)"
-    parameters = (
+    declared = (
         EffectParameter(
             "yaw_acceleration", 0.0, -100.0, 100.0, "rad/s^2", "Positive to the left.", 5.0, 0.5
         ),
@@ -82,7 +82,7 @@ class YawDamping(YawEffect):
 
     name = "yaw_damping"
     equation = "dr/dt = -rate r"
-    parameters = (
+    declared = (
         EffectParameter("rate", 0.0, -5.0, 100.0, "1/s", "Yaw deceleration over rate.", 3.0, 0.3),
     )
 

@@ -16,7 +16,7 @@ class SensorLeverArm(InstantSensing):
 
     name = "sensor_lever_arm"
     equation = "position + R(yaw) (x, y); vx - y r, vy + x r"
-    parameters = (
+    declared = (
         EffectParameter("x", 0.0, -0.5, 0.5, "m", "Ahead of its nominal place.", 0.05, 0.01),
         EffectParameter("y", 0.0, -0.5, 0.5, "m", "Left of its nominal place.", 0.05, 0.01),
     )
@@ -43,7 +43,7 @@ class SensorYaw(InstantSensing):
 
     name = "sensor_yaw"
     equation = "yaw + angle; R(-angle) (vx, vy)"
-    parameters = (
+    declared = (
         EffectParameter("angle", 0.0, -1.6, 1.6, "rad", "Mount, positive left.", 0.05, 0.01),
     )
 
@@ -64,7 +64,7 @@ class SpeedScale(InstantSensing):
 
     name = "speed_scale"
     equation = "ratio (vx, vy)"
-    parameters = (
+    declared = (
         EffectParameter("ratio", 1.0, 0.2, 5.0, "-", "Speed read over the true one.", 0.08, 0.01),
     )
 
@@ -84,7 +84,7 @@ class GyroBias(InstantSensing):
 
     name = "gyro_bias"
     equation = "yaw_rate + bias"
-    parameters = (
+    declared = (
         EffectParameter("bias", 0.0, -2.0, 2.0, "rad/s", "Read at a standstill.", 0.08, 0.01),
     )
 

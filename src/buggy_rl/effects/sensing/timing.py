@@ -31,7 +31,7 @@ class SensorLatency(SensingEffect):
 
     name = "sensor_latency"
     equation = "z(t) = (pose, velocity)(t - dead_time)"
-    parameters = dead_time("Age of what the sensor shows.")
+    declared = dead_time("Age of what the sensor shows.")
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -106,7 +106,7 @@ class SensorLag(SensingEffect):
 
     name = "sensor_lag"
     equation = "time_constant dz/dt = (pose, velocity) - z"
-    parameters = (
+    declared = (
         EffectParameter(
             "time_constant", 0.0, 0.0, 1.0, "s", "Time in which 63 % is shown.", 0.05, 0.01
         ),

@@ -23,7 +23,7 @@ class TireGrip(TyreEffect):
     name = "tire_grip"
     equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
     alternatives = ("max_acceleration",)
-    parameters = (
+    declared = (
         EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
         EffectParameter(
             "max_acceleration",
@@ -62,7 +62,7 @@ class GripBalance(TyreEffect):
 
     name = "grip_balance"
     equation = "front friction sqrt(q), rear friction / sqrt(q), at the same stiffness"
-    parameters = (
+    declared = (
         EffectParameter(
             "front_to_rear",
             1.0,
@@ -92,7 +92,7 @@ class GripPatch(TyreEffect):
     name = "grip_patch"
     equation = "tire_grip within radius of (x, y)"
     deciding = ("grip",)
-    parameters = (
+    declared = (
         EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
         EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
         EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the place.", 0.5, 0.1),

@@ -206,7 +206,7 @@ class MujocoEngine(RowsEngine):
         return type(self)(
             batch_size,
             self.device,
-            {name: parameter.value for name, parameter in self.parameters.items()},
+            {name: parameter.value for name, parameter in self.declared.items()},
             dt=self.dt,
             tyres=self.car.tyres,
             timestep=self.car.timestep,

@@ -216,7 +216,7 @@ class ReferenceEngine(Engine):
         return {"substep": self.dt / self._substeps / 2}
 
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        values = {name: parameter.value for name, parameter in self.parameters.items()}
+        values = {name: parameter.value for name, parameter in self.declared.items()}
         faults = self._fault_values
         return type(self)(
             batch_size, self.device, values, self.dt, self.substep, faults, self.compiled

@@ -1,0 +1,85 @@
+"""What a method is asked: the question of a case, with all that it names opened."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+from pathlib import Path
+
+import torch
+import yaml
+from torchrl.envs import EnvBase
+
+from buggy_rl.diagnosis.case import stretches_of
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.estimation.baseline import correct
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import Stretches
+from buggy_rl.recordings import Recording, load_recordings
+from buggy_rl.task.env import make_simulator
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Simulator and drives of a case."""
+
+    config: DiagnosisConfig
+    recordings: list[Recording]
+    baseline: list[Recording]
+    """Drives on which the simulator was right; empty where none are given."""
+
+    def maker(self, parameters: Mapping[str, float] | None = None) -> Callable[[int], EnvBase]:
+        """Builds the simulator for a number of cars, once for each number."""
+
+        @cache
+        def make(cars: int) -> EnvBase:
+            return make_simulator(self.config.simulator, cars, parameters=parameters)
+
+        return make
+
+    @cached_property
+    def corrected(self) -> Player:
+        """Plays into the simulator; with baseline drives, corrected as the diagnosis does it.
+
+        What the simulator got wrong before anything changed is closed by the same small network
+        (`correct`), so that a method sees what is left: what has changed.
+        """
+        make = self.maker()
+        player = Player(make, options=measurable_options(make)[0])
+        if not self.baseline:
+            return player
+        return correct(player, self.cut(self.baseline)).player(player)
+
+    def cut(self, recordings: Sequence[Recording], most: int | None = None) -> Stretches:
+        """Stretches of drives as the question has them, `most` of them, spread evenly."""
+        cut = stretches_of(recordings, self.config)
+        return cut if most is None else spread(cut, most)
+
+
+def spread(cut: Stretches, most: int) -> Stretches:
+    """At most so many stretches, spread evenly over the drives."""
+    if len(cut) <= most:
+        return cut
+    return cut[torch.linspace(0, len(cut) - 1, most).round().long()]
+
+
+@lru_cache(maxsize=1)
+def asked(seen: Path) -> Asked:
+    """Opens the folder of what may be seen; the last one stays open, for the next method.
+
+    Raises:
+        ValueError: A drive cannot be read.
+    """
+    question = yaml.safe_load((seen / "question.yaml").read_text())
+    question["simulator"] = str(seen / question["simulator"])
+    config = DiagnosisConfig(**question, output="")
+    return Asked(config, _drives(seen, config.recordings), _drives(seen, config.baseline))
+
+
+def _drives(seen: Path, names: Sequence[str]) -> list[Recording]:
+    if not names:
+        return []
+    recordings, refusals = load_recordings([str(seen / name) for name in names])
+    if refusals or not recordings:
+        raise ValueError(f"{seen}: {'; '.join(map(str, refusals)) or 'there are no drives'}")
+    return recordings

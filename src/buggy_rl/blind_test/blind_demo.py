@@ -1,0 +1,106 @@
+"""One case for a person: something drawn at random is concealed in a car, and found, or not."""
+
+import random
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from omegaconf import MISSING
+from tensordict import TensorDict
+from torch import Tensor
+
+from buggy_rl import keys
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.draw import Settings, draw
+from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import Stretches, stretches
+from buggy_rl.plants import abilities
+from buggy_rl.recordings import load_recordings
+from buggy_rl.task.env import make_simulator
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+FIRST, SEEDS = 10_000_000, 80_000_000  # no case of the proof has one of these seeds
+SHOWN = 3.0  # [s] rollouts that are drawn
+STRIDE = 0.5  # [s] between their starts
+MEASURED = "car"
+
+
+@dataclass(frozen=True)
+class RiddleConfig:
+    """Something concealed in the reference car."""
+
+    output: str = MISSING
+    """Folder of drives, answer and picture; what is sealed lies in OUTPUT_sealed."""
+    seed: int = -1
+    """Below 0: a new one, drawn by chance, unless OUTPUT holds a riddle already."""
+    effects: int = 1
+    """How many are concealed, 0 to 3."""
+    seconds: float = 45.0
+    """Length of each of the two drives."""
+    more: list[str] = field(default_factory=list)
+    """Further options of scripts/diagnose.py."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.effects <= 3:
+            raise ValueError(f"effects is {self.effects}: must be 0 to 3")
+
+    @property
+    def vault(self) -> Vault:
+        """Where it lies."""
+        return Vault(Path(self.output), Path(f"{self.output}_sealed"))
+
+
+def riddle(config: RiddleConfig) -> Case:
+    """What is concealed, by seed."""
+    seed = config.seed
+    if seed < 0:
+        before = sorted(config.vault.sealed.glob("*.json"))
+        seed = int(before[0].stem) - FIRST if before else random.SystemRandom().randrange(SEEDS)
+    settings = Settings(
+        families=[("nothing", "one", "two", "three")[config.effects]],
+        pairings=["reference"],
+        nuisances=["white"],
+        driving=["rich"],
+        seconds=[config.seconds],
+    )
+    return draw(FIRST + seed, settings, {"reference": abilities("reference")})
+
+
+def rollouts(vault: Vault, case: Case) -> dict[str, TensorDict]:
+    """The sealed drive, and what simulators make of its commands.
+
+    Returns:
+        `car`, `as given`, `repaired` -> `pose` and `velocity` [N, H + 1, 3] as the sensor shows
+        them, places seen from where the rollouts start.
+    """
+    recordings, _ = load_recordings([str(vault.held_out(case.id))])
+    cut = stretches(recordings, SHOWN, STRIDE)
+    measured = cut.seen_from_start
+    files = {
+        "as given": vault.seen(case.id) / "simulator.yaml",
+        "repaired": vault.said(case.id) / "repaired.yaml",
+    }
+    shown = {MEASURED: measured} | {n: measured + _gap(f, cut) for n, f in files.items()}
+    return {name: _from_rest(rows, cut) for name, rows in shown.items()}
+
+
+def distance(
+    made: TensorDict, measured: TensorDict, seconds: float = 1.0, dt: float = CONTROL_PERIOD
+) -> float:
+    """Root mean square [m] between where rollouts are after so long and where the car was."""
+    row = round(seconds / dt)
+    off = (made[keys.POSE] - measured[keys.POSE])[:, row, :2]
+    return float(off.square().sum(-1).mean().sqrt())
+
+
+def _gap(file: Path, cut: Stretches) -> Tensor:
+    player = Player(lambda cars: make_simulator(file, cars), every=1)
+    return player.play(cut, {})[0]
+
+
+def _from_rest(rows: Tensor, cut: Stretches) -> TensorDict:
+    """With the start itself as the first row."""
+    begin = torch.cat([torch.zeros_like(rows[:, :1, :3]), rows[:, :1, 3:]], -1)
+    whole = torch.cat([begin, rows], 1)
+    return TensorDict({keys.POSE: whole[..., :3], keys.VELOCITY: whole[..., 3:]}, whole.shape[:2])

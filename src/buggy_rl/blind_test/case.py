@@ -1,0 +1,103 @@
+"""A case: a car in which something is concealed, and how it is driven and measured."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
+
+NUISANCES = {
+    "white": "the camera's own noise, white",
+    "coloured": "noise of the same size whose rows go together, rho 0.9",
+    "thrice": "three times the noise",
+    "stamps": "commands stamped one sample off",
+    "jitter": "time stamps that jitter by 1 ms",
+    "dropped": "two frames in a thousand lost",
+    "integrator": "the simulator integrates more coarsely",
+    "parameters_3": "the simulator's parameters off by 3 %, baseline drives given",
+    "parameters_10": "the simulator's parameters off by 10 %, baseline drives given",
+}
+DRIVING = {"rich": "a room driver's", "steady": "near-constant speed, slow bends"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that decides a case; `concealed` is the answer."""
+
+    seed: int
+    plant: str
+    """What is driven: reference, mujoco, commonroad."""
+    simulator: str
+    """What is to be repaired: reference, mujoco, mujoco_fitted, single_track_fitted, learned."""
+    baseline: bool = False
+    """Whether drives from before the change are given."""
+    concealed: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Effect -> parameter -> value."""
+    nuisance: str = "white"
+    driving: str = "rich"
+    seconds: float = 45.0
+    """Length of each drive."""
+    drives: int = 2
+    held_out: int = 1
+    """Drives that are sealed, to measure by."""
+
+    def __post_init__(self) -> None:
+        known = {*SIZES, *UNKNOWN_SIZES}
+        for what, name, names in (
+            ("nuisance", self.nuisance, NUISANCES),
+            ("driving", self.driving, DRIVING),
+            *(("effect", effect, known) for effect in self.concealed),
+        ):
+            if name not in names:
+                raise ValueError(f"no {what} {name!r}; available: {', '.join(sorted(names))}")
+
+    @property
+    def id(self) -> str:
+        """Name of its folders; tells nothing."""
+        return f"{self.seed:07d}"
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """What is concealed, sorted."""
+        return tuple(sorted(self.concealed))
+
+    @property
+    def family(self) -> str:
+        """nothing, one, two, three, or unknown where the textbook has no name for it."""
+        if set(self.concealed) & set(UNKNOWN_SIZES):
+            return "unknown"
+        return ("nothing", "one", "two", "three")[len(self.concealed)]
+
+    @property
+    def pairing(self) -> str:
+        """Plant and simulator, in words."""
+        return f"{self.plant} -> {self.simulator}" + (", baseline" if self.baseline else "")
+
+    @property
+    def own_family(self) -> bool:
+        """Whether the simulator is of the plant's own make."""
+        return self.plant == self.simulator
+
+    @property
+    def faults(self) -> dict[str, dict[str, float]]:
+        """What is concealed in the car itself."""
+        return {e: dict(v) for e, v in self.concealed.items() if e not in CAMERA}
+
+    @property
+    def camera(self) -> dict[str, float]:
+        """What is concealed in the camera, as fields of its config."""
+        return {
+            CAMERA[effect][name]: value
+            for effect, values in self.concealed.items()
+            if effect in CAMERA
+            for name, value in values.items()
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Case":
+        """The inverse of `to_dict`."""
+        return cls(**content)

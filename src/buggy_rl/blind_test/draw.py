@@ -1,0 +1,178 @@
+"""Cases from seeds."""
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES, Range
+
+FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
+COUNT = {"nothing": 0, "one": 1, "two": 2, "three": 3}
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """What is driven, and what is to be repaired."""
+
+    plant: str
+    simulator: str
+    baseline: bool
+
+
+PAIRINGS = {
+    "reference": Pairing("reference", "reference", False),
+    "mujoco": Pairing("mujoco", "mujoco", False),
+    "reference_mujoco": Pairing("reference", "mujoco_fitted", True),
+    "reference_learned": Pairing("reference", "learned", True),
+    "mujoco_single_track": Pairing("mujoco", "single_track_fitted", True),
+    "commonroad_mujoco": Pairing("commonroad", "mujoco_fitted", True),
+    "commonroad_single_track": Pairing("commonroad", "single_track_fitted", True),
+}
+# Of simulators whose step can be made coarser from outside.
+INTEGRATED = ("reference", "mujoco", "mujoco_fitted")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is drawn from; what stands in a list twice is drawn twice as often."""
+
+    split: str = "development"
+    """Seeds to calibrate on (development), or to publish (sealed)."""
+    first: int = 0
+    """First seed of the split."""
+    cases: int = 200
+    """Number of cases; 0 with `each` for all there are."""
+    each: bool = False
+    """Instead of drawing families: every effect once, then `nothing` cases with none."""
+    nothing: int = 20
+    """With `each`: cases in which nothing is concealed."""
+    names: list[str] = field(default_factory=list)
+    """Effects that may be concealed; empty for all that a plant can."""
+    families: list[str] = field(
+        default_factory=lambda: (
+            ["nothing"] * 5 + ["one"] * 9 + ["two"] * 3 + ["three"] + ["unknown"] * 2
+        )
+    )
+    """How many effects are concealed, or one that no entry of the library describes."""
+    pairings: list[str] = field(
+        default_factory=lambda: (
+            ["reference"] * 3
+            + ["reference_learned", "mujoco_single_track"] * 2
+            + ["mujoco", "reference_mujoco", "commonroad_mujoco", "commonroad_single_track"]
+        )
+    )
+    """In over half of them the simulator is not of the plant's make; in a quarter it is MuJoCo,
+    whose diagnosis takes four times as long as others."""
+    nuisances: list[str] = field(
+        default_factory=lambda: (
+            ["white"] * 4
+            + ["coloured", "thrice", "stamps", "jitter", "dropped", "integrator"]
+            + ["parameters_3", "parameters_10"]
+        )
+    )
+    """What makes it harder beside: see `NUISANCES`."""
+    driving: list[str] = field(default_factory=lambda: ["rich"] * 4 + ["steady"])
+    """rich, or steady: near-constant driving."""
+    seconds: list[float] = field(default_factory=lambda: [45.0] * 3 + [20.0, 90.0])
+    """Length of each drive [s]."""
+    drives: int = 2
+    """To be seen, and as many before the change where there is a baseline."""
+    held_out: int = 1
+    """Sealed, to measure by."""
+
+    def __post_init__(self) -> None:
+        if self.split not in FIRST:
+            raise ValueError(f"split is {self.split!r}: must be one of {', '.join(FIRST)}")
+        unknown = sorted(set(self.pairings) - set(PAIRINGS))
+        if unknown:
+            raise ValueError(f"no pairings {unknown}; available: {', '.join(PAIRINGS)}")
+
+
+def draw_all(settings: Settings, abilities: dict[str, frozenset[str]]) -> list[Case]:
+    """The cases of a run, by seed.
+
+    Args:
+        settings: What to draw from.
+        abilities: Plant -> what can be concealed in it, beside errors of the camera.
+    """
+    first = FIRST[settings.split] + settings.first
+    if not settings.each:
+        return [draw(first + i, settings, abilities) for i in range(settings.cases)]
+    names = settings.names or list(SIZES)
+    able = set(CAMERA).union(*(abilities[PAIRINGS[p].plant] for p in settings.pairings))
+    wanted = [(n,) for n in names if n in able] + [()] * settings.nothing
+    # Shuffled: a number that told the effect would leak it.
+    random.Random(f"order {first}").shuffle(wanted)
+    wanted = wanted[: settings.cases] if settings.cases else wanted
+    return [draw(first + i, settings, abilities, concealed) for i, concealed in enumerate(wanted)]
+
+
+def draw(
+    seed: int,
+    settings: Settings,
+    abilities: dict[str, frozenset[str]],
+    names: Sequence[str] | None = None,
+) -> Case:
+    """The case of one seed.
+
+    Args:
+        seed: Same seed and settings, same case.
+        settings: What to draw from.
+        abilities: Plant -> what can be concealed in it, beside errors of the camera.
+        names: What is concealed, where that is not to be drawn.
+
+    Raises:
+        ValueError: None of the plants can have it.
+    """
+    chance = random.Random(seed)
+    able = {plant: _able(can, settings) for plant, can in abilities.items()}
+    family = "" if names is not None else chance.choice(settings.families)
+    pairings = [PAIRINGS[name] for name in settings.pairings]
+    if names is not None:
+        pairings = [p for p in pairings if set(names) <= set(able[p.plant])]
+    elif family == "unknown":
+        # Not every plant has something that the textbook has no name for.
+        pairings = [p for p in pairings if set(able[p.plant]) & set(UNKNOWN_SIZES)]
+    if not pairings:
+        raise ValueError(f"seed {seed}: no plant of {settings.pairings} can have {names or family}")
+    pairing = chance.choice(pairings)
+    if names is None:
+        names = _names(chance, family, able[pairing.plant])
+    nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
+    return Case(
+        seed=seed,
+        plant=pairing.plant,
+        simulator=pairing.simulator,
+        baseline=pairing.baseline or nuisance.startswith("parameters"),
+        concealed={n: _drawn(chance, (SIZES | UNKNOWN_SIZES)[n]) for n in sorted(names)},
+        nuisance=nuisance,
+        driving=chance.choice(settings.driving),
+        seconds=chance.choice(settings.seconds),
+        drives=settings.drives,
+        held_out=settings.held_out,
+    )
+
+
+def _able(can: frozenset[str], settings: Settings) -> list[str]:
+    return sorted(n for n in can | set(CAMERA) if not settings.names or n in settings.names)
+
+
+def _names(chance: random.Random, family: str, able: Sequence[str]) -> list[str]:
+    if family == "unknown":
+        return [chance.choice([n for n in able if n in UNKNOWN_SIZES])]
+    return chance.sample([n for n in able if n in SIZES], COUNT[family])
+
+
+def _suits(nuisance: str, simulator: str) -> bool:
+    if nuisance == "integrator":
+        return simulator in INTEGRATED
+    return simulator != "learned" or not nuisance.startswith("parameters")
+
+
+def _drawn(chance: random.Random, sizes: dict[str, Range]) -> dict[str, float]:
+    values = {}
+    for name, (low, high, signed, _) in sizes.items():
+        side = -1 if signed and chance.random() < 0.5 else 1
+        values[name] = round(side * chance.uniform(low, high), 4)
+    return values

@@ -1,0 +1,274 @@
+"""The figures that count, from outcomes."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from buggy_rl.blind_test.classes import KEYS, classes, right_by
+from buggy_rl.blind_test.equivalents import expected
+from buggy_rl.blind_test.outcome import SURE, Outcome
+from buggy_rl.blind_test.statistics import (
+    Figure,
+    bootstrapped,
+    calibration,
+    calibration_error,
+    coverage,
+    middle,
+    share,
+)
+
+Value = TypeVar("Value", float, bool)
+
+CLOSE = 0.1  # relative error of a number that counts as right
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the score."""
+
+    name: str
+    figure: Figure
+    target: float | None = None
+    """What is to be reached: at least, or at most where `most`."""
+    most: bool = False
+    percent: bool = True
+    ceiling: float | None = None
+    """What is not to be exceeded, of what has a floor as well."""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether it is; None where there is no target or no case."""
+        if self.target is None or not self.figure.count:
+            return None
+        value = self.figure.value
+        if self.ceiling is not None and value > self.ceiling:
+            return False
+        return value <= self.target if self.most else value >= self.target
+
+
+@dataclass(frozen=True)
+class Score:
+    """All that is counted of one who answered."""
+
+    rows: list[Row]
+    breakdown: dict[str, dict[str, Figure]]
+    """By what -> class -> share of first names that are right, of single effects."""
+    false_positives: dict[str, Figure]
+    """By nuisance, of cases in which nothing is concealed."""
+    confusion: dict[str, Counter]
+    """What was true -> what was said first -> how often."""
+    calibration: list[tuple[float, float, int]]
+    coverage: list[tuple[float, float]]
+    failing: list[Outcome]
+    single: list[Outcome]
+    """Those with one effect, one by one."""
+
+    def lines(self) -> list[str]:
+        """The score in plain text."""
+        found = [
+            f"{row.name:58} {written(row.figure, row.percent):>28}  n = {row.figure.count:4}"
+            + ("" if row.met is None else "  met" if row.met else "  NOT MET")
+            for row in self.rows
+        ]
+        for o in self.failing:
+            said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in o.said) or o.status
+            found.append(
+                f"{o.case.id}: {'+'.join(o.case.truth) or 'nothing'} -> {o.verdict} {said}"
+            )
+        return found
+
+
+def score(outcomes: Sequence[Outcome]) -> Score:
+    """Counts."""
+    one = of(outcomes, "one")
+    return Score(
+        rows=_rows(outcomes),
+        breakdown={name: right_by(one, key) for name, key in KEYS.items()},
+        false_positives={
+            nuisance: share(_named(same))
+            for nuisance, same in classes(of(outcomes, "nothing"), lambda o: o.case.nuisance)
+        },
+        confusion=_confusion(outcomes),
+        calibration=calibration(claims(outcomes)),
+        coverage=coverage(claims(outcomes)),
+        failing=[o for o in outcomes if not passed(o)],
+        single=one,
+    )
+
+
+def of(outcomes: Iterable[Outcome], family: str) -> list[Outcome]:
+    """Those of one family."""
+    return [o for o in outcomes if o.case.family == family]
+
+
+def passed(o: Outcome) -> bool:
+    """Whether an answer is what one could ask for."""
+    if o.status != "answered":
+        return False
+    if o.case.family == "unknown":
+        return o.verdict == "unknown_physics" and not o.sure_and_wrong
+    if o.case.family == "nothing":
+        return o.right and o.verdict != "unknown_physics"
+    if o.case.family == "one":
+        return o.right or (o.decidable is False and o.verdict == "cannot_tell")
+    return exact(o)
+
+
+def claims(outcomes: Iterable[Outcome]) -> list[tuple[float, bool]]:
+    """Confidence of each first name, and whether it is right."""
+    return [
+        (first.confidence, o.right if o.case.truth else False)
+        for o in outcomes
+        if (first := o.first) is not None
+    ]
+
+
+def _rows(outcomes: Sequence[Outcome]) -> list[Row]:
+    rest = [
+        Row("crashed or timed out", share([o.status != "answered" for o in outcomes])),
+        Row("could not be weighed", share([bool(o.failed) for o in outcomes])),
+        Row(
+            "seconds a case, median",
+            middle([o.seconds for o in outcomes if o.seconds]),
+            percent=False,
+        ),
+    ]
+    return [
+        *_naming(outcomes),
+        *_honesty(outcomes),
+        *_numbers(outcomes),
+        *_undecided(outcomes),
+        *rest,
+    ]
+
+
+def _naming(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Right names."""
+    one = of(outcomes, "one")
+    clear = _clear(one)
+    own = [o for o in clear if o.case.own_family]
+    two, three = (of(outcomes, family) for family in ("two", "three"))
+    return [
+        Row("first name right, decidable single effects", share([o.right for o in clear]), 0.9),
+        Row("  of them, plant of the simulator's own make", share([o.right for o in own]), 0.97),
+        Row("  right group, decidable single effects", share([o.group_right for o in clear])),
+        Row("first name right, all single effects", share([o.right for o in one])),
+        Row("exact set, two effects", share(_exact(two)), 0.75),
+        Row("  of them, both decidable", share(_exact(_clear(two)))),
+        Row("exact set, three effects", share(_exact(three))),
+    ]
+
+
+def _honesty(outcomes: Sequence[Outcome]) -> list[Row]:
+    """No names where there is none to be given, and no more confidence than is due."""
+    nothing, unknown = of(outcomes, "nothing"), of(outcomes, "unknown")
+    lost = [o.verdict == "unknown_physics" for o in unknown]
+    sure = f"named with confidence above {SURE:g}, outside the library"
+    error = bootstrapped(claims(outcomes), calibration_error)
+    by_nuisance = classes(nothing, lambda o: o.case.nuisance)
+    return [
+        Row("something named where nothing is", share(_named(nothing)), 0.02, True),
+        *(Row(f"  {name}", share(_named(same)), 0.05, True) for name, same in by_nuisance),
+        Row(
+            "called unknown where nothing is",
+            share([o.verdict == "unknown_physics" for o in nothing]),
+        ),
+        Row(sure, share([o.sure_and_wrong for o in unknown]), 0.05, True),
+        Row("called unknown, outside the library", share(lost), 0.85),
+        Row("expected calibration error", error, 0.05, True, percent=False),
+    ]
+
+
+def _numbers(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Right numbers, and what the repair is worth."""
+    one = of(outcomes, "one")
+    sized = [o for o in one if o.right]
+    truth, by_oracle = (_known(o.off(by) for o in sized) for by in (False, True))
+    error, position = (
+        _known(o.closed(metric) for o in [*one, *of(outcomes, "two")])
+        for metric in ("error", "position")
+    )
+    inside = share(_covered(sized))
+    return [
+        Row("number within 10 % of the truth, where rightly named", share(_within(truth))),
+        Row("  median relative error", middle(truth)),
+        Row("number within 10 % of the oracle's", share(_within(by_oracle))),
+        Row("truth inside the 95 % interval", inside, 0.9, ceiling=0.97),
+        Row("median gap closed, of the oracle's", middle(error), 0.95),
+        Row("  in position alone", middle(position)),
+        Row("  at least 95 % closed", share([c >= 0.95 for c in error])),
+    ]
+
+
+def _undecided(outcomes: Sequence[Outcome]) -> list[Row]:
+    """What cannot be told, and what would decide it."""
+    one = of(outcomes, "one")
+    cannot, could = (
+        [o.verdict == "cannot_tell" for o in same]
+        for same in ([o for o in one if o.decidable is False], _clear(one))
+    )
+    decided = _known(o.decided for o in one)
+    return [
+        Row("undecidable, answered so", share(cannot), 0.8),
+        Row("manoeuvre asked for decides, single effects", share(decided), 0.8),
+        Row("decidable, answered 'cannot tell'", share(could)),
+    ]
+
+
+def _clear(outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """Decidable ones; where the oracle was not asked, that counts against us."""
+    return [o for o in outcomes if o.decidable is not False]
+
+
+def exact(o: Outcome) -> bool:
+    """Whether all that is concealed is named, and nothing else."""
+    return o.names == set(o.case.truth) and o.verdict != "unknown_physics"
+
+
+def _exact(outcomes: Iterable[Outcome]) -> list[bool]:
+    return [exact(o) for o in outcomes]
+
+
+def _named(outcomes: Iterable[Outcome]) -> list[bool]:
+    return [bool(o.said) for o in outcomes]
+
+
+def _known(values: Iterable[Value | None]) -> list[Value]:
+    return [value for value in values if value is not None]
+
+
+def _within(errors: Sequence[float]) -> list[bool]:
+    return [e <= CLOSE for e in errors]
+
+
+def _covered(outcomes: Iterable[Outcome]) -> list[bool]:
+    """Whether the true numbers lie between `low` and `high`, one by one."""
+    return [
+        said.parameters[name]["low"] <= value <= said.parameters[name]["high"]
+        for o in outcomes
+        for said in o.said
+        if said.name in o.case.truth
+        for name, value in expected(o.case, said.name).items()
+        if name in said.parameters
+    ]
+
+
+def _confusion(outcomes: Iterable[Outcome]) -> dict[str, Counter]:
+    found: dict[str, Counter] = {}
+    for o in outcomes:
+        if len(o.case.truth) > 1:
+            continue
+        true = o.case.truth[0] if o.case.truth else "nothing"
+        said = o.first.name if o.first else o.verdict or o.status
+        found.setdefault(true, Counter())[said] += 1
+    return dict(sorted(found.items()))
+
+
+def written(figure: Figure, percent: bool = True) -> str:
+    """A figure with its interval, such as 95.0 % (88.1 to 98.2)."""
+    if not figure.count:
+        return "no case"
+    scale, unit, digits = (100, " %", 1) if percent else (1, "", 3)
+    value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
+    return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"

@@ -1,0 +1,218 @@
+"""Where a simulator and drives part: which channel, when, after which command, in which region."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from buggy_rl.estimation.rollout import Player
+from buggy_rl.estimation.segments import CHANNELS, WARM_UP, Stretches
+
+SHORT = 0.3  # [s] within which an error stays where it began
+LARGE = 50.0  # times the noise, as which a change of a gap counts at most
+BINS = 6  # of each feature, with equal shares of the data
+OVERDUE = 1.6  # a region's share of the error over its share of the data, to be worth a mention
+ENOUGH = 0.04  # share of the data that a region must hold
+MOST_REGIONS = 4
+MOST_LAG = 0.4  # [s] after a command in which its effect is looked for
+LEFT_BY_NOISE = 0.968  # mean of max(2 z^2 - 2, 0) of a standard normal z: 4 phi(1)
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of what was driven, and its shares."""
+
+    where: dict[str, tuple[float, float]]
+    error_share: float
+    data_share: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of time of one drive."""
+
+    recording: str
+    begin: float
+    """[s] since the drive began."""
+    end: float
+    error_share: float
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where the excess error lives."""
+
+    channel_share: dict[str, float]
+    regions: list[Region]
+    intervals: list[Interval]
+    lags: dict[str, dict[str, float]]
+    """Command -> channel -> time [s] after it at which errors follow it most; nan for none."""
+
+
+FEATURES = (
+    "vx",
+    "steering",
+    "throttle",
+    "steering_rate",
+    "lateral_acceleration",
+    "heading",
+    "elapsed",
+    "x",
+    "y",
+)
+
+
+def features(cut: Stretches, instants: Tensor) -> dict[str, Tensor]:
+    """What was driven at the instants [N, K], from smoothed measurements."""
+    rows = WARM_UP + instants
+    pose, velocity, action = cut.smooth_pose[:, rows], cut.smooth_velocity[:, rows], cut.action
+    past = action[:, rows - min(10, WARM_UP)]
+    return {
+        "vx": velocity[..., 0],
+        "steering": action[:, rows, 1],
+        "throttle": action[:, rows, 0],
+        "steering_rate": (action[:, rows, 1] - past[..., 1]) / (10 * cut.dt),
+        "lateral_acceleration": velocity[..., 0] * velocity[..., 2],
+        "heading": torch.atan2(torch.sin(pose[..., 2]), torch.cos(pose[..., 2])),
+        "elapsed": cut.elapsed[:, None] + rows * cut.dt,
+        "x": pose[..., 0],
+        "y": pose[..., 1],
+    }
+
+
+def charged(player: Player, cut: Stretches, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Errors of short rollouts, each instant charged its own.
+
+    How far a velocity's gap changed since the instant before, in units of the noise: so an error
+    is charged where it arises, not where it has grown to.
+
+    Args:
+        player: Plays into the simulator.
+        cut: Stretches of drives.
+        noise: [6] of a reading.
+
+    Returns:
+        Changes [N, K, 3] of vx, vy and yaw_rate, and the rows [K] after the start they are at.
+    """
+    fine = replace(player, every=max(1, round(SHORT / cut.dt / 3)))
+    gap = fine.play(cut, {})[0].double()[..., 3:]  # (N, K, 3)
+    change = torch.cat([torch.zeros_like(gap[:, :1]), gap], 1).diff(dim=1) / noise[3:]
+    return change.nan_to_num(LARGE).clamp(-LARGE, LARGE), fine.instants(cut)
+
+
+def locate(player: Player, cut: Stretches, noise: Tensor, names: Sequence[str]) -> Located:
+    """Looks for the excess error of short rollouts.
+
+    Error of a channel is the square of what `charged` tells, less what noise alone makes.
+
+    Args:
+        player: Plays into the simulator.
+        cut: Stretches of drives.
+        noise: [6] of a reading.
+        names: Of the drives.
+    """
+    change, instants = charged(player, cut, noise)
+    excess = (change.square() - 2.0).clamp_min(0.0)  # two readings' noise
+    of_channel = (excess.mean((0, 1)) - LEFT_BY_NOISE).clamp_min(0.0)  # (3,)
+    total = float(of_channel.sum()) or 1.0
+    share = {c: float(of_channel[i]) / total for i, c in enumerate(CHANNELS)}
+    of_row = excess.sum(-1)  # (N, K)
+    seen = features(cut, instants)
+    return Located(
+        channel_share=share,
+        regions=_regions(seen, of_row),
+        intervals=_intervals(cut, instants, of_row, names),
+        lags=_lags(cut, instants, change),
+    )
+
+
+def _regions(seen: dict[str, Tensor], error: Tensor) -> list[Region]:
+    """Boxes of one or two features in which errors are over-represented, the worst first."""
+    flat = {name: value.flatten().double().numpy() for name, value in seen.items()}
+    weight = error.flatten().numpy()
+    total = weight.sum() or 1.0
+    masks: dict[str, list[tuple[tuple[float, float], np.ndarray]]] = {}
+    for name, value in flat.items():
+        edges = np.unique(np.quantile(value, np.linspace(0, 1, BINS + 1)))
+        masks[name] = []
+        for i in range(len(edges) - 1):
+            for j in range(i + 1, min(i + 3, len(edges))):
+                low, high = edges[i], edges[j]
+                inside = (value >= low) & (value <= high)
+                masks[name].append(((float(low), float(high)), inside))
+    found = []
+    names = list(flat)
+    for a, first in enumerate(names):
+        for box, inside in masks[first]:
+            found.append(_region({first: box}, inside, weight, total))
+        for second in names[a + 1 :]:
+            for box, inside in masks[first]:
+                for other, also in masks[second]:
+                    found.append(_region({first: box, second: other}, inside & also, weight, total))
+    fit = [r for r in found if r.data_share >= ENOUGH and r.error_share > OVERDUE * r.data_share]
+    # Information gained by knowing the region, so that large and dense both count.
+    fit.sort(key=lambda r: -r.error_share * np.log(r.error_share / r.data_share))
+    chosen: list[Region] = []
+    for region in fit:
+        if all(set(region.where) != set(c.where) for c in chosen):
+            chosen.append(region)
+        if len(chosen) == MOST_REGIONS:
+            break
+    return chosen
+
+
+def _region(where, inside, weight, total) -> Region:
+    return Region(where, float(weight[inside].sum() / total), float(inside.mean()))
+
+
+def _intervals(cut, instants, error, names) -> list[Interval]:
+    """Runs of stretches whose error stands out of their drive's, by time."""
+    left = LEFT_BY_NOISE * len(CHANNELS) * error.shape[1]
+    per = (error.sum(1) - left).clamp_min(0.0)  # (N,)
+    total = float(per.sum()) or 1.0
+    limit = float(per.mean() + per.std())
+    found = []
+    for index in per.argsort(descending=True)[:12].tolist():
+        if float(per[index]) <= limit:
+            break
+        begin = float(cut.elapsed[index]) + WARM_UP * cut.dt
+        end = begin + float(instants[-1]) * cut.dt
+        drive = names[int(cut.drive[index])]
+        found.append(Interval(drive, begin, end, float(per[index]) / total))
+    found.sort(key=lambda i: (i.recording, i.begin))
+    merged: list[Interval] = []
+    for item in found:
+        last = merged[-1] if merged else None
+        if last and last.recording == item.recording and item.begin - last.end < 1.0:
+            share = last.error_share + item.error_share
+            merged[-1] = Interval(last.recording, last.begin, max(last.end, item.end), share)
+        else:
+            merged.append(item)
+    return sorted(merged, key=lambda i: -i.error_share)
+
+
+def _lags(cut: Stretches, instants: Tensor, change: Tensor) -> dict[str, dict[str, float]]:
+    """When errors follow changes of a command: the largest correlation at a positive lag.
+
+    Commands are differenced first (prewhitened): a held command is like itself at any lag.
+    """
+    step = cut.action.diff(dim=1, prepend=cut.action[:, :1])  # (N, L, 2)
+    rows = WARM_UP + instants
+    most = min(round(MOST_LAG / cut.dt), int(rows[0]))
+    result: dict[str, dict[str, float]] = {}
+    for command, name in enumerate(("throttle", "steering")):
+        result[name] = {}
+        for channel, label in enumerate(CHANNELS):
+            y = change[..., channel].flatten()
+            y = (y - y.mean()).clamp(-5 * y.std(), 5 * y.std())
+            best, at = 0.0, float("nan")
+            for lag in range(0, most, 2):
+                x = step[:, rows - lag, command].flatten().double()
+                scale = float((x.square().mean() * y.square().mean()).sqrt())
+                r = abs(float((x * y).mean())) / scale if scale > 0 else 0.0
+                if r > max(best, 4 / len(y) ** 0.5):
+                    best, at = r, lag * cut.dt
+            result[name][label] = at
+    return result

@@ -1,0 +1,187 @@
+"""Whether drives are fit to be compared, said in one line where they are not."""
+
+import itertools
+from collections.abc import Collection, Sequence
+
+import torch
+from torch import Tensor
+
+from buggy_rl import keys
+from buggy_rl.diagnosis.preflight_simulator import FASTEST
+from buggy_rl.estimation.cross_validation import BLOCK, blocks
+from buggy_rl.estimation.segments import WARM_UP, Stretches
+from buggy_rl.recordings import Recording
+from buggy_rl.recordings.windows import window_starts
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+STANDING = (0.05, 0.1)  # [m] and [rad] within which a car has not moved
+CONSTANT = 1e-3  # command
+LOST = 0.02  # share of dropped frames that is worth a word
+LATE = 0.015  # [s] by which clocks may differ without a word
+MOST_BAD = 0.5  # share of stretches that may be no numbers
+
+
+def check_gaps(
+    gap: Tensor, cut: Stretches, instants: Tensor, drives: Sequence[str], name: str
+) -> list[str]:
+    """Whether rollouts of a simulator are numbers that a car could show.
+
+    Args:
+        gap: [N, K, 6] readings minus measurements.
+        cut: N stretches.
+        instants: [K] rows after their start.
+        drives: Their names.
+        name: What the user calls the simulator.
+
+    Raises:
+        ValueError: More than half of the stretches are none.
+    """
+    wrong = ~(gap.abs() < FASTEST).all(-1)  # (N, K); NaN is not below anything either
+    stretch = wrong.any(1)
+    if not bool(stretch.any()):
+        return []
+    first = int(stretch.int().argmax())
+    row = int(wrong[first].int().argmax())
+    time = float(cut.elapsed[first]) + (WARM_UP + int(instants[row])) * cut.dt
+    what = "runs away" if bool(gap[first, row].isfinite().all()) else "returns NaN"
+    message = (
+        f"simulator {name} {what} in {int(stretch.sum())} of {len(gap)} stretches, first in drive "
+        f"{drives[int(cut.drive[first])]} at {time:.2f} s"
+    )
+    if float(stretch.double().mean()) > MOST_BAD:
+        raise ValueError(
+            f"{message}; play the commands of that second into it from the pose and velocity "
+            "measured there, and mend it"
+        )
+    return [f"{message}; those count as very wrong"]
+
+
+def check_drives(recordings: Sequence[Recording], seconds: float) -> list[str]:
+    """Whether drives show enough to compare a simulator with.
+
+    Args:
+        recordings: Drives.
+        seconds: Length of a rollout; as much measured motion as settles hidden states goes before.
+
+    Returns:
+        Notes on what they cannot show.
+
+    Raises:
+        ValueError: There are none, their control periods differ from the simulator's, they hold
+            what is no number, none covers a stretch, or none moves.
+    """
+    if not recordings:
+        raise ValueError("no drive to compare with: give recordings=[file or folder, ...]")
+    for recording in recordings:
+        _check_numbers(recording)
+    length = WARM_UP + round(seconds / CONTROL_PERIOD) + 1
+    notes = _covered(recordings, length) + _moving(recordings) + _commanded(recordings)
+    notes += [note for r in recordings for note in _dropped(r, length)]
+    if len(recordings) == 1:
+        notes.append(
+            f"one drive only: blocks of {BLOCK:g} s of it are held out in turn, no whole drive; "
+            "a second drive would prove more"
+        )
+    return notes
+
+
+def check_blocks(cut: Stretches) -> list[str]:
+    """Whether stretches can be held out by turns at all."""
+    count = len(blocks(cut).unique())
+    if count > 1:
+        return []
+    return [
+        f"all that was driven lies within one block of {BLOCK:g} s: nothing can be held out, so "
+        "nothing can be named; drive for a minute"
+    ]
+
+
+def check_clock(offset: float) -> list[str]:
+    """Whether the commands' clock as fitted [s] is that of the motion."""
+    if abs(offset) <= LATE:
+        return []
+    side = "later" if offset > 0 else "earlier"
+    return [
+        f"commands act {1000 * abs(offset):.0f} ms {side} than they are stamped, throttle and "
+        "steering alike: the clocks of commands and motion differ, or both commands are late"
+    ]
+
+
+def check_latency(causes: Collection[str]) -> list[str]:
+    """Says what else a late sensor could be."""
+    if "sensor_latency" not in causes:
+        return []
+    return [
+        "a sensor that is late and commands that are stamped too early by as much are the same to "
+        "these drives: compare the clocks of both before anything is built on it"
+    ]
+
+
+def _check_numbers(recording: Recording) -> None:
+    if abs(recording.dt - CONTROL_PERIOD) > 1e-9:
+        raise ValueError(
+            f"drive {recording.name} has control period {recording.dt} s: must be "
+            f"{CONTROL_PERIOD} s, resample it on loading"
+        )
+    for key in (keys.POSE, keys.VELOCITY, keys.ACTION):
+        fine: Tensor = torch.isfinite(recording.data[key]).all(-1)  # (T,)
+        if not bool(fine.all()):
+            raise ValueError(
+                f"drive {recording.name}, row {int(fine.int().argmin())}: {key} is no number; "
+                "cut such rows out"
+            )
+
+
+def _covered(recordings: Sequence[Recording], length: int) -> list[str]:
+    without = [r for r in recordings if not len(window_starts(r.data[keys.SEGMENT], length, 1))]
+    need = f"{length * CONTROL_PERIOD:.2f} s without a gap"
+    if len(without) == len(recordings):
+        longest = ", ".join(f"{r.name} has {_longest(r):.2f} s" for r in without)
+        raise ValueError(f"no drive covers {need} ({longest}): drive longer, or set seconds= lower")
+    return [
+        f"drive {r.name} is left out: it covers {_longest(r):.2f} s at a stretch, not {need}"
+        for r in without
+    ]
+
+
+def _longest(recording: Recording) -> float:
+    """Longest time without a gap [s]."""
+    return int(recording.data[keys.SEGMENT].bincount().max()) * recording.dt
+
+
+def _moving(recordings: Sequence[Recording]) -> list[str]:
+    still = []
+    for recording in recordings:
+        pose = recording.data[keys.POSE]
+        extent = pose.amax(0) - pose.amin(0)
+        if float(extent[:2].max()) < STANDING[0] and float(extent[2]) < STANDING[1]:
+            still.append(recording.name)
+    if len(still) == len(recordings):
+        raise ValueError(f"the car does not move in {', '.join(still)}: drive it about")
+    return [f"the car does not move in drive {name}" for name in still]
+
+
+def _commanded(recordings: Sequence[Recording]) -> list[str]:
+    action = torch.cat([r.data[keys.ACTION] for r in recordings])
+    extent = action.amax(0) - action.amin(0)
+    return [
+        f"{command} is {float(action[0, i]):.2f} all the time: nothing that depends on it, or "
+        "follows it late, can be told"
+        for i, command in enumerate(("throttle", "steering"))
+        if float(extent[i]) < CONSTANT
+    ]
+
+
+def _dropped(recording: Recording, length: int) -> list[str]:
+    time = recording.data[keys.TIME][:, 0]
+    all_ = round(float(time[-1] - time[0]) / recording.dt) + 1
+    lost = 1 - len(recording) / all_
+    if lost <= LOST:
+        return []
+    runs = recording.data[keys.SEGMENT].bincount().tolist()
+    usable = sum(run for run in runs if run >= length)
+    gaps = sum(1 for a, b in itertools.pairwise(runs) if a and b)
+    return [
+        f"drive {recording.name}: {lost:.0%} of the frames are missing, in {gaps} gaps; "
+        f"{usable * recording.dt:.1f} of {all_ * recording.dt:.1f} s can be compared"
+    ]

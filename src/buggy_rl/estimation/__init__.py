@@ -1,0 +1,1 @@
+"""The estimator: segments, rollouts, noise model, Gauss-Newton, cross-validation."""

@@ -1,0 +1,1 @@
+"""A simulator's own parameters fitted to recordings; the study and its table."""

@@ -1,0 +1,186 @@
+"""A study: which drives, which models trained how, which simulators beside them."""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from omegaconf import MISSING
+
+from buggy_rl.identification.least_squares import FitConfig
+from buggy_rl.identification.table import Candidate
+from buggy_rl.models.factory import ModelConfig, load_model
+from buggy_rl.models.training import TrainingConfig
+from buggy_rl.recordings import load_recordings
+from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.windows import Preparation, split
+from buggy_rl.task.env import make_simulator
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Which drives, and which of them are held back."""
+
+    recordings: list[str] = MISSING
+    """Files and folders of drives."""
+    columns: str = ""
+    """YAML column map, for tables that do not have the standard columns."""
+    held_out: list[str] = field(default_factory=list)
+    """Names of the drives that only judge; empty holds out `held_out_share`."""
+    validation: list[str] = field(default_factory=list)
+    """Names of the drives that decide when training stops; empty takes one of the others."""
+    held_out_share: float = 0.2
+    """Share of the drives to hold out when none is named."""
+    leave_out: list[str] = field(default_factory=list)
+    """Names of drives to use for nothing, such as those on another floor."""
+    seed: int = 0
+    """Which drives fall on which side, when none is named."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """One kind of model, trained once for each preparation."""
+
+    model: ModelConfig = field(default_factory=ModelConfig)
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    preparations: list[Preparation] = field(default_factory=list)
+    """Any of raw, filtered, mirrored, each a row of the table; empty for the training's own."""
+
+
+@dataclass(frozen=True)
+class StudyConfig:
+    """Everything from drives to the table of simulators."""
+
+    output: str = MISSING
+    """Folder for models, fits, table and pictures."""
+    data: DataConfig = field(default_factory=DataConfig)
+    runs: dict[str, RunConfig] = field(default_factory=dict)
+    """Models to train, by the name they have in the table."""
+    fit: FitConfig = field(default_factory=FitConfig)
+    fit_simulator: str = "mujoco"
+    """The simulator that scripts/fit_mujoco.py fits: any that declares parameters."""
+    fit_options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of that simulator's class, such as tyres: contact."""
+    simulators: dict[str, str] = field(default_factory=dict)
+    """Further simulators for the table, by the name they have in it."""
+    windows: int = 300
+    """Most held-out windows that the table is made over; at least 2."""
+    threads: int = 1
+    """Threads of PyTorch."""
+    only: list[str] = field(default_factory=list)
+    """Train and judge only these models, by their name in the table."""
+    shown: list[str] = field(default_factory=list)
+    """Simulators whose rollouts are drawn; empty for the best three."""
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Drives by what they are used for."""
+
+    training: list[Recording]
+    validation: list[Recording]
+    held_out: list[Recording]
+
+
+def load_drives(config: DataConfig, on_refusal: Callable[[str], None]) -> Drives:
+    """Reads a study's drives and splits them; what is refused is told, one line each.
+
+    Raises:
+        ValueError: Too few drives are left.
+    """
+    recordings, refusals = load_recordings(config.recordings, config.columns or None)
+    for refusal in refusals:
+        on_refusal(str(refusal))
+    if not recordings:
+        raise ValueError(f"no drive could be read from {', '.join(config.recordings)}")
+    return divide(recordings, config)
+
+
+def divide(recordings: list[Recording], config: DataConfig) -> Drives:
+    """Splits by whole drives into training, validation and held out.
+
+    Raises:
+        ValueError: A name is not there, or there are too few drives.
+    """
+    known = {r.name for r in recordings}
+    missing = sorted(set(config.leave_out) - known)
+    if missing:
+        raise ValueError(f"cannot leave out {missing}: the drives are {sorted(known)}")
+    kept = [r for r in recordings if r.name not in config.leave_out]
+    if len(kept) < 3:
+        raise ValueError(
+            f"{len(kept)} drive(s) are too few: one to train on, one to stop training by and one "
+            "to judge by are needed; record more, or cut a long one in parts"
+        )
+    rest, held_out = split(kept, config.held_out or config.held_out_share, config.seed)
+    training, validation = split(rest, config.validation or 1 / len(rest), config.seed)
+    return Drives(training, validation, held_out)
+
+
+def model_runs(config: StudyConfig) -> Iterator[tuple[str, ModelConfig, TrainingConfig]]:
+    """Every model of a study that `only` does not leave out: its name, what it is, its training.
+
+    Raises:
+        ValueError: `only` names a model that is not there.
+    """
+    runs = list(_all_runs(config))
+    names = [name for name, _, _ in runs]
+    unknown = sorted(set(config.only) - set(names))
+    if unknown:
+        raise ValueError(f"only={unknown}: the models are {names}")
+    yield from (run for run in runs if not config.only or run[0] in config.only)
+
+
+def _all_runs(config: StudyConfig) -> Iterator[tuple[str, ModelConfig, TrainingConfig]]:
+    for name, run in config.runs.items():
+        if not run.preparations:
+            yield name, run.model, run.training
+        for preparation in run.preparations:
+            training = replace(run.training, preparation=preparation)
+            yield f"{name}, {preparation}", run.model, training
+
+
+def fit_file(config: StudyConfig) -> str:
+    """Name of the fitted simulator's file in the study's output folder."""
+    return f"{file_name(config.fit_simulator)}_fitted.yaml"
+
+
+def model_file(config: StudyConfig, name: str) -> Path:
+    """Where a model of the study lies."""
+    return Path(config.output) / "models" / f"{file_name(name)}.pt"
+
+
+def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candidate]:
+    """Every simulator that the study's table compares.
+
+    Args:
+        config: The study.
+        held_out: Names of the drives that judge.
+
+    Raises:
+        ValueError: A model has not been trained, or was trained on a drive that judges.
+    """
+    held_out = set(held_out)
+    for name, _, training in model_runs(config):
+        model, about = load_model(model_file(config, name))
+        leaked = sorted(set(about["drives"]) & held_out)
+        if leaked:
+            raise ValueError(f"{name} was trained on {leaked}, which now judge: train it anew")
+        make = partial(make_simulator, "learned", model=model)
+        yield Candidate(name, make, 1 if training.preparation == "raw" else training.filter_width)
+    named = {
+        f"{config.fit_simulator}, as shipped": config.fit_simulator,
+        f"{config.fit_simulator}, fitted": str(Path(config.output) / fit_file(config)),
+        "single track, as shipped": "single_track",
+        "kinematic bicycle": "kinematic",
+        "hold last": "hold",
+    }
+    for name, simulator in (named | config.simulators).items():
+        options = config.fit_options if simulator == config.fit_simulator else {}
+        yield Candidate(name, partial(make_simulator, simulator, **options))
+
+
+def file_name(name: str) -> str:
+    """A table name as a file name."""
+    return "".join(c if c.isalnum() else "_" for c in name.lower()).strip("_")

@@ -1,0 +1,153 @@
+"""The MuJoCo car as a plant: what is wrong is in its model, its forces and its actuators.
+
+In the model: gravity is tilted (`floor_slope`), the chassis is heavier (`payload`, with a radius
+of gyration of its own). In the tyre law: friction by axle and by the place of each wheel
+(`tire_grip`, `grip_balance`, `grip_patch`), the stiffness kept. In the applied forces: air, wind,
+drags, a couple on the rear hubs (`one_sided_drag`), a moment (`yaw_damping`). In the actuators:
+dead times are longer, and behind the own lags come the stages of `mechanics`. In the motor: less
+back-EMF (`top_speed`), a limit at the shaft (`motor_power_limit`).
+
+Not quite the textbook's number: wheels turn along, so a slope of 0.3 m/s^2 accelerates the free
+car by 0.3 m / (m + sum I / r^2), 8 % less (drags are stated of the whole car and are exact); with
+a payload the own rolling resistance stays, in newton; `battery_sag` counts charge, not time, and
+is exact for a drive with the mean current of a room drive; `steering_gain` above 1 goes beyond
+the lock.
+"""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec, Unbounded
+
+from buggy_rl.engines.mujoco import MujocoEngine
+from buggy_rl.engines.mujoco.car import Car
+from buggy_rl.plants.faults import EFFECTS, Faults
+from buggy_rl.plants.mechanics import RESTING, Mechanics
+from buggy_rl.plants.mujoco_forces import FaultyForces
+from buggy_rl.vehicle import GRAVITY
+
+ABILITIES = EFFECTS
+MEMORY = "plant_memory"  # [5] of `mechanics`
+PAYLOAD_RADIUS = 0.05  # [m] of gyration of what is put on the car: a block of 0.12 m; chosen
+TYPICAL_FORCE = 2.5  # [N] of the motor, mean of three room drives of 60 s
+
+
+def make_mujoco(
+    cars: int, faults: Mapping[str, Mapping[str, float]], parameters: Mapping[str, float] | None
+) -> "MujocoPlant":
+    """MuJoCo cars with faults, fitted or as shipped by `parameters`."""
+    return MujocoPlant(cars, parameters=parameters, faults=faults)
+
+
+class MujocoPlant(MujocoEngine):
+    """A MuJoCo engine in whose physics something is wrong; without faults it is that engine.
+
+    Args:
+        *args: As for `MujocoEngine`.
+        faults: `{effect: {parameter: value}}`.
+        **options: As for `MujocoEngine`, explicit tyres only.
+
+    Raises:
+        KeyError: There is no such effect or parameter.
+        ValueError: A value is outside its range.
+    """
+
+    def __init__(
+        self, *args: Any, faults: Mapping[str, Mapping[str, float]] | None = None, **options: Any
+    ) -> None:
+        self._faults = Faults(faults or {}, ABILITIES, "mujoco")
+        super().__init__(*args, **options)
+
+    def _prepare(self) -> None:
+        faults, sound = self._faults, self.values
+        if "floor_slope" in faults:
+            self.car = tilted(self.car, faults)
+        self.values = worsened(sound, faults)
+        super()._prepare()
+        self._mechanics = Mechanics(faults, self.car.timestep, TYPICAL_FORCE)
+        self._forces = FaultyForces(self.car, self._forces.values, faults)
+        self.values = sound  # what is declared is the car as it should be
+
+    _parameters_changed = _prepare
+
+    def _latent_specs(self) -> dict[str, TensorSpec]:
+        memory = Unbounded(self._shape(len(RESTING)), device=self.device, dtype=torch.float64)
+        return super()._latent_specs() | {MEMORY: memory}
+
+    def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+        memory = self._tensor(Mechanics.rest(self._batch.nsim))
+        return super()._rest_latent(pose, velocity) | {MEMORY: memory}
+
+    def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
+        trims = (self._faults["throttle_offset.offset"], self._faults["steering_offset.offset"])
+        if any(trims):  # to the ends of the channel
+            action = (action + action.new_tensor(trims)).clamp(-1.0, 1.0)
+        self._memory = self._rows(state[MEMORY]).copy()  # moved on by `_run`
+        return super()._advance(state, action) | {MEMORY: self._tensor(self._memory)}
+
+    def _run(self, start: NDArray, target: NDArray) -> None:
+        if not self._mechanics.active:
+            return super()._run(start, target)
+        batch, h = self._batch, self.car.timestep
+        qpos, qvel = batch.qpos, batch.qvel
+        for substep in range(self._substeps):
+            middle = self._actuators.lagged(start, target, (substep + 0.5) * h)
+            rack = self._mechanics.steering(self._memory, middle[:, 1])
+            throttle = self._mechanics.throttle(self._memory, middle[:, 0])
+            duty = self._mechanics.duty(self._memory, self._actuators.drive(throttle))
+            self._mechanics.drained(self._memory, self._forces.motor_force(qvel, duty))
+            angle = self._actuators.steering_angle(rack)
+            self._forces.apply(qpos, qvel, batch.xfrc_applied, batch.qfrc_applied, angle, duty)
+            batch.step()
+        self._refuse_warnings()
+
+    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
+        return type(self)(
+            batch_size,
+            self.device,
+            {name: parameter.value for name, parameter in self.declared.items()},
+            dt=self.dt,
+            timestep=self.car.timestep,
+            nthread=self.nthread,
+            dimensions=self.car.dimensions,
+            faults=self._faults.given,
+        )
+
+
+def tilted(car: Car, faults: Faults) -> Car:
+    """The car on a floor that slopes: gravity keeps its size and leans.
+
+    g = (along_x, along_y, -sqrt(G^2 - along_x^2 - along_y^2)).
+    """
+    x, y = faults["floor_slope.along_x"], faults["floor_slope.along_y"]
+    model = copy.copy(car.model)  # the compiled model is shared
+    model.opt.gravity[:] = x, y, -np.sqrt(GRAVITY**2 - x * x - y * y)
+    return replace(car, model=model)
+
+
+def worsened(values: Mapping[str, Tensor], faults: Faults) -> dict[str, Tensor]:
+    """The engine's parameters as the faults leave them."""
+    changed = dict(values)
+    for channel in ("throttle", "steering"):
+        if f"{channel}_dead_time" in faults:
+            changed[f"{channel}_dead_time"] = (
+                values[f"{channel}_dead_time"] + faults[f"{channel}_dead_time.dead_time"]
+            )
+    if "tire_grip" in faults or "grip_balance" in faults:
+        balance = faults["grip_balance.front_to_rear"] ** 0.5
+        changed["grip_front"] = values["grip_front"] * faults["tire_grip.grip"] * balance
+        changed["grip_rear"] = values["grip_rear"] * faults["tire_grip.grip"] / balance
+    if "payload" in faults:
+        load = values["mass"] * (faults["payload.mass_ratio"] - 1.0)
+        changed["mass"] = values["mass"] + load
+        changed["yaw_inertia"] = values["yaw_inertia"] + load * PAYLOAD_RADIUS**2
+    if "top_speed" in faults:
+        changed["drive_speed_loss"] = values["drive_speed_loss"] / faults["top_speed.speed_ratio"]
+    return changed

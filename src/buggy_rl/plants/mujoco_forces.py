@@ -1,0 +1,134 @@
+"""What acts on the faulty MuJoCo car in one substep, beside what acts on the sound one.
+
+The tyre forces are those at the end of the substep. So the tyre law is shown the motion as the
+pushes will have made it: then steady states are exact, also with pushes the engine knows not.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from buggy_rl.engines.mujoco.car import Car
+from buggy_rl.engines.mujoco.forces import STOPPING_SPEED, Forces, Motion, read_motion
+from buggy_rl.engines.mujoco.weights import DRIVELINE_INERTIA, WHEEL_SPIN_INERTIA
+from buggy_rl.plants.faults import Faults
+from buggy_rl.plants.surroundings import PUSHES, patch_grip, push
+
+SLOWEST_SHAFT = 0.05  # [m/s] at the tread, below which a limit of power limits nothing
+
+
+class FaultyForces(Forces):
+    """Forces of cars in which something is wrong.
+
+    Args:
+        car: The model.
+        values: Parameter name -> [1] or [n], as the faults leave them.
+        faults: What is wrong.
+    """
+
+    def __init__(self, car: Car, values: Mapping[str, NDArray], faults: Faults) -> None:
+        super().__init__(car, values)
+        self.faults = faults
+        self._floor_grip = self._grip
+        wheels = (4 * WHEEL_SPIN_INERTIA + 2 * DRIVELINE_INERTIA) / self.radius**2  # [kg]
+        mass = values["mass"]
+        self._rolling_share = 1.0 + wheels / mass
+        self._bare_mass = mass / faults["payload.mass_ratio"]
+        self._half_track = 0.5 * car.dimensions.track_width
+        self._pushed = push(
+            faults, self._rolling_share, mass, values["yaw_inertia"], self._half_track
+        )
+        self._pushes = bool(PUSHES & faults.active)
+        self._slope = (faults["floor_slope.along_x"], faults["floor_slope.along_y"])
+
+    def motor_force(self, qvel: NDArray, drive: NDArray) -> NDArray:
+        """Force of the motor [n] [N] at a drive [n] in 0..1."""
+        loss = self.values["drive_speed_loss"] * self._tread_speed(qvel)
+        return drive * (self.values["drive_force"] - loss)
+
+    def apply(self, qpos, qvel, xfrc_applied, qfrc_applied, steering_angle, drive) -> None:
+        """Writes the forces; those of the faults come on top."""
+        if "motor_power_limit" in self.faults:
+            drive = self._limited(qvel, drive)
+        super().apply(qpos, qvel, xfrc_applied, qfrc_applied, steering_angle, drive)
+        if self._pushes:
+            self._push(read_motion(qpos, qvel), xfrc_applied)
+        if "cornering_drag" in self.faults:
+            motion = read_motion(qpos, qvel)
+            self._along(motion, -self._scrub * np.tanh(motion.vx / STOPPING_SPEED), xfrc_applied)
+
+    def tyre_forces(
+        self, qpos, qvel, motion: Motion, spin, steering_angle, torque, slope, resistance
+    ) -> tuple[NDArray, NDArray]:
+        """Forces [4, n] along and across the heading, by the grip of each wheel's place."""
+        if "grip_patch" in self.faults:
+            x, y = self._wheel_places(qpos, motion)
+            self._grip = self._floor_grip * patch_grip(self.faults, x, y)
+        if self._pushes or "floor_slope" in self.faults:
+            motion = self._soon(motion)
+        fx, fy = super().tyre_forces(
+            qpos, qvel, motion, spin, steering_angle, torque, slope, resistance
+        )
+        if "cornering_drag" in self.faults:
+            axles = np.abs(fy[0] + fy[1]) + np.abs(fy[2] + fy[3])
+            self._scrub = self.faults["cornering_drag.coefficient"] * self._rolling_share * axles
+        return fx, fy
+
+    def _resistance(self, speed: NDArray) -> NDArray:
+        resistance = super()._resistance(speed)
+        if "rolling_resistance" in self.faults or "viscous_drag" in self.faults:
+            dry = self.faults["rolling_resistance.deceleration"] * np.tanh(speed / STOPPING_SPEED)
+            slowing = dry + self.faults["viscous_drag.rate"] * speed  # [m/s^2]
+            resistance = resistance - self.values["mass"] * self._rolling_share * slowing
+        return resistance
+
+    def _accelerations(self, motion: Motion):
+        return self._pushed(motion.cos, motion.sin, motion.vx, motion.vy, motion.yaw_rate)
+
+    def _soon(self, motion: Motion) -> Motion:
+        """The motion after the pushes of this substep, at the sensor."""
+        ax, ay, turning = self._accelerations(motion)
+        x, y = self._slope
+        ax, ay = ax + motion.cos * x + motion.sin * y, ay + motion.cos * y - motion.sin * x
+        return motion._replace(
+            vx=motion.vx + self.dt * ax,
+            vy=motion.vy + self.dt * (ay - self._cg_x * turning),
+            yaw_rate=motion.yaw_rate + self.dt * turning,
+        )
+
+    def _push(self, motion: Motion, xfrc_applied: NDArray) -> None:
+        mass, inertia = self.values["mass"], self.values["yaw_inertia"]
+        ax, ay, turning = self._accelerations(motion)
+        self._along(motion, mass * ax, xfrc_applied)
+        body = xfrc_applied[:, self.car.chassis]
+        body[:, 0] -= motion.sin * mass * ay
+        body[:, 1] += motion.cos * mass * ay
+        # What is bent is the rear axle: one hub is held back, the other is pushed on.
+        damping = -self.faults["yaw_damping.rate"] * motion.yaw_rate
+        couple = (turning - damping) * inertia / (2.0 * self._half_track)
+        for wheel, side in zip(self.car.wheel_bodies[2:], (-1.0, 1.0), strict=True):
+            xfrc_applied[:, wheel, 0] += side * couple * motion.cos
+            xfrc_applied[:, wheel, 1] += side * couple * motion.sin
+        body[:, 5] = damping * inertia
+
+    def _along(self, motion: Motion, force: NDArray, xfrc_applied: NDArray) -> None:
+        xfrc_applied[:, self.car.chassis, 0] += force * motion.cos
+        xfrc_applied[:, self.car.chassis, 1] += force * motion.sin
+
+    def _wheel_places(self, qpos: NDArray, motion: Motion) -> tuple[NDArray, NDArray]:
+        x, y = self.car.hub_x, self.car.hub_y  # (4, 1)
+        return (
+            qpos[:, 0] + motion.cos * x - motion.sin * y,
+            qpos[:, 1] + motion.sin * x + motion.cos * y,
+        )
+
+    def _tread_speed(self, qvel: NDArray) -> NDArray:
+        return 0.5 * self.radius * qvel[:, self.car.spin[2:]].sum(1)
+
+    def _limited(self, qvel: NDArray, drive: NDArray) -> NDArray:
+        """Drive [n] at which d (F - c u) u <= P, u the tread's speed."""
+        speed = np.maximum(self._tread_speed(qvel), SLOWEST_SHAFT)
+        force = self.values["drive_force"] - self.values["drive_speed_loss"] * speed
+        limit = self.faults["motor_power_limit.power_per_mass"] * self._bare_mass
+        return np.minimum(drive, limit / np.maximum(force * speed, 1e-6))

@@ -1,0 +1,83 @@
+"""What air and floor do to a plant: pushes over the mass, in the body frame, and slippery places.
+
+Arrays are numpy's, of any one shape; scalars do as well.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from buggy_rl.plants.faults import Faults
+
+FRONT_DRAG = 0.015  # [kg/m] air drag over speed squared, of about 0.15 x 0.16 m; chosen
+SIDE_AREA = 2.0  # drag from the side over that from the front; chosen
+CONTACT_LENGTH = 0.03  # [m] of a tyre, over which its friction changes at the edge; chosen
+# A dragging wheel slows the car, too: share of the one-sided moment that is such a force.
+DRAGGED = 0.1
+ROLLING = 0.3  # [m/s] at which a dragging wheel is at 76 % of its force; chosen
+Number = Any  # float or array
+Push = Callable[[Number, Number, Number, Number, Number], tuple[Number, Number, Number]]
+PUSHES = frozenset(("aerodynamic_drag", "wind", "one_sided_drag", "yaw_damping"))
+
+
+def push(
+    faults: Faults, rolling_share: Number, mass: Number, yaw_inertia: Number, half_track: float
+) -> Push:
+    """Makes the function of the pushes on a car, by what is wrong.
+
+    Drag: -c |v| v. Wind: a stream W over the car's own way, F = k |w| (w_x, 2 w_y), less what
+    still air would do; W is such that a standing car is pushed as stated, in the mean over its
+    front and its side. Slowing is stated of the whole car, turning wheels included: so forces are
+    larger by `rolling_share`.
+
+    Args:
+        faults: Of the surroundings.
+        rolling_share: Car and turning wheels over car, in mass.
+        mass: Of the car [kg].
+        yaw_inertia: [kg m^2].
+        half_track: [m].
+
+    Returns:
+        f(cos, sin, vx, vy, yaw_rate) -> forward and leftward force over mass [m/s^2] and yaw
+        acceleration [rad/s^2].
+    """
+    drag = faults["aerodynamic_drag.coefficient"] * rolling_share
+    moment = faults["one_sided_drag.yaw_acceleration"]
+    dragging = DRAGGED * abs(moment) * yaw_inertia / (half_track * mass)  # [m/s^2]
+    damping = faults["yaw_damping.rate"]
+    stream = FRONT_DRAG / mass
+    wind_x, wind_y = _wind_speed(faults, rolling_share, stream)
+
+    def air(along, across):
+        flow = stream * np.hypot(along, across)
+        return flow * along, SIDE_AREA * flow * across
+
+    def pushed(cos, sin, vx, vy, yaw_rate):
+        speed = np.hypot(vx, vy)
+        rolling = np.tanh(vx / ROLLING)
+        ax, ay = -(drag * speed * vx + dragging * rolling), -drag * speed * vy
+        if "wind" in faults:
+            along, across = cos * wind_x + sin * wind_y - vx, cos * wind_y - sin * wind_x - vy
+            blown, still = air(along, across), air(-vx, -vy)
+            ax, ay = ax + blown[0] - still[0], ay + blown[1] - still[1]
+        return ax, ay, moment * rolling - damping * yaw_rate
+
+    return pushed
+
+
+def _wind_speed(faults: Faults, rolling_share: Number, stream: Number) -> tuple[Number, Number]:
+    """World velocity of the wind [m/s]: m f = k W^2, k the mean of front and side."""
+    x, y = faults["wind.force_x"], faults["wind.force_y"]
+    size = np.hypot(x, y)
+    if size == 0.0:
+        return 0.0, 0.0
+    speed = np.sqrt(size * rolling_share / (0.5 * (1.0 + SIDE_AREA) * stream))
+    return speed * x / size, speed * y / size
+
+
+def patch_grip(faults: Faults, x, y):
+    """Friction at a place (x, y) [m] of the world over that of the floor."""
+    distance = np.hypot(x - faults["grip_patch.x"], y - faults["grip_patch.y"])
+    inside = (faults["grip_patch.radius"] - distance) / CONTACT_LENGTH + 0.5
+    return 1.0 - (1.0 - faults["grip_patch.grip"]) * np.clip(inside, 0.0, 1.0)

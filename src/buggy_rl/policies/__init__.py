@@ -1,0 +1,1 @@
+"""Policies: trained by PPO or written down, their runs, scores and tables."""

@@ -1,0 +1,122 @@
+"""How well a driver follows paths: one drive a car, scored from what the task reports."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import step_mdp
+
+from buggy_rl import keys
+from buggy_rl.keys import (
+    COMPLETED,
+    HEADING_ERROR,
+    LAST_ACTION,
+    LATERAL_ERROR,
+    WAYPOINTS_CLOSED,
+)
+from buggy_rl.policies.track_reset import Marshal
+
+Driver = Callable[[TensorDictBase], TensorDictBase]
+"""Writes `action` into the TensorDict it is given, and returns it."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What each episode came to; all [N]."""
+
+    waypoints: Tensor
+    """Closed."""
+    kept_on: Tensor
+    """Share of the allotted steps driven before leaving the path, or not in a marshal's hands; 1
+    also when the path was completed."""
+    lateral_mean: Tensor
+    """Mean distance from the path [m]."""
+    lateral_rms: Tensor
+    """Root mean square of it [m]."""
+    lateral_max: Tensor
+    """Largest of it [m]."""
+    heading_mean: Tensor
+    """Mean absolute heading error [rad]."""
+    speed: Tensor
+    """Mean vx [m/s]."""
+    steering_effort: Tensor
+    """Mean absolute change of the steering command a step."""
+    out_of_range: Tensor
+    """Share of steps outside what a learned simulator was trained on; nan over other engines."""
+
+    def means(self) -> dict[str, float]:
+        """Mean over the episodes, by name."""
+        return {f.name: getattr(self, f.name).mean().item() for f in fields(self)}
+
+
+@torch.no_grad()
+def drive(env: EnvBase, driver: Driver, steps: int, marshal: Marshal | None = None) -> Scores:
+    """Lets each car drive one episode; what it does after its end does not count.
+
+    With a marshal it does not end where the car leaves its path: there it is put back, and only
+    what it does in the marshal's hands does not count.
+
+    Args:
+        env: From `make_env`, with a batch of N cars and `order: fixed` for one path each.
+        driver: A policy's `driver()`, or one of `buggy_rl.policies.controllers`.
+        steps: Of an episode.
+        marshal: Of the same env, for this drive alone.
+    """
+    state = env.reset()
+    count = env.batch_size.numel()
+    alive = going = torch.ones(count, 1)
+    sums = {name: torch.zeros(count, 1) for name in SUMMED}
+    furthest, driven = torch.zeros(count, 1), torch.zeros(count, 1)
+    completed = torch.zeros(count, 1, dtype=torch.bool)
+    flagged: Tensor | None = None
+    for _ in range(steps):
+        before = state.get(LAST_ACTION)[..., 1:].clone()
+        state = env.step(driver(state))
+        following = state["next"]
+        for name, value in _terms(state, following, before).items():
+            sums[name] += alive * value
+        furthest = torch.maximum(furthest, alive * following[LATERAL_ERROR].abs())
+        if keys.OUT_OF_RANGE in following:
+            flagged = torch.zeros(count, 1) if flagged is None else flagged
+            flagged += alive * following[keys.OUT_OF_RANGE]
+        driven += alive
+        completed |= (alive > 0) & following[COMPLETED]
+        going = going * ~following[keys.DONE if marshal is None else COMPLETED]
+        alive = going if marshal is None else going * ~marshal(following)
+        if not going.any():
+            break
+        state = step_mdp(state)
+    mean = {name: (total / driven).squeeze(-1) for name, total in sums.items()}
+    lost = torch.full((count,), float("nan"))
+    return Scores(
+        waypoints=sums["waypoints"].squeeze(-1),
+        kept_on=torch.where(completed, 1.0, driven / steps).squeeze(-1),
+        lateral_mean=mean["lateral"],
+        lateral_rms=mean["lateral_square"].sqrt(),
+        lateral_max=furthest.squeeze(-1),
+        heading_mean=mean["heading"],
+        speed=mean["speed"],
+        steering_effort=mean["effort"],
+        out_of_range=lost if flagged is None else (flagged / driven).squeeze(-1),
+    )
+
+
+SUMMED = ("waypoints", "lateral", "lateral_square", "heading", "speed", "effort")
+
+
+def _terms(
+    state: TensorDictBase, following: TensorDictBase, steering_before: Tensor
+) -> dict[str, Tensor]:
+    """What a step adds to the sums; each [N, 1]."""
+    lateral = following[LATERAL_ERROR]
+    return {
+        "waypoints": following[WAYPOINTS_CLOSED],
+        "lateral": lateral.abs(),
+        "lateral_square": lateral.square(),
+        "heading": following[HEADING_ERROR].abs(),
+        "speed": following[keys.VELOCITY][..., :1],
+        "effort": (following[LAST_ACTION][..., 1:] - steering_before).abs(),
+    }

@@ -1,0 +1,170 @@
+"""Drivers tuned for a simulator, and how well they then drive in it."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from omegaconf import MISSING
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+from buggy_rl.policies.benchmark_paths import STEPS, Course, courses, judging
+from buggy_rl.policies.closed_loop import Scores, drive
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.random import RandomDriver
+from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
+from buggy_rl.policies.controllers.tuning import Trial, tune
+from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.paths import make_paths
+
+DRIVERS: dict[str, tuple[Callable[[Any], TensorDictModuleBase], Callable[[], Any]]] = {
+    "pure_pursuit": (PurePursuit, PurePursuitConfig),
+    "stanley": (Stanley, StanleyConfig),
+}
+
+
+@dataclass(frozen=True)
+class DriverTablesConfig:
+    """Which drivers are tuned for what, and how long they are looked for."""
+
+    output: str = MISSING
+    """Folder for the tuned numbers, drivers.md and drivers.csv."""
+    engine: EngineConfig = field(default_factory=EngineConfig)
+    task: TaskConfig = field(default_factory=TaskConfig)
+    drivers: list[str] = field(default_factory=lambda: list(DRIVERS))
+    """Of pure_pursuit, stanley."""
+    tuning_paths: int = 16
+    """Training paths that every candidate drives."""
+    candidates: int = 96
+    """Sets of numbers tried in a round, each by a car on every path."""
+    rounds: int = 5
+    """Of the search, each nearer to the best so far."""
+    steps: int = STEPS
+    """Of each drive of the search."""
+    lateral_limit: float = 0.15
+    """RMS distance from the path that the best may have [m]."""
+    range_limit: float = 0.05
+    """Share of steps that the best may be outside what a learned simulator was trained on."""
+    random_paths: int = 10
+    """Training paths that the tuned drivers are judged on, beside all validation paths."""
+    seed: int = 0
+    """Of the search."""
+    threads: int = 1
+    """Threads of PyTorch."""
+
+
+def tuned(
+    config: DriverTablesConfig, name: str, step: Callable[[], object]
+) -> tuple[Any, list[Trial]]:
+    """Looks for the numbers of a driver that close most waypoints on the training paths.
+
+    Args:
+        config: What to drive and how long to look.
+        name: Of the driver.
+        step: Is called at every step of all cars.
+
+    Returns:
+        The best numbers, and all that were tried, best first.
+
+    Raises:
+        ValueError: There is no such driver.
+    """
+    if name not in DRIVERS:
+        raise ValueError(f"no driver {name!r} to tune; available: {', '.join(DRIVERS)}")
+    make, default = DRIVERS[name]
+    course = courses(config.task.paths, config.tuning_paths)["training"]
+    env = _course_env(config, replace(course, steps=config.steps), config.candidates)
+
+    def watched(numbers: Any) -> Any:
+        driver = make(numbers)
+
+        def driven(state: TensorDictBase) -> TensorDictBase:
+            step()
+            return driver(state)
+
+        return driven
+
+    return tune(
+        env,
+        config.tuning_paths,
+        watched,
+        default(),
+        config.steps,
+        config.rounds,
+        config.lateral_limit,
+        config.range_limit,
+        config.seed,
+    )
+
+
+@dataclass(frozen=True)
+class Result:
+    """One driver on one set of paths."""
+
+    driver: str
+    course: str
+    scores: Scores
+
+    def row(self) -> dict[str, float | str]:
+        """As a row of a table, means over the paths."""
+        return {"driver": self.driver, "course": self.course, **self.scores.means()}
+
+
+def results(
+    config: DriverTablesConfig, found: dict[str, Any], progress: Callable[[Sequence], Any] = list
+) -> Iterator[Result]:
+    """Drives every set of paths with each tuned driver and with a random one.
+
+    Args:
+        config: What to drive.
+        found: Tuned numbers by driver.
+        progress: Wraps what is to be driven.
+    """
+    named = courses(config.task.paths, config.random_paths)
+    for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
+        make = DRIVERS[name][0] if name in DRIVERS else None
+        driver = make(found[name]) if make else RandomDriver(seed=config.seed)
+        env = _course_env(config, named[course])
+        yield Result(name, course, drive(env, driver, named[course].steps))
+
+
+def _course_env(config: DriverTablesConfig, course: Course, each: int = 1):
+    """So many cars on each path of a course; the paths in turn."""
+    paths = make_paths(course.paths)
+    task = judging(config.task, course.steps)
+    return make_env(new_engine(config.engine, each * len(paths)), task=task, paths=paths)
+
+
+def table(rows: Sequence[Result], best: Mapping[str, Trial], config: DriverTablesConfig) -> str:
+    """What came of it as Markdown: the scores, and the numbers of each tuned driver."""
+    lines = [
+        f"Drivers of {config.engine.simulator}, tuned on {config.tuning_paths} training paths for "
+        f"most waypoints at an RMS error of at most {config.lateral_limit} m"
+        f" and at most {config.range_limit:.0%} of the steps out of range.",
+        "",
+        "| driver | path | waypoints | kept on | lateral mean / RMS / max [m] | heading [rad]"
+        " | speed [m/s] | steering effort | out of range |",
+        "|---|---|--:|--:|---|--:|--:|--:|--:|",
+    ]
+    lines += map(_line, rows)
+    for name, trial in best.items():
+        numbers = ", ".join(f"{key} {value:.3f}" for key, value in trial.values.items())
+        lines += [
+            "",
+            f"{name}: {trial.waypoints:.1f} waypoints at {trial.lateral_rms:.3f} m RMS on the "
+            f"tuning paths with {numbers}.",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _line(result: Result) -> str:
+    m = result.scores.means()
+    lateral = f"{m['lateral_mean']:.3f} / {m['lateral_rms']:.3f} / {m['lateral_max']:.2f}"
+    known = m["out_of_range"] == m["out_of_range"]
+    outside = f"{m['out_of_range']:.1%}" if known else "-"
+    return (
+        f"| {result.driver} | {result.course} | {m['waypoints']:.1f} | {m['kept_on']:.0%}"
+        f" | {lateral} | {m['heading_mean']:.3f} | {m['speed']:.2f}"
+        f" | {m['steering_effort']:.3f} | {outside} |"
+    )

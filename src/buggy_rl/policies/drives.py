@@ -1,0 +1,166 @@
+"""Drives of policies round the paths of a room, row by row, with pure pursuit beside them."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from buggy_rl import keys
+from buggy_rl.config import build, from_plain
+from buggy_rl.keys import LATERAL_ERROR, WAYPOINTS_CLOSED
+from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.benchmark_paths import courses, judging
+from buggy_rl.policies.closed_loop import Driver
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.paths import joined_paths, make_paths
+
+ROOM = ("lap", "infinity", "random")
+
+
+@dataclass(frozen=True)
+class ShowPoliciesConfig:
+    """Policies, and the paths and cars that they are shown on."""
+
+    output: str = "runs/policies.png"
+    """The picture: .png, .svg or .pdf."""
+    policies: dict[str, str] = field(default_factory=dict)
+    """Policy files, as policies.NAME=FILE."""
+    simulator: str = ""
+    """Drives all policies beside the car; empty for the simulator that each was trained in."""
+    car: str = "reference"
+    """What stands for the real car."""
+    courses: list[str] = field(default_factory=lambda: list(ROOM))
+    """Paths, a row each: any of lap, infinity, random."""
+    pure_pursuit: str = ""
+    """Numbers of the pure pursuit drawn beside them, a YAML of scripts/tune_drivers.py."""
+    threads: int = 1
+    """Threads of PyTorch."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One drive, to its end."""
+
+    pose: Tensor
+    """[T + 1, 3] where the car was."""
+    velocity: Tensor
+    """[T + 1, 3]"""
+    waypoints: float
+    """Closed."""
+    lateral_mean: float
+    """Mean distance from the path [m]."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A policy on a path, in its simulator or on the car."""
+
+    policy: str
+    place: str
+    course: str
+    waypoints: Tensor
+    """[W, 2] of the path; a closed one ends where it begins."""
+    track: Track
+    compared: Track
+    """Pure pursuit's."""
+
+
+def panels(
+    config: ShowPoliciesConfig, progress: Callable[[Sequence], Iterable] = list
+) -> Iterator[Panel]:
+    """Drives every policy and pure pursuit in its simulator and on the car, path by path.
+
+    Raises:
+        ValueError: There is no policy, an unknown course, or a file cannot be read.
+    """
+    unknown = sorted(set(config.courses) - set(ROOM))
+    if unknown or not config.courses:
+        raise ValueError(f"courses={config.courses}: name some of {', '.join(ROOM)}")
+    if not config.policies:
+        raise ValueError("no policy to show: name some, as policies.NAME=FILE")
+    numbers = [config.pure_pursuit] if config.pure_pursuit else []
+    pursuit = PurePursuit(build(PurePursuitConfig, numbers))
+    found = [(name, place) for name in config.policies for place in ("simulator", "car")]
+    for name, place in progress(found):
+        policy, about = load_policy(config.policies[name])
+        engine = from_plain(EngineConfig, about["config"]["engine"], config.policies[name])
+        where = "in its simulator"
+        if config.simulator:
+            engine, where = EngineConfig(config.simulator), f"in {Path(config.simulator).name}"
+        if place == "car":
+            engine, where = EngineConfig(config.car), f"on the {car_name(config.car)}"
+        task = from_plain(TaskConfig, about["config"]["task"], config.policies[name])
+        cars = new_engine(engine, 2 * len(config.courses))
+        driver = _side_by_side(policy.driver(), pursuit)
+        for drives in _driven(cars, task, driver, config.courses, place == "car"):
+            yield Panel(name, where, *drives)
+
+
+def car_name(car: str) -> str:
+    """What a picture or table calls that which stands for the real car."""
+    return "reference car" if car == "reference" else Path(car).name
+
+
+def _driven(
+    cars: EnvBase, task: TaskConfig, driver: Driver, names: Sequence[str], camera: bool
+) -> Iterator[tuple[str, Tensor, Track, Track]]:
+    """Each course, its waypoints, and the drives of both halves of the cars; all at once."""
+    known = courses(task.paths, 1)
+    steps = [known[name].steps for name in names]
+    paths = joined_paths([make_paths(known[name].paths) for name in names])
+    task = judging(task, max(steps), camera)
+    env = make_env(cars, task=task, paths=joined_paths([paths, paths]))
+    driven = tracks(env, driver, steps * 2)
+    for index, name in enumerate(names):
+        count = int(paths.count[index]) + int(paths.closed[index])
+        yield name, paths.extended(1)[index, :count], driven[index], driven[index + len(paths)]
+
+
+def _side_by_side(one: Driver, other: Driver) -> Driver:
+    """The first half of the cars is driven by one, the second by the other."""
+
+    def both(state: TensorDictBase) -> TensorDictBase:
+        half = state.batch_size[0] // 2
+        first, second = one(state.copy())[keys.ACTION], other(state.copy())[keys.ACTION]
+        return state.set(keys.ACTION, torch.cat([first[:half], second[half:]]))
+
+    return both
+
+
+@torch.no_grad()
+def tracks(env: EnvBase, driver: Driver, steps: Sequence[int]) -> list[Track]:
+    """Lets each car drive one episode and keeps where it was.
+
+    Args:
+        env: From `make_env`, a batch of N cars.
+        driver: Of all cars.
+        steps: [N] of each car at most; it also ends where its episode does.
+    """
+
+    def policy(tensordict: TensorDictBase) -> TensorDictBase:  # by its types TorchRL knows it
+        return driver(tensordict)
+
+    with torch.random.fork_rng():
+        torch.manual_seed(0)  # of the camera's noise
+        rows = env.rollout(max(steps), policy, break_when_any_done=False)  # [N, T]
+    return [_track(car, limit) for car, limit in zip(rows, steps, strict=True)]
+
+
+def _track(rows: TensorDictBase, limit: int) -> Track:
+    after: TensorDictBase = rows.get("next")
+    done: Tensor = after.get(keys.DONE).flatten()
+    ended = int(done.int().argmax()) + 1 if done.any() else len(done)
+    until = min(ended, limit)
+
+    def whole(key: str) -> Tensor:
+        return torch.cat([rows.get(key)[:until], after.get(key)[until - 1 : until]])
+
+    closed, lateral = after.get(WAYPOINTS_CLOSED)[:until], after.get(LATERAL_ERROR)[:until]
+    mean = lateral.abs().mean().item()
+    return Track(whole(keys.POSE), whole(keys.VELOCITY), closed.sum().item(), mean)

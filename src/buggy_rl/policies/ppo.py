@@ -1,0 +1,278 @@
+"""Proximal policy optimisation of many cars at once: TorchRL's `Collector`, `GAE`, `ClipPPOLoss`.
+
+Source: Schulman et al., Proximal policy optimization algorithms, 2017.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor, nn
+from torchrl.collectors import Collector
+from torchrl.envs import EnvBase, StepCounter, TransformedEnv
+from torchrl.envs.utils import ExplorationType
+from torchrl.objectives.value import GAE
+
+from buggy_rl import keys
+from buggy_rl.keys import OBSERVATION, STEP_COUNT
+from buggy_rl.policies.actor_critic import Policy
+from buggy_rl.policies.checkpoint import environment_state, restore_environment
+from buggy_rl.policies.clipped_loss import ClippedLoss
+from buggy_rl.policies.episodes import Episodes
+
+STATE_VALUE = "state_value"  # what the critic says
+LEARNED_FROM = (OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
+REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
+ADAM_EPSILON = 1e-5
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """How a policy is trained; `configs/ppo_original.yaml` holds the original study's settings."""
+
+    steps: int = 3_000_000
+    """Steps of all cars together."""
+    cars: int = 256
+    """Driven at once."""
+    batch_steps: int = 32
+    """Steps of each car between two updates."""
+    epochs: int = 5
+    """Passes over a batch in an update."""
+    minibatch: int = 2048
+    """Steps in a gradient step."""
+    learning_rate: float = 3e-3
+    """Adam's, at the start."""
+    schedule: Literal["linear", "constant"] = "linear"
+    """Of the learning rate: down to nothing over the training, or as it is."""
+    discount: float = 0.98
+    """Of the reward, a step (gamma)."""
+    trace: float = 0.95
+    """Of the advantage estimate, a step (lambda)."""
+    clip: float = 0.2
+    """Of the likelihood ratio, either way."""
+    value_weight: float = 0.5
+    """Of the critic's loss."""
+    entropy_weight: float = 0.0
+    """Of the entropy bonus; 0 leaves it out."""
+    gradient_norm: float = 1.0
+    """Longest gradient."""
+    stagger: bool = True
+    """Starts the first episodes at random ages, so that the cars do not all begin again at once."""
+    seed: int = 0
+    """Of the order of minibatches."""
+
+
+class NonFiniteLossError(FloatingPointError):
+    """The loss is not a number any more; `batch` is what it was computed from."""
+
+    def __init__(self, message: str, batch: TensorDictBase) -> None:
+        super().__init__(message)
+        self.batch = batch
+
+
+def train(
+    env: EnvBase, policy: Policy, config: PPOConfig, state: dict[str, Any] | None = None
+) -> Iterator[dict[str, float]]:
+    """Trains a policy, or goes on from a state, and yields metrics after every batch.
+
+    See `PPO`, which can also be asked for its state on the way.
+    """
+    run = PPO(env, policy, config)
+    if state is not None:
+        run.load_state_dict(state)
+    yield from run.run()
+
+
+class PPO:
+    """A training run that can be stopped after any batch and goes on as if it never had been.
+
+    A terminated episode is worth nothing afterwards. A truncated one would have gone on, and so
+    is worth what the critic says of its last observation:
+
+    delta_t = r_t + gamma V(s_t+1) (1 - terminated_t) - V(s_t)
+    A_t = delta_t + gamma lambda A_t+1 (1 - done_t)
+
+    Args:
+        env: Batched cars with an `observation` and a step counter; actions of any size are taken.
+        policy: Is trained in place.
+        config: How.
+
+    Raises:
+        ValueError: The environment has another number of cars than the config.
+    """
+
+    def __init__(self, env: EnvBase, policy: Policy, config: PPOConfig) -> None:
+        if env.batch_size.numel() != config.cars:
+            raise ValueError(
+                f"the environment has {env.batch_size.numel()} cars, ppo.cars is {config.cars}: "
+                "make them equal"
+            )
+        self.env, self.policy, self.config = env, policy, config
+        actor, critic = policy.actor(), policy.critic()
+        self.critic = critic
+        self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
+        self.loss = ClippedLoss(
+            actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
+            critic,
+            clip_epsilon=config.clip,
+            loss_critic_type="l2",
+            critic_coeff=config.value_weight,
+            normalize_advantage=True,
+            entropy_bonus=config.entropy_weight > 0,
+            entropy_coeff=config.entropy_weight or None,
+            functional=False,  # it has no target networks, for which it would swap weights
+        )
+        self.optimiser = torch.optim.Adam(
+            policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
+        )
+        self.collector = Collector(
+            env,
+            actor,
+            frames_per_batch=config.cars * config.batch_steps,
+            total_frames=-1,
+            exploration_type=ExplorationType.RANDOM,  # pyright: ignore[reportArgumentType]
+            trust_policy=True,
+            track_traj_ids=False,
+            use_buffers=False,
+            return_same_td=True,  # nothing of a batch is kept: no copy is needed
+            auto_register_policy_transforms=False,
+        )
+        self.generator = torch.Generator().manual_seed(config.seed)
+        self.episodes = Episodes(env.batch_size, whole=not config.stagger)
+        self.steps = 0
+        if config.stagger:
+            self._stagger()
+
+    def run(self) -> Iterator[dict[str, float]]:
+        """Trains batch by batch.
+
+        Yields:
+            `steps`; `reward`, the mean of a step; `episode_length`, `episode_reward` and
+            `waypoints` of the last finished episodes (nan before the first); `loss_objective`,
+            `loss_critic`, `kl_approx`, `clip_fraction`, means over the update; `sd_throttle`,
+            `sd_steering` of the exploration; `learning_rate`; `speed` in steps a second;
+            `seconds_left`.
+
+        Raises:
+            NonFiniteLossError: A loss is not finite.
+        """
+        begun, first = time.perf_counter(), self.steps
+        batches = iter(self.collector)
+        while self.steps < self.config.steps:
+            rate = self._set_learning_rate()
+            batch = next(batches)
+            update = self._update(batch)
+            self.steps += batch.numel()
+            self.episodes.take(batch)
+            speed = (self.steps - first) / (time.perf_counter() - begun)
+            throttle, steering = self.policy.log_sd.exp().tolist()
+            yield {
+                "steps": self.steps,
+                "reward": batch["next", keys.REWARD].mean().item(),
+                **self.episodes.means(),
+                **update,
+                "sd_throttle": throttle,
+                "sd_steering": steering,
+                "learning_rate": rate,
+                "speed": speed,
+                "seconds_left": (self.config.steps - self.steps) / speed,
+            }
+
+    def estimate(self, batch: TensorDictBase) -> None:
+        """Writes values, `advantage` and `value_target` of a batch [cars, time].
+
+        The critic is asked for each state once: what follows a step is what the next one begins
+        at, but for where an episode ended and where the batch does.
+        """
+        after = batch.get("next")
+        value = self.critic(batch).get(STATE_VALUE)  # (cars, time, 1)
+        following = value.roll(-1, -2)
+        asked = after.get(keys.DONE).squeeze(-1).clone()
+        asked[..., -1] = True
+        following[asked] = self.critic(after.select(OBSERVATION)[asked]).get(STATE_VALUE)
+        after.set(STATE_VALUE, following)
+        self.gae(batch)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a resumed run needs to go on bit for bit on one thread."""
+        # The collector keeps the cars between two batches in `_carrier`; its own state_dict
+        # leaves them out.
+        return {
+            "steps": self.steps,
+            "policy": self.policy.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "cars": self.collector._carrier.clone().flatten_keys(".").to_dict(),
+            "environment": environment_state(self.env),
+            "episodes": self.episodes.state_dict(),
+            "minibatches": self.generator.get_state(),
+            "random": torch.get_rng_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes back to where `state_dict` was taken."""
+        self.steps = state["steps"]
+        self.policy.load_state_dict(state["policy"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        cars = TensorDict(state["cars"], self.env.batch_size).unflatten_keys(".")
+        self.collector._carrier = cars.clone()
+        restore_environment(self.env, state["environment"])
+        self.episodes.load_state_dict(state["episodes"])
+        self.generator.set_state(state["minibatches"])
+        torch.set_rng_state(state["random"])  # last: whatever is built draws from it
+
+    def _stagger(self) -> None:
+        """Makes every car's first episode as old as if they had been driving for long."""
+        limits = [t.max_steps for t in _transforms(self.env) if isinstance(t, StepCounter)]
+        limit = min((limit for limit in limits if limit), default=0)
+        if limit:
+            age = self.collector._carrier[STEP_COUNT]
+            age.copy_(torch.randint(limit, age.shape, generator=self.generator))
+
+    def _set_learning_rate(self) -> float:
+        share = 1.0 if self.config.schedule == "constant" else 1 - self.steps / self.config.steps
+        for group in self.optimiser.param_groups:
+            group["lr"] = share * self.config.learning_rate
+        return share * self.config.learning_rate
+
+    def _update(self, batch: TensorDictBase) -> dict[str, float]:
+        """Learns from a batch [cars, time]."""
+        with torch.no_grad():
+            self.estimate(batch)
+        rows = batch.select(*LEARNED_FROM).reshape(-1)
+        reports = []
+        for _ in range(self.config.epochs):
+            order = torch.randperm(len(rows), generator=self.generator)
+            # Mixed at once: what is split off is then a view, not a copy by index each.
+            reports += [self._descend(part) for part in rows[order].split(self.config.minibatch)]
+        self.policy.observe(rows[OBSERVATION])
+        means = torch.stack(reports).mean(0).tolist()
+        return dict(zip(REPORTED, means, strict=True))
+
+    def _descend(self, rows: TensorDictBase) -> Tensor:
+        """One gradient step; what is reported of it [4]."""
+        losses = self.loss(rows)
+        total = losses["loss_objective"] + losses["loss_critic"]
+        if self.config.entropy_weight:
+            total = total + losses["loss_entropy"]
+        if not math.isfinite(total.item()):
+            raise NonFiniteLossError(
+                f"the loss is {total.item()} after {self.steps} steps: look for what is not "
+                f"finite in the batch, or lower ppo.learning_rate (now "
+                f"{self.config.learning_rate})",
+                rows.detach(),
+            )
+        self.optimiser.zero_grad(set_to_none=True)
+        total.backward()
+        nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
+        self.optimiser.step()
+        return torch.stack([losses[name].detach() for name in REPORTED])
+
+
+def _transforms(env: EnvBase) -> Iterator[nn.Module]:
+    while isinstance(env, TransformedEnv):
+        yield from env.transform.modules()
+        env = env.base_env

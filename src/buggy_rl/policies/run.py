@@ -1,0 +1,165 @@
+"""A run of policy training: what is driven, what is to be learned, and how it is judged."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import MISSING
+from torchrl.envs import EnvBase, TransformedEnv
+
+from buggy_rl.config import plain
+from buggy_rl.keys import OBSERVATION
+from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
+from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
+from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.task.env import TaskConfig, judged, make_env, make_simulator
+from buggy_rl.task.paths import make_paths
+
+
+@dataclass(frozen=True)
+class EngineConfig:
+    """What is driven; two runs that compare simulators differ in nothing else."""
+
+    simulator: str = "mujoco"
+    """An engine's name, a .yaml, a .pt, or file.py:factory."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Physical parameters that differ from the engine's own."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of the engine's class."""
+
+
+@dataclass(frozen=True)
+class PolicyRunConfig:
+    """Everything from a simulator to a policy that drives it."""
+
+    output: str = MISSING
+    """Folder for the policy, checkpoints and logs."""
+    engine: EngineConfig = field(default_factory=EngineConfig)
+    task: TaskConfig = field(default_factory=TaskConfig)
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    validations: int = 6
+    """How often on the way the policy drives the validation paths; the best one is kept."""
+    validation_steps: int = 1000
+    """Of each such drive."""
+    checkpoint_batches: int = 10
+    """Batches between two checkpoints."""
+    seed: int = 0
+    """Fixes starts, exploration and weights; ppo.seed the order of minibatches."""
+    threads: int = 1
+    """Threads of PyTorch."""
+    resume: bool = False
+    """Goes on from the last checkpoint in OUTPUT as if never stopped."""
+    wandb: bool = False
+    """Logs to Weights & Biases too, offline unless WANDB_MODE says otherwise."""
+
+
+def training_environment(config: PolicyRunConfig) -> TransformedEnv:
+    """The cars that a policy learns from."""
+    return make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
+
+
+def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
+    """One car on each of the validation paths, which training never sees."""
+    task = validation_task(config.task)
+    paths = make_paths(task.paths)
+    return make_env(new_engine(config.engine, len(paths)), task=task, paths=paths)
+
+
+def validation_task(task: TaskConfig) -> TaskConfig:
+    """The same task on the validation paths, every car on a path of its own."""
+    paths = replace(task.paths, part="validation")
+    return replace(task, paths=paths, transforms=judged(task.transforms))
+
+
+def new_policy(env: TransformedEnv, config: PolicyConfig) -> Policy:
+    """A policy for what an environment shows."""
+    return Policy(env.observation_spec[OBSERVATION].shape[-1], config)
+
+
+def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float]:
+    """Means over the validation paths, without exploration and without touching random states."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        scores = drive(env, policy.driver(), steps)
+    return {f"validation_{name}": value for name, value in scores.means().items()}
+
+
+def new_engine(config: EngineConfig, cars: int) -> EnvBase:
+    """So many cars of a simulator."""
+    parameters, options = config.parameters or None, config.options
+    return make_simulator(config.simulator, cars, parameters=parameters, **options)
+
+
+class PolicyRun:
+    """A training run with its validations, its policies and its checkpoint, all in one folder.
+
+    Args:
+        config: What to train, where and how; with `resume` it goes on from the checkpoint.
+
+    Raises:
+        ValueError: There is no checkpoint to go on from, or it is another run's.
+    """
+
+    def __init__(self, config: PolicyRunConfig) -> None:
+        self.config, self.folder = config, Path(config.output)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        torch.manual_seed(config.seed)
+        env, self.validation = training_environment(config), validation_environment(config)
+        self.policy = new_policy(env, config.policy)
+        self.ppo = PPO(env, self.policy, config.ppo)
+        self.batch = config.ppo.cars * config.ppo.batch_steps
+        self.best = -1.0  # waypoints on the validation paths
+        if config.resume:
+            state = load_checkpoint(self.folder / "checkpoint.pt")
+            self.best = state.pop("best")
+            self.ppo.load_state_dict(state)
+
+    def metrics(self) -> Iterator[dict[str, float]]:
+        """Trains batch by batch; writes last.pt and best.pt after each validation.
+
+        Yields:
+            What `PPO.run` does, after a validation also `validation_waypoints` and so on.
+
+        Raises:
+            NonFiniteLossError: A loss is not finite; the batch is in failed_batch.pt.
+        """
+        try:
+            for metrics in self.ppo.run():
+                if self._validation_is_due():
+                    metrics |= validate(self.validation, self.policy, self.config.validation_steps)
+                    self._save_policies(metrics)
+                yield metrics
+        except NonFiniteLossError as error:
+            save_checkpoint(error.batch.to_dict(), self.folder / "failed_batch.pt")
+            raise
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done."""
+        return self.ppo.steps >= self.config.ppo.steps
+
+    @property
+    def checkpoint_is_due(self) -> bool:
+        """Whether it is time to write the log out and call `checkpoint`."""
+        batches = self.ppo.steps // self.batch
+        return self.finished or batches % self.config.checkpoint_batches == 0
+
+    def checkpoint(self) -> None:
+        """Writes checkpoint.pt, from which a resumed run goes on bit for bit."""
+        save_checkpoint({**self.ppo.state_dict(), "best": self.best}, self.folder / "checkpoint.pt")
+
+    def _validation_is_due(self) -> bool:
+        share = self.config.validations / self.config.ppo.steps
+        before = self.ppo.steps - self.batch
+        return self.finished or int(self.ppo.steps * share) > int(before * share)
+
+    def _save_policies(self, metrics: dict[str, float]) -> None:
+        about = {"config": plain(self.config), **metrics}
+        if metrics["validation_waypoints"] > self.best:
+            self.best = metrics["validation_waypoints"]
+            save_policy(self.policy, self.folder / "best.pt", about)
+        save_policy(self.policy, self.folder / "last.pt", about)

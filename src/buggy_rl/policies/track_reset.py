@@ -1,0 +1,57 @@
+"""A person beside the track, who puts cars back on their path."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import Compose, EnvBase, TransformedEnv
+
+from buggy_rl import keys
+from buggy_rl.keys import COMPLETED, WAYPOINTS_CLOSED
+from buggy_rl.task.transforms.waypoints import Waypoints
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+
+class Marshal:
+    """Puts a car back at rest where it left its path, and lets go of it after a while.
+
+    A car is put back when the task says that it has failed (`terminated`), and when it has closed
+    no waypoint for some time, because it stands or has spun: on the waypoint that it closed last,
+    along the path. What is hidden in it, such as an emptying battery, goes on.
+
+    Args:
+        env: From `make_env`, with a batch of N cars.
+        patience: Time without a waypoint that is waited for [s].
+        handling: Time for which a car is held [s].
+
+    Raises:
+        ValueError: The task has no waypoints.
+    """
+
+    def __init__(self, env: EnvBase, patience: float = 2.0, handling: float = 2.0) -> None:
+        stack = env.transform if isinstance(env, TransformedEnv) else None
+        parts = stack.transforms if isinstance(stack, Compose) else ()
+        found = [part for part in parts if isinstance(part, Waypoints)]
+        if not found:
+            raise ValueError("a marshal needs a task with waypoints to put cars back on")
+        self.waypoints = found[0]
+        self.patience = round(patience / CONTROL_PERIOD)
+        self.handling = round(handling / CONTROL_PERIOD)
+        self.idle, self.held, self.times = torch.zeros(3, env.batch_size.numel(), 1).unbind(0)
+
+    def __call__(self, following: TensorDictBase) -> Tensor:
+        """Looks at what a step led to, and moves the cars in it that are to be put back.
+
+        Returns:
+            Which cars are held [N, 1]; `times` counts how often each was put back.
+        """
+        self.idle = torch.where(following[WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
+        lost = following[keys.TERMINATED] | (self.idle >= self.patience)
+        taken = lost & (self.held == 0) & ~following[COMPLETED]
+        self.times = self.times + taken
+        self.held = torch.where(taken, float(self.handling), (self.held - 1).clamp_min(0.0))
+        held = self.held > 0
+        self.idle = self.idle * ~held
+        there, moving = self.waypoints.last_closed(following), following[keys.VELOCITY]
+        following[keys.POSE] = torch.where(held, there, following[keys.POSE])
+        following[keys.VELOCITY] = torch.where(held, torch.zeros_like(moving), moving)
+        return held

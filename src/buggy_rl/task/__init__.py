@@ -1,0 +1,1 @@
+"""What a car is to do: paths, a stack of transforms, and the environment they make."""

@@ -1,0 +1,107 @@
+"""The same environment for users of Gymnasium: one car, NumPy in and out.
+
+    import gymnasium, buggy_rl.task.gym
+    env = gymnasium.make("buggy_rl/Waypoints-v0", engine="mujoco")
+
+Many cars at once are what the environment underneath is for: `buggy_rl.task.env.make_env`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import EnvBase, Transform
+
+from buggy_rl import keys
+from buggy_rl.keys import (
+    COMPLETED,
+    HEADING_ERROR,
+    LATERAL_ERROR,
+    OBSERVATION,
+    PATH,
+    WAYPOINTS_CLOSED,
+)
+from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.paths import PathSet
+
+NAME = "buggy_rl/Waypoints-v0"
+TOLD = (PATH, WAYPOINTS_CLOSED, LATERAL_ERROR, HEADING_ERROR, COMPLETED)
+
+
+class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One car on a path of waypoints.
+
+    Observations are the task's `observation`, actions (throttle, steering) in [-1, 1]; the info
+    holds path, pose, velocity, lateral and heading error, and what was closed or completed.
+
+    Args:
+        engine: A simulator of one car, or what `make_engine` makes one of.
+        effects: Missing physics.
+        task: What to do; None is the default task.
+        paths: To follow instead of `task.paths`.
+    """
+
+    def __init__(
+        self,
+        engine: EnvBase | str | Path = "mujoco",
+        effects: Sequence[Transform] = (),
+        task: TaskConfig | None = None,
+        paths: PathSet | None = None,
+    ) -> None:
+        self._env = make_env(engine, effects, task, paths=paths)
+        if self._env.batch_size:
+            raise ValueError(
+                f"{NAME} drives one car, the engine has a batch of {tuple(self._env.batch_size)}: "
+                "make it with batch_size=(), or use buggy_rl.task.env.make_env"
+            )
+        size = self._env.observation_spec[OBSERVATION].shape
+        self.observation_space = Box(-np.inf, np.inf, tuple(size), np.float32)
+        self.action_space = Box(-1.0, 1.0, (2,), np.float32)
+        self._state: TensorDictBase | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Puts the car at the start of a path; `options={"path": i}` says of which."""
+        super().reset(seed=seed)
+        start = None
+        if options and PATH in options:
+            start = TensorDict({PATH: torch.tensor([int(options[PATH])])})
+        # Only resets draw random numbers, of PyTorch's global generator: theirs come from ours.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(self.np_random.integers(2**63 - 1)))
+            self._state = self._env.reset(start)
+        return self._shown(self._state)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Drives on for one control period."""
+        if self._state is None:
+            raise RuntimeError("step before reset: call reset first")
+        self._state.set(keys.ACTION, torch.as_tensor(action, dtype=torch.float32))
+        after = self._env.step(self._state)["next"]
+        self._state = after
+        observation, info = self._shown(after)
+        truncated = after.get(keys.TRUNCATED, None)  # a task may have no end but failure
+        reward, terminated = float(after[keys.REWARD]), bool(after[keys.TERMINATED])
+        return observation, reward, terminated, bool(truncated), info
+
+    def close(self) -> None:
+        """Ends the simulator."""
+        if not self._env.is_closed:
+            self._env.close()
+
+    def _shown(self, state: TensorDictBase) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        info = {key: state[key].item() for key in TOLD}
+        info |= {key: np.array(state[key].numpy()) for key in (keys.POSE, keys.VELOCITY)}
+        return np.array(state[OBSERVATION].numpy(), np.float32), info
+
+
+gymnasium.register(NAME, entry_point="buggy_rl.task.gym:WaypointsEnv")

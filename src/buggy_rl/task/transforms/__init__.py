@@ -1,0 +1,60 @@
+"""The task as a stack of transforms, each by name."""
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from buggy_rl.config import load_named
+
+if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
+    from torchrl.envs import Transform
+
+TRANSFORMS = {
+    "last_action": "buggy_rl.task.transforms.last_action:LastAction",
+    "action_smoothing": "buggy_rl.task.transforms.smoothing:ActionSmoothing",
+    "rate_limit": "buggy_rl.task.transforms.rate_limit:RateLimit",
+    "observation_noise": "buggy_rl.task.transforms.noise:ObservationNoise",
+    "past_mean": "buggy_rl.task.transforms.past_mean:PastMean",
+    "clip_velocity": "buggy_rl.task.transforms.clip:ClipVelocity",
+    "waypoints": "buggy_rl.task.transforms.waypoints:Waypoints",
+    "target_speed": "buggy_rl.task.transforms.target_speed:TargetSpeed",
+    "observation": "buggy_rl.task.transforms.observation:Observation",
+    "history": "buggy_rl.task.transforms.history:History",
+    "leave_path": "buggy_rl.task.transforms.leave_path:LeavePath",
+    "path_end": "buggy_rl.task.transforms.path_end:PathEnd",
+    "rewards": "buggy_rl.task.transforms.rewards:Rewards",
+    "step_limit": "torchrl.envs:StepCounter",
+}
+
+
+def make_transform(
+    name: str, options: Mapping[str, Any] | None = None, **context: Any
+) -> "Transform":
+    """Builds a transform from what a user can write in YAML.
+
+    Args:
+        name: In `TRANSFORMS`, or one's own or TorchRL's as `path/to/file.py:Class` or
+            `package.module:Class`.
+        options: Arguments of the class.
+        context: Further arguments, such as `paths` and `dt`, for the classes that take them.
+
+    Raises:
+        ValueError: The name is unknown, or an option does not belong to it; the message lists
+            what does.
+    """
+    if name not in TRANSFORMS and ":" not in name:
+        raise ValueError(
+            f"no transform {name!r}; available: {', '.join(TRANSFORMS)}, none, or your own as "
+            "file.py:Class"
+        )
+    transform_class = load_named(TRANSFORMS.get(name, name))
+    takes = inspect.signature(transform_class).parameters
+    unknown = sorted(set(options or {}) - set(takes))
+    if unknown:
+        allowed = sorted(set(takes) - set(context))
+        raise ValueError(
+            f"transform {name!r} has no option {', '.join(unknown)}; "
+            f"available: {', '.join(allowed) or 'none'}"
+        )
+    given = {key: value for key, value in context.items() if key in takes}
+    return transform_class(**{**given, **(options or {})})

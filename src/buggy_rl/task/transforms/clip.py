@@ -1,0 +1,45 @@
+"""Measured velocities cut off at the edge of what was trained on."""
+
+from collections.abc import Sequence
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl.keys import MEASURED_VELOCITY, OBSERVATION
+from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
+
+# vx, vy [m/s], yaw_rate [rad/s]: the original study clipped the states of its learned model here.
+TRAINED_LOW, TRAINED_HIGH = (-1.0, -3.5, -6.5), (3.5, 3.5, 6.5)
+
+
+class ClipVelocity(TaskTransform):
+    """v' = min(max(v, low), high), of the measured velocity; the car itself moves on as it did.
+
+    Args:
+        low: Of vx, vy [m/s], yaw_rate [rad/s].
+        high: Likewise.
+    """
+
+    before: tuple[str, ...] = (OBSERVATION,)
+
+    low: Tensor
+    high: Tensor
+
+    def __init__(
+        self, low: Sequence[float] = TRAINED_LOW, high: Sequence[float] = TRAINED_HIGH
+    ) -> None:
+        super().__init__()
+        self.register_buffer("low", torch.tensor(low, dtype=torch.float32), persistent=False)
+        self.register_buffer("high", torch.tensor(high, dtype=torch.float32), persistent=False)
+        if self.low.shape != (3,) or self.high.shape != (3,) or not (self.low < self.high).all():
+            raise ValueError(f"clip: low {list(low)} and high {list(high)} must bound 3 numbers")
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        velocity = measured_velocity(next_tensordict).clamp(self.low, self.high)
+        return next_tensordict.set(MEASURED_VELOCITY, velocity)
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        return {MEASURED_VELOCITY: numbers(shape, 3, device=device)}

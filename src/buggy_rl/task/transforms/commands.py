@@ -1,0 +1,52 @@
+"""What transforms of the command have in common: they remember what they gave out last."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.task.transforms.base import RESTING, TaskTransform, numbers
+
+GIVEN = "_given"  # ends the key of u'_t, which is there while the step is taken and no longer
+
+
+class CommandFilter(TaskTransform):
+    """u'_t = f(u'_{t-1}, u_t) of both commands, u taken within [-1, 1].
+
+    Before the first step the car had no drive and straight wheels. The data keep the command that
+    the policy gave.
+    """
+
+    memory: ClassVar[str]
+    """Key of u'_{t-1}, [*, 2]."""
+
+    @abstractmethod
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        """f, of tensors [*, 2]."""
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        asked = tensordict.get(keys.ACTION).clamp(-1.0, 1.0)
+        action = self._filtered(tensordict.get(self.memory), asked)
+        # Not under the memory's own key: rewards still compare with the step before.
+        tensordict.set(self.memory + GIVEN, action)
+        return tensordict.set(keys.ACTION, action)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict.set(self.memory, tensordict.get(self.memory + GIVEN))
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict.set(self.memory, resting(next_tensordict))
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        return {self.memory: numbers(shape, 2, device=device)}
+
+
+def resting(tensordict: TensorDictBase) -> Tensor:
+    """The command [*, 2] of a car at rest."""
+    pose = tensordict.get(keys.POSE)
+    return pose.new_tensor(RESTING).expand(*pose.shape[:-1], 2).clone()

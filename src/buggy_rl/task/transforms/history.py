@@ -1,0 +1,53 @@
+"""The last observations side by side, for a policy that should see how things change."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite
+
+from buggy_rl.keys import OBSERVATION, OBSERVATION_ROWS
+from buggy_rl.task.transforms.base import TaskTransform, numbers
+
+
+class History(TaskTransform):
+    """o'_t = (o_{t-rows+1}, ..., o_t), oldest first; after a reset all are the first one.
+
+    The same numbers as TorchRL's `CatFrames(rows, dim=-1)`, which keeps them in the transform;
+    here they ride in the TensorDict, so that a step is a function of it and a resumed run goes on
+    as it was.
+
+    Args:
+        rows: Observations, the present one included.
+    """
+
+    reads: tuple[str, ...] = (OBSERVATION,)
+    before: tuple[str, ...] = (OBSERVATION_ROWS,)
+
+    def __init__(self, rows: int = 4) -> None:
+        super().__init__()
+        if rows < 1:
+            raise ValueError(f"history: rows is {rows}: must be at least 1")
+        self.rows = rows
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        row = tensordict_reset.get(OBSERVATION).unsqueeze(-2)
+        return self._write(tensordict_reset, row.repeat_interleave(self.rows, -2))
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        row = next_tensordict.get(OBSERVATION).unsqueeze(-2)
+        rows = tensordict.get(OBSERVATION_ROWS)
+        return self._write(next_tensordict, torch.cat([rows[..., 1:, :], row], -2))
+
+    def _write(self, td: TensorDictBase, rows: Tensor) -> TensorDictBase:
+        td.set(OBSERVATION_ROWS, rows)
+        return td.set(OBSERVATION, rows.flatten(-2))
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        self._check_place(observation_spec)
+        shape, device = observation_spec.shape, observation_spec.device
+        size = observation_spec[OBSERVATION].shape[-1]
+        observation_spec[OBSERVATION_ROWS] = numbers(shape, self.rows, size, device=device)
+        observation_spec[OBSERVATION] = numbers(shape, self.rows * size, device=device)
+        return observation_spec

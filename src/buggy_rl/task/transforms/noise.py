@@ -1,0 +1,112 @@
+"""Noise on what the policy is shown of pose and velocity."""
+
+import math
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.keys import (
+    MEASURED_POSE,
+    MEASURED_VELOCITY,
+    NOISE_STATE,
+    OBSERVATION,
+    VELOCITY_ROWS,
+    WAYPOINTS,
+)
+from buggy_rl.task.transforms.base import (
+    TaskTransform,
+    counter,
+    measured_pose,
+    measured_velocity,
+    numbers,
+)
+
+PAIRS = 3  # of normal numbers a step: one each for x, y, yaw, vx, vy, yaw_rate
+
+
+class ObservationNoise(TaskTransform):
+    """z = value + sd e,  e ~ N(0, 1), on pose and velocity as measured; the car is not moved.
+
+    A reset draws where a car's stream of noise begins; from there on the noise is a function of
+    the state in the TensorDict, so that two steps from one TensorDict are equal. The defaults are
+    those of the tracking camera that recordings are made with.
+
+    Args:
+        position: Standard deviation of x and y [m].
+        yaw: [rad]
+        velocity: Of vx and vy [m/s].
+        yaw_rate: [rad/s]
+    """
+
+    before: tuple[str, ...] = (OBSERVATION, WAYPOINTS, VELOCITY_ROWS)
+
+    deviation: Tensor
+    pairs: Tensor
+
+    def __init__(
+        self,
+        position: float = 0.0007,
+        yaw: float = 0.002,
+        velocity: float = 0.025,
+        yaw_rate: float = 0.03,
+    ) -> None:
+        super().__init__()
+        for name, value in (
+            ("position", position),
+            ("yaw", yaw),
+            ("velocity", velocity),
+            ("yaw_rate", yaw_rate),
+        ):
+            if value < 0:
+                raise ValueError(f"observation_noise: {name} is {value}: must not be negative")
+        deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
+        self.register_buffer("deviation", deviation, persistent=False)
+        self.register_buffer("pairs", torch.arange(PAIRS), persistent=False)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        pose = tensordict_reset.get(keys.POSE)
+        state = torch.randint(2**62, (*pose.shape[:-1], 1), device=pose.device)
+        return self._write(tensordict_reset, state)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._write(next_tensordict, tensordict.get(NOISE_STATE) + PAIRS)
+
+    def _write(self, td: TensorDictBase, state: Tensor) -> TensorDictBase:
+        noise = normal(state + self.pairs) * self.deviation  # (*, 6)
+        td.set(NOISE_STATE, state)
+        td.set(MEASURED_POSE, measured_pose(td) + noise[..., :3])
+        return td.set(MEASURED_VELOCITY, measured_velocity(td) + noise[..., 3:])
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        return {
+            NOISE_STATE: counter(shape, device),
+            MEASURED_POSE: numbers(shape, 3, device=device),
+            MEASURED_VELOCITY: numbers(shape, 3, device=device),
+        }
+
+
+def normal(counter: Tensor) -> Tensor:
+    """Standard normal numbers [*, 2 n] of counters [*, n] int64, by Box and Muller.
+
+    The bits are those of SplitMix64's finaliser (Steele, Lea, Flood, Fast splittable pseudorandom
+    number generators, 2014), which turns consecutive counters into unrelated numbers.
+    """
+    bits = counter * -0x61C8864680B583EB  # 2^64 / golden ratio, as a signed number
+    bits = (bits ^ _shifted(bits, 30)) * -0x40A7B892E31B1A47
+    bits = (bits ^ _shifted(bits, 27)) * -0x6B2FB644ECCEEE15
+    bits = bits ^ _shifted(bits, 31)
+    size = 2**24  # what a float32 tells apart
+    radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)) + 0.5) / size))
+    angle = (_shifted(bits, 40) & (size - 1)) * (2 * math.pi / size)
+    return torch.cat([radius * torch.cos(angle), radius * torch.sin(angle)], -1)
+
+
+def _shifted(bits: Tensor, places: int) -> Tensor:
+    """Shift to the right that fills in zeros, which >> of a signed number does not."""
+    return (bits >> places) & (2 ** (64 - places) - 1)

@@ -1,0 +1,32 @@
+"""Commands that change no faster than a limit."""
+
+import torch
+from torch import Tensor
+
+from buggy_rl.keys import LIMITED_ACTION
+from buggy_rl.task.transforms.commands import CommandFilter
+
+
+class RateLimit(CommandFilter):
+    """u'_t = u'_{t-1} + min(max(u_t - u'_{t-1}, -rate dt), rate dt).
+
+    Args:
+        throttle: Fastest change [1/s]; of the whole range, which is 2 wide.
+        steering: Likewise.
+        dt: Control period [s].
+    """
+
+    memory = LIMITED_ACTION
+
+    largest: Tensor
+
+    def __init__(self, throttle: float = 20.0, steering: float = 10.0, *, dt: float) -> None:
+        super().__init__()
+        for name, value in (("throttle", throttle), ("steering", steering)):
+            if not value > 0:
+                raise ValueError(f"rate_limit: {name} is {value} a second: must be above 0")
+        largest = torch.tensor([throttle * dt, steering * dt])
+        self.register_buffer("largest", largest, persistent=False)
+
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        return previous + (asked - previous).clamp(-self.largest, self.largest)

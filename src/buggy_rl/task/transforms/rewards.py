@@ -1,0 +1,110 @@
+"""The reward: a weighted sum of terms, each by name."""
+
+from collections.abc import Callable, Mapping
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.keys import (
+    LAST_ACTION,
+    LATERAL_ERROR,
+    PATH_POSITION,
+    REWARD_TERMS,
+    TARGET_SPEED,
+    WAYPOINTS_CLOSED,
+)
+from buggy_rl.task.transforms.base import TaskTransform, numbers
+
+
+def waypoints_closed(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """1 for each waypoint closed in the step: the original study's reward (5.1)."""
+    return after.get(WAYPOINTS_CLOSED)
+
+
+def progress(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """Distance gained along the path [m]; less than nothing when driving back."""
+    return after.get(PATH_POSITION) - before.get(PATH_POSITION)
+
+
+def deviation(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-|lateral_error| [m]."""
+    return -after.get(LATERAL_ERROR).abs()
+
+
+def steering_effort(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-(s_t - s_{t-1})^2, with s the steering command."""
+    change = after.get(LAST_ACTION)[..., 1:] - before.get(LAST_ACTION)[..., 1:]
+    return -change.square()
+
+
+def speed_error(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-|vx - target_speed| [m/s]."""
+    return -(after.get(keys.VELOCITY)[..., :1] - after.get(TARGET_SPEED)).abs()
+
+
+def terminated(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-1 in the step in which the car fails."""
+    return -after.get(keys.TERMINATED).float()
+
+
+def out_of_range(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-1 in a step that a learned simulator was not trained for; nothing over other engines.
+
+    Without it a policy finds what such a simulator gets wrong, and drives there.
+    """
+    flag = after.get(keys.OUT_OF_RANGE, None)
+    return torch.zeros_like(after.get(keys.REWARD)) if flag is None else -flag.float()
+
+
+Term = Callable[[TensorDictBase, TensorDictBase], Tensor]
+TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each reads
+    "waypoints_closed": (waypoints_closed, (WAYPOINTS_CLOSED,)),
+    "progress": (progress, (PATH_POSITION,)),
+    "deviation": (deviation, (LATERAL_ERROR,)),
+    "steering_effort": (steering_effort, (LAST_ACTION,)),
+    "speed_error": (speed_error, (TARGET_SPEED,)),
+    "terminated": (terminated, ()),
+    "out_of_range": (out_of_range, ()),
+}
+
+
+class Rewards(TaskTransform):
+    """r = sum_i weight_i term_i; the weighted terms are kept in `reward_terms`.
+
+    Args:
+        weights: By the name of the term.
+    """
+
+    def __init__(self, weights: Mapping[str, float] | None = None) -> None:
+        super().__init__()
+        self.weights = dict({"waypoints_closed": 1.0} if weights is None else weights)
+        unknown = sorted(set(self.weights) - set(TERMS))
+        if unknown or not self.weights:
+            raise ValueError(
+                f"rewards: no term {', '.join(unknown) or 'at all'}; "
+                f"available: {', '.join(sorted(TERMS))}"
+            )
+        self.reads = tuple(key for name in self.weights for key in TERMS[name][1])
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        pose = tensordict_reset.get(keys.POSE)
+        nothing = pose.new_zeros((*pose.shape[:-1], len(self.weights)))
+        return tensordict_reset.set(REWARD_TERMS, nothing)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        terms = [
+            weight * TERMS[name][0](tensordict, next_tensordict)
+            for name, weight in self.weights.items()
+        ]
+        row = torch.cat(terms, -1)  # (*, terms)
+        next_tensordict.set(REWARD_TERMS, row)
+        return next_tensordict.set(keys.REWARD, row.sum(-1, keepdim=True))
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        return {REWARD_TERMS: numbers(shape, len(self.weights), device=device)}

@@ -1,0 +1,38 @@
+"""A speed that is asked for, drawn anew at each reset."""
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.keys import OBSERVATION, TARGET_SPEED
+from buggy_rl.task.transforms.base import TaskTransform, numbers
+
+
+class TargetSpeed(TaskTransform):
+    """v* ~ U(low, high), the same for an episode; writing `target_speed` in between changes it.
+
+    Args:
+        low: [m/s]
+        high: [m/s]; equal to `low` for one speed always.
+    """
+
+    before: tuple[str, ...] = (OBSERVATION,)
+
+    def __init__(self, low: float = 1.0, high: float = 3.0) -> None:
+        super().__init__()
+        if not 0 <= low <= high:
+            raise ValueError(f"target_speed: low {low} and high {high} m/s are no range above 0")
+        self.low, self.high = low, high
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        pose = next_tensordict.get(keys.POSE)
+        share = torch.rand((*pose.shape[:-1], 1), device=pose.device)
+        return next_tensordict.set(TARGET_SPEED, self.low + (self.high - self.low) * share)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict.set(TARGET_SPEED, tensordict.get(TARGET_SPEED))
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        return {TARGET_SPEED: numbers(shape, 1, device=device)}

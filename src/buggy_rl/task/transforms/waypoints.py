@@ -1,0 +1,249 @@
+"""The next waypoints of a path, and which of them the car has closed."""
+
+from typing import Literal
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Composite, TensorSpec
+from torchrl.data.utils import DEVICE_TYPING
+
+from buggy_rl import keys
+from buggy_rl.keys import (
+    COMPLETED,
+    HEADING_ERROR,
+    LATERAL_ERROR,
+    NEXT_WAYPOINT,
+    OBSERVATION,
+    PATH,
+    PATH_POSITION,
+    WAYPOINTS,
+    WAYPOINTS_CLOSED,
+)
+from buggy_rl.task.paths import PathSet
+from buggy_rl.task.transforms.base import TaskTransform, counter, measured_pose, numbers
+from buggy_rl.vehicle import wrap_angle
+
+ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
+
+
+class Waypoints(TaskTransform):
+    """Shows the next waypoints and closes those that the car passes.
+
+    Waypoint w with tangent t is closed by a car at p when
+
+        (p - w) . t > 0  and  |(p - w) x t| <= lateral_bound,
+
+    the first being the original study's det(w - p, n) < 0 with n the normal to the left. Waypoints
+    close one after the other: in one step as many as meet this in a row from the next one on, at
+    most those that are visible. A car beyond the bound has closed nothing; it can still come back.
+
+    On a closed path the queue goes on for ever. An open path is complete when its last waypoint
+    is closed; the queue then holds waypoints straight ahead, none of which can be closed.
+
+    Lateral and heading error are against the straight piece that ends at the next waypoint. The
+    waypoints shown are seen from the measured pose; everything else goes by the true one.
+
+    Args:
+        paths: What to follow.
+        visible: Waypoints shown.
+        lateral_bound: [m] beside a waypoint that still counts.
+        order: Which path at a reset: `random`, or `fixed`, the car's own index.
+        start_lateral: Farthest that a car is set down beside the path's start [m].
+        start_heading: Farthest that it is turned from the path's direction there [rad].
+
+    Raises:
+        ValueError: `order` is unknown.
+    """
+
+    before: tuple[str, ...] = (OBSERVATION,)
+
+    offset: Tensor
+    modulus: Tensor
+    last: Tensor
+    lap: Tensor
+    start: Tensor
+    points: Tensor
+    turned: Tensor
+    lines: Tensor
+    pieces: Tensor
+    places: Tensor
+
+    def __init__(
+        self,
+        paths: PathSet,
+        visible: int = 10,
+        lateral_bound: float = 0.5,
+        at_once: int = 3,
+        order: Literal["random", "fixed"] = "random",
+        start_lateral: float = 0.0,
+        start_heading: float = 0.0,
+    ) -> None:
+        super().__init__()
+        if order not in ("random", "fixed"):
+            raise ValueError(f"waypoints: order is {order!r}: must be random or fixed")
+        self.paths, self.visible, self.at_once = paths, visible, at_once
+        self.lateral_bound, self.order = lateral_bound, order
+        self.start_lateral, self.start_heading = start_lateral, start_heading
+        for name, table in _tables(paths, visible).items():
+            self.register_buffer(name, table, persistent=False)
+
+    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+        # A path, and the pose that it starts at, unless the caller gives them.
+        if tensordict is None:
+            parent = self.parent
+            assert parent is not None
+            tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
+        if tensordict.get(PATH, None) is None:
+            tensordict.set(PATH, self._chosen(tensordict.batch_size))
+        if tensordict.get(keys.POSE, None) is None:
+            tensordict.set(keys.POSE, self._set_down(tensordict.get(PATH)))
+        return tensordict
+
+    def last_closed(self, tensordict: TensorDictBase) -> Tensor:
+        """Pose [*, 3] on the waypoint that each car closed last, along the path to the next."""
+        row = self._row(tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT))
+        end_x, end_y, along_x, along_y, length, _, yaw = _columns(self.pieces, row)
+        return torch.cat([end_x - length * along_x, end_y - length * along_y, yaw], -1)
+
+    def _set_down(self, path: Tensor) -> Tensor:
+        """Pose [*, 3] about the start of `path` [*, 1]."""
+        start = self.start[path.squeeze(-1)]
+        if not (self.start_lateral or self.start_heading):
+            return start
+        beside, turn = (2 * torch.rand(2, *path.shape, device=start.device) - 1).unbind(0)
+        x, y, yaw = start.split(1, -1)
+        beside = self.start_lateral * beside
+        moved = [x - beside * torch.sin(yaw), y + beside * torch.cos(yaw)]
+        return torch.cat([*moved, yaw + self.start_heading * turn], -1)
+
+    def _chosen(self, shape: torch.Size) -> Tensor:
+        """Paths [*shape, 1] to begin with."""
+        count, device = len(self.paths), self.lines.device
+        if self.order == "random":
+            return torch.randint(count, (*shape, 1), device=device)
+        return torch.arange(shape.numel(), device=device).reshape(*shape, 1) % count
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        path = tensordict.get(PATH)
+        begin = tensordict.get(NEXT_WAYPOINT, None)
+        begin = torch.ones_like(path) if begin is None else begin
+        return self._write(tensordict_reset, path, begin, torch.zeros_like(begin))
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        path, following = tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT)
+        closed = self._closed(next_tensordict.get(keys.POSE), path, following)
+        return self._write(next_tensordict, path, following + closed, closed)
+
+    def _row(self, path: Tensor, waypoint: Tensor) -> Tensor:
+        """Place of a waypoint in the tables, same shape."""
+        return self.offset[path] + waypoint % self.modulus[path]
+
+    def _closed(self, pose: Tensor, path: Tensor, following: Tensor) -> Tensor:
+        """Number [*, 1] of waypoints that a car at `pose` [*, 3] closes."""
+        row = self._row(path, following)
+        rows = torch.stack([row + place for place in range(self.at_once)])  # (K, *, 1)
+        wx, wy, tx, ty = _columns(self.lines, rows)
+        dx, dy = pose[..., :1] - wx, pose[..., 1:2] - wy
+        passed = (dx * tx + dy * ty > 0) & ((dx * ty - dy * tx).abs() <= self.lateral_bound)
+        closed = torch.zeros_like(following)
+        in_a_row = torch.ones_like(passed[0])
+        for one in passed:
+            in_a_row = in_a_row & one
+            closed = closed + in_a_row
+        return torch.minimum(closed, self.last[path] - following)
+
+    def _write(
+        self, td: TensorDictBase, path: Tensor, following: Tensor, closed: Tensor
+    ) -> TensorDictBase:
+        row = self._row(path, following)
+        x, y, yaw = td.get(keys.POSE).split(1, -1)
+        end_x, end_y, along_x, along_y, length, position, path_yaw = _columns(self.pieces, row)
+        dx, dy = x - end_x, y - end_y
+        # How far the car is short of the piece's end, within the piece, and how far beside it.
+        short = -(dx * along_x + dy * along_y)
+        within = torch.minimum(short.clamp_min(0.0), length)
+        beside = along_x * dy - along_y * dx
+        distance = torch.hypot(short - within, beside)
+        laps = following // self.modulus[path]
+        td.set(PATH, path)
+        td.set(NEXT_WAYPOINT, following)
+        td.set(WAYPOINTS, self._seen(measured_pose(td), row))
+        td.set(WAYPOINTS_CLOSED, closed.to(x.dtype))
+        td.set(PATH_POSITION, laps * self.lap[path] + position - within)
+        td.set(LATERAL_ERROR, torch.copysign(distance, beside))
+        td.set(HEADING_ERROR, wrap_angle(yaw - path_yaw))
+        td.set(COMPLETED, following >= self.last[path])
+        return td
+
+    def _seen(self, pose: Tensor, row: Tensor) -> Tensor:
+        """Waypoints [*, V, 2] from `row` [*, 1] on, in the frame of cars at `pose` [*, 3]."""
+        x, y, yaw = pose.split(1, -1)
+        cos, sin = torch.cos(yaw), torch.sin(yaw)
+        # R(-yaw) (w - p) = cos w + sin turned(w) - R(-yaw) p, with turned(x, y) = (y, -x).
+        own = torch.cat([cos * x + sin * y, cos * y - sin * x], -1).unsqueeze(-2)  # (*, 1, 2)
+        rows = row + self.places  # (*, V)
+        shape = (*rows.shape, 2)
+        points = self.points.index_select(0, rows.flatten()).view(shape)
+        turned = self.turned.index_select(0, rows.flatten()).view(shape)
+        ahead = torch.addcmul(cos.unsqueeze(-1) * points, sin.unsqueeze(-1), turned)
+        return ahead - own
+
+    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
+        one = torch.Size((*shape, 1))
+        return {
+            PATH: counter(shape, device),
+            NEXT_WAYPOINT: counter(shape, device),
+            WAYPOINTS: numbers(shape, self.visible, 2, device=device),
+            WAYPOINTS_CLOSED: numbers(shape, 1, device=device),
+            PATH_POSITION: numbers(shape, 1, device=device),
+            LATERAL_ERROR: numbers(shape, 1, device=device),
+            HEADING_ERROR: numbers(shape, 1, device=device),
+            COMPLETED: Binary(1, shape=one, dtype=torch.bool, device=device),
+        }
+
+    def transform_state_spec(self, state_spec: Composite) -> Composite:
+        # What a reset may be asked for, beside the engine's pose and velocity.
+        for key in (PATH, NEXT_WAYPOINT):
+            state_spec[key] = counter(state_spec.shape, state_spec.device)
+        return state_spec
+
+
+def _columns(table: Tensor, rows: Tensor) -> tuple[Tensor, ...]:
+    """Columns `rows` [*] of a table [C, R], as C tensors [*]."""
+    return table.index_select(1, rows.flatten()).unflatten(1, rows.shape).unbind(0)
+
+
+def _tables(paths: PathSet, visible: int) -> dict[str, Tensor]:
+    """Tables that steps look up in, the waypoints of all paths one behind the other.
+
+    `lines` [4, R] is x, y and tangent of each waypoint; `pieces` [7, R] the straight piece that
+    ends there: its end x, y, direction x, y, length, distance of its end along the path, yaw.
+    """
+    ahead = visible + 1  # an open path, once completed, still shows a full queue
+    points = paths.extended(ahead)  # (P, W', 2)
+    chord = torch.cat([paths.before(), points], 1).diff(dim=1)
+    length = chord.norm(dim=-1, keepdim=True)
+    run = length.clone()
+    run[:, 0] = 0.0
+    path = torch.arange(len(paths))
+    position = run.double().cumsum(1).float()
+    lap = position[path, paths.count - 1, 0] + length[:, 0, 0]
+    along = chord / length
+    yaw = torch.atan2(along[..., 1:], along[..., :1])
+    lines = torch.cat([points, paths.tangents(ahead)], -1)
+    pieces = torch.cat([points, along, length, position, yaw], -1)
+    return {
+        "offset": path * points.shape[1],
+        "modulus": torch.where(paths.closed, paths.count, ENDLESS),
+        "last": torch.where(paths.closed, ENDLESS, paths.count),
+        "lap": lap,
+        "start": paths.start,
+        "points": points.flatten(0, 1),
+        "turned": torch.stack([points[..., 1], -points[..., 0]], -1).flatten(0, 1),
+        "lines": lines.flatten(0, 1).T.contiguous(),
+        "pieces": pieces.flatten(0, 1).T.contiguous(),
+        "places": torch.arange(visible),
+    }

@@ -1,0 +1,32 @@
+"""What a method sees of a case."""
+
+import pytest
+
+from buggy_rl.blind_test.baselines.asked import asked, spread
+from tests.blind_test.baselines.folder import shown
+
+
+def test_all_that_the_question_names_is_opened(drives, tmp_path):
+    seen = shown(tmp_path, drives["offset"], baseline=drives["before"], effects=["gyro_bias"])
+    question = asked(seen)
+    assert [len(drive) for drive in question.recordings] == [1300, 1300]
+    assert [drive.name for drive in question.baseline] == ["drive_0", "drive_1"]
+    assert question.config.effects == ["gyro_bias"]
+    assert question.maker({"mass": 2.0})(3).declared["mass"].value == 2.0
+    assert asked(seen) is question
+
+
+def test_stretches_are_thinned_evenly(drives, tmp_path):
+    question = asked(shown(tmp_path, drives["nothing"]))
+    cut = question.cut(question.recordings)
+    few = spread(cut, 5)
+    assert len(few) == 5
+    assert few.drive.tolist() == [0, 0, 0, 1, 1] or few.drive.tolist() == [0, 0, 1, 1, 1]
+    assert spread(few, 5) is few
+
+
+def test_a_folder_without_drives_is_refused(tmp_path):
+    seen = shown(tmp_path, [])
+    (seen / "recordings").mkdir()
+    with pytest.raises(ValueError, match="recordings"):
+        asked(seen)

@@ -1,0 +1,88 @@
+"""What steps lack, and what effects make of it."""
+
+import pytest
+import torch
+
+from buggy_rl.blind_test.baselines.asked import asked
+from buggy_rl.blind_test.baselines.columns import SPAN, columns, features
+from buggy_rl.effects import EFFECTS
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.segments import sensor_noise, stretches
+from tests.blind_test.baselines.folder import shown
+
+CHANNELS = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
+
+
+def found(drives, folder, *effects, engine="single_track"):
+    return columns(asked(shown(folder, drives, engine, effects=effects)))
+
+
+def test_a_right_simulator_lacks_no_more_than_noise(drives, tmp_path):
+    lacking = found(drives["nothing"], tmp_path, "gyro_bias").lacking
+    assert lacking.shape[1:] == (10, 6)
+    # A parabola over 15 rows keeps 15 % of the variance; the ends of ten rows are two of it:
+    # sqrt(2 * 0.15) = 0.55 of a row's noise, and what a parabola cuts off a step of the command.
+    assert 0.2 < float(lacking.abs().median()) < 1.0
+
+
+def test_an_effect_explains_what_a_car_with_it_lacks(drives, tmp_path):
+    made = found(drives["draggy"], tmp_path, "viscous_drag", "steering_gain")
+    assert [feature.cause for feature in made.features] == ["viscous_drag", "steering_gain"]
+    # 0.8 1/s is four times the effect's size of 0.2 1/s.
+    left = made.lacking - 4 * made.explained[0]
+    assert float(left[..., 3].norm()) < 0.4 * float(made.lacking[..., 3].norm())
+    assert float(made.explained[0, ..., 4].abs().max()) < float(made.explained[1, ..., 4].std())
+
+
+def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
+    made = found(drives["nothing"], tmp_path, "gyro_bias", engine="hold")
+    noise = sensor_noise(stretches(drives["nothing"], 1.3, 1.0))
+    # `hold` turns on with the yaw rate it is given; of 0.08 rad/s less, that much is left over in
+    # the heading: 0.08 rad/s over ten rows in units of its noise, and nothing in any other rate.
+    expected = -0.08 * SPAN * 0.01 / float(noise[2])
+    yaw = made.explained[0, ..., CHANNELS.index("yaw")]
+    torch.testing.assert_close(yaw, torch.full_like(yaw, expected), rtol=0.02, atol=0.0)
+    rest = made.explained[0, ..., [0, 1, 3, 4, 5]].abs().max()
+    assert float(rest) < 0.05 * abs(expected)
+
+
+@pytest.mark.parametrize(
+    ("cause", "count", "both_ways"),
+    [
+        ("steering_gain", 1, True),
+        ("steering_lag", 1, False),
+        ("floor_slope", 2, True),
+        ("sensor_lever_arm", 2, True),
+        ("grip_patch", 16, True),
+    ],
+)
+def test_a_vector_has_a_column_for_each_part_and_a_patch_for_each_place(
+    drives, cause, count, both_ways
+):
+    made = features(Library(), cause, stretches(drives["nothing"], 1.3, 1.0))
+    assert [feature.both_ways for feature in made] == [both_ways] * count
+
+
+def test_every_effect_of_the_library_has_a_column_with_numbers_within_bounds(drives):
+    cut, library = stretches(drives["nothing"], 1.3, 1.0), Library()
+    for cause in EFFECTS:
+        for feature in features(library, cause, cut):
+            numbers = feature.numbers(50.0, 1.0)
+            assert numbers, cause
+            for unknown in feature.unknowns:
+                p = unknown.parameter
+                if p.name in numbers:
+                    said = numbers[p.name]
+                    assert said["low"] <= said["value"] <= said["high"]
+                    assert said["low"] >= p.lower - 1e-6
+                    assert said["high"] <= p.upper * (1 + 1e-6)
+
+
+def test_a_coefficient_scales_the_grip_of_a_patch_and_leaves_its_place(drives):
+    cut = stretches(drives["nothing"], 1.3, 1.0)
+    feature = features(Library(), "grip_patch", cut)[0]
+    whole, half = feature.numbers(1.0, 0.0), feature.numbers(0.5, 0.0)
+    assert whole["x"] == half["x"]
+    # The trial is half the grip; a coefficient of a half takes half of that away.
+    assert whole["grip"]["value"] == pytest.approx(0.5)
+    assert half["grip"]["value"] == pytest.approx(0.75)

@@ -1,0 +1,87 @@
+"""The second try: what the tool asked for is driven in the same concealed car."""
+
+import json
+
+import pytest
+import torch
+
+from buggy_rl import keys
+from buggy_rl.blind_test.again import again, asked_for, drive_again, undecided
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.outcome import gathered
+from buggy_rl.blind_test.sealing import Vault, publish, seal
+from buggy_rl.diagnosis.experiments import TIMES
+from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
+from buggy_rl.recordings import load_recordings
+
+CASE = Case(21, "reference", "reference", concealed={"steering_gain": {"gain": 0.8}}, seconds=1.3)
+MANOEUVRE = min(MANOEUVRES, key=lambda m: m.seconds)
+
+
+def answer(vault, id_, verdict, *effects, suggest=()):
+    vault.said(id_).mkdir(parents=True, exist_ok=True)
+    content = {
+        "verdict": verdict,
+        "effects": [{"name": name, "confidence": 0.4} for name in effects],
+        "excitation": {"weak": [], "suggest": list(suggest)},
+    }
+    (vault.said(id_) / "diagnosis.json").write_text(json.dumps(content))
+    outcome = {"status": "answered", "seconds": 1.0}
+    (vault.said(id_) / "outcome.json").write_text(json.dumps(outcome))
+
+
+@pytest.fixture(scope="module")
+def vault(tmp_path_factory) -> Vault:
+    folder = tmp_path_factory.mktemp("again")
+    made = Vault(folder / "open", folder / "safe")
+    made.output.mkdir()
+    made.sealed.mkdir()
+    seal(made, [CASE], [])
+    publish(made, [CASE])
+    return made
+
+
+def test_only_who_cannot_tell_is_given_a_second_try(vault):
+    words = f"{MANOEUVRE.words} (tells steering_lag from steering_gain, by 9 times the noise)"
+    answer(vault, CASE.id, "missing_physics", "steering_lag", suggest=[words])
+    assert asked_for(vault, CASE) == []
+    answer(vault, CASE.id, "cannot_tell", "steering_lag")
+    assert undecided(vault, [CASE]) == []
+    answer(vault, CASE.id, "cannot_tell", "steering_lag", suggest=[words])
+    assert asked_for(vault, CASE) == [MANOEUVRE]
+    assert undecided(vault, [CASE]) == [CASE]
+
+
+def test_the_manoeuvre_is_driven_and_added_to_what_was_seen(vault):
+    assert drive_again(vault, CASE) == 1
+    assert undecided(vault, [CASE]) == []
+    seen = vault.seen(again(CASE))
+    recordings, refusals = load_recordings([str(seen / "recordings")])
+    assert refusals == []
+    assert [r.name for r in recordings] == [
+        "drive_0",
+        "drive_1",
+        *(f"manoeuvre_{n}" for n in range(TIMES)),
+    ]
+    expected = MANOEUVRE.actions(0.01)
+    headings = set()
+    for recording in recordings[2:]:
+        action = recording.data[keys.ACTION]
+        torch.testing.assert_close(action, expected, atol=1e-5, rtol=0)
+        headings.add(round(float(recording.data[keys.POSE][0, 2]), 1))
+    assert len(headings) == TIMES
+    same = (vault.seen(CASE.id) / "question.yaml", seen / "question.yaml")
+    assert same[0].read_text() == same[1].read_text()
+
+
+def test_the_second_answer_says_whether_it_was_decided(vault):
+    def decided():
+        return gathered(vault)["ours"][0].decided
+
+    assert decided() is None
+    answer(vault, again(CASE), "missing_physics", "steering_gain")
+    assert decided() is True
+    answer(vault, again(CASE), "missing_physics", "steering_lag")
+    assert decided() is False
+    answer(vault, again(CASE), "cannot_tell", "steering_gain")
+    assert decided() is False

@@ -1,0 +1,64 @@
+"""Something concealed for a person to find."""
+
+import json
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from buggy_rl import keys
+from buggy_rl.blind_test.blind_demo import FIRST, RiddleConfig, distance, riddle
+from buggy_rl.task.env import make_simulator
+from tests.scripts.test_scripts import run
+
+
+def test_the_same_seed_is_the_same_riddle(tmp_path):
+    config = RiddleConfig(output=str(tmp_path / "riddle"), seed=7)
+    case = riddle(config)
+    assert case == riddle(config)
+    assert case.seed == FIRST + 7
+    assert (case.plant, case.simulator, case.family) == ("reference", "reference", "one")
+
+
+@pytest.mark.parametrize(("count", "family"), [(0, "nothing"), (2, "two"), (3, "three")])
+def test_as_much_is_concealed_as_is_asked_for(tmp_path, count, family):
+    config = RiddleConfig(output=str(tmp_path / "riddle"), seed=1, effects=count)
+    assert riddle(config).family == family
+
+
+def test_a_riddle_of_no_seed_is_new_until_one_is_there(tmp_path):
+    config = RiddleConfig(output=str(tmp_path / "riddle"))
+    seeds = {riddle(config).seed for _ in range(5)}
+    assert len(seeds) == 5
+    config.vault.sealed.mkdir()
+    config.vault.answer(f"{FIRST + 123:07d}").write_text(json.dumps({}))
+    assert riddle(config).seed == FIRST + 123
+
+
+def test_more_than_three_are_refused():
+    with pytest.raises(ValueError, match="effects is 4: must be 0 to 3"):
+        RiddleConfig(output="riddle", effects=4)
+
+
+def test_distance_is_between_places_at_that_time():
+    measured = TensorDict({keys.POSE: torch.zeros(2, 4, 3)}, [2, 4])
+    made = measured.clone()
+    made[keys.POSE][0, 2, :2] = torch.tensor([0.3, 0.4])
+    made[keys.POSE][:, 2, 2] = 1.0  # headings do not count
+    # sqrt((0.25 + 0) / 2)
+    assert distance(made, measured, seconds=0.02) == pytest.approx(0.125**0.5)
+
+
+@pytest.mark.slow
+def test_a_riddle_is_sealed_asked_and_opened(tmp_path):
+    options = [f"output={tmp_path / 'riddle'}", "seed=3", "seconds=20", "more=[stretches=24]"]
+    first = run("riddle", *options)
+    assert first.returncode == 0, first.stderr
+    assert "The sealed answer, unchanged" in first.stdout
+    assert "[sensor_lag: time_constant 0.054]" in first.stdout
+    assert (tmp_path / "riddle" / "riddle.png").stat().st_size > 20_000
+    file = first.stdout.rpartition("the simulator: ")[2].strip()
+    assert [effect.name for effect in make_simulator(file, 2).transform] == ["sensor_lag"]
+    again = run("riddle", *options)  # nothing is driven or asked again
+    assert "screening" not in again.stderr
+    assert again.stdout.splitlines()[-3:] == first.stdout.splitlines()[-3:]

@@ -1,0 +1,101 @@
+"""Drawing: one seed, one case; honest shares; ranges that are nobody's prior."""
+
+from collections import Counter
+
+import pytest
+
+from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw, draw_all
+from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
+from buggy_rl.effects import EFFECTS, effect_class
+from buggy_rl.engines.reference.faults import FAULTS
+from buggy_rl.plants import PLANTS, abilities
+
+CAR = frozenset(fault.name.partition(".")[0] for fault in FAULTS)
+ABLE = {"reference": CAR, "mujoco": CAR - set(UNKNOWN_SIZES), "commonroad": CAR}
+MANY = draw_all(Settings(cases=600), ABLE)
+
+
+def test_every_effect_of_the_library_and_every_fault_of_a_car_has_a_range():
+    assert set(SIZES) == set(EFFECTS)
+    assert CAR | set(CAMERA) == set(SIZES) | set(UNKNOWN_SIZES)
+    for plant in PLANTS:
+        assert abilities(plant) <= set(SIZES) | set(UNKNOWN_SIZES)
+
+
+def test_ranges_are_not_the_librarys():
+    for effect, sizes in SIZES.items():
+        known = {p.name: p for p in effect_class(effect).declared}
+        for name, size in sizes.items():
+            parameter = known[name]
+            assert (size.low, size.high) != (parameter.lower, parameter.upper)
+            assert parameter.lower <= size.low < size.high <= parameter.upper
+            # Nothing that is concealed is as small as nothing; a patch's place may be anywhere.
+            if (effect, name) not in (("grip_patch", "x"), ("grip_patch", "y")):
+                assert not size.low <= parameter.value <= size.high
+            assert len(size.why) > 5
+
+
+def test_one_seed_is_one_case():
+    assert draw_all(Settings(cases=30), ABLE) == MANY[:30]
+    assert draw(3, Settings(), ABLE) != draw(4, Settings(), ABLE)
+
+
+def test_sizes_lie_in_their_ranges_with_either_sign():
+    signs = set()
+    for case in MANY:
+        for effect, values in case.concealed.items():
+            for name, value in values.items():
+                size = (SIZES | UNKNOWN_SIZES)[effect][name]
+                assert size.low <= (abs(value) if size.signed else value) <= size.high
+                if (effect, name) == ("gyro_bias", "bias"):
+                    signs.add(value > 0)
+    assert signs == {True, False}
+
+
+def test_half_the_cases_are_not_of_the_simulators_make():
+    assert sum(not case.own_family for case in MANY) >= 300
+    # And nothing rests on luck: the pairings drawn from say so.
+    drawn = Settings().pairings
+    own = [p for p in drawn if PAIRINGS[p].plant == PAIRINGS[p].simulator]
+    assert len(own) <= len(drawn) / 2
+
+
+def test_families_come_in_their_shares():
+    # 600 cases, 9 of 20 with one effect: 270, standard deviation sqrt(600 .45 .55) = 12.2.
+    count = Counter(case.family for case in MANY)
+    assert abs(count["one"] - 270) < 4 * 12.2
+    assert abs(count["nothing"] - 150) < 4 * 10.6
+    assert abs(count["two"] - 90) < 4 * 8.7
+    assert abs(count["unknown"] - 60) < 4 * 7.3
+    assert abs(count["three"] - 30) < 4 * 5.3
+
+
+def test_what_a_plant_cannot_have_is_not_asked_of_it():
+    for case in MANY:
+        assert set(case.faults) <= ABLE[case.plant]
+    with pytest.raises(ValueError, match="can have unknown"):
+        draw(1, Settings(families=["unknown"], pairings=["mujoco"]), ABLE)
+
+
+def test_wrong_parameters_are_a_nuisance_only_beside_a_baseline():
+    off = [case for case in MANY if case.nuisance.startswith("parameters")]
+    assert off
+    assert all(case.baseline for case in off)
+    assert not any(case.simulator == "learned" for case in off)
+
+
+def test_each_effect_once_in_an_order_that_tells_nothing():
+    settings = Settings(each=True, cases=0, nothing=20, pairings=["reference"])
+    cases = draw_all(settings, ABLE)
+    alone = [case.truth[0] for case in cases if case.truth]
+    assert sorted(alone) == sorted(SIZES)
+    assert len(cases) == len(SIZES) + 20
+    assert alone != list(SIZES)
+    assert cases == draw_all(settings, ABLE)
+
+
+def test_sealed_seeds_are_no_development_seeds():
+    sealed = draw_all(Settings(split="sealed", cases=50), ABLE)
+    assert not {case.seed for case in sealed} & {case.seed for case in MANY}
+    with pytest.raises(ValueError, match="development, sealed"):
+        Settings(split="test")

@@ -1,0 +1,66 @@
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from buggy_rl.config import build, plain
+from buggy_rl.policies.controller_tables import DriverTablesConfig, results, table, tuned
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuitConfig
+from buggy_rl.policies.run import EngineConfig
+from buggy_rl.task.env import TaskConfig
+from buggy_rl.task.paths import PathConfig
+
+SMALL = DriverTablesConfig(
+    output="nowhere",
+    engine=EngineConfig("single_track"),
+    task=TaskConfig(paths=PathConfig(count=20, validation_count=2, waypoints=60)),
+    tuning_paths=3,
+    candidates=8,
+    rounds=2,
+    steps=150,
+    random_paths=2,
+)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Pure pursuit tuned, with the steps that were counted."""
+    counted = []
+    best, trials = tuned(SMALL, "pure_pursuit", lambda: counted.append(1))
+    return best, trials, len(counted)
+
+
+def test_tuning_tries_every_candidate_and_counts_its_steps(found):
+    best, trials, counted = found
+    assert len(trials) == 16
+    assert 150 < counted <= 300
+    assert best.speed.top_speed == trials[0].values["speed.top_speed"]
+    within = [t for t in trials if t.lateral_rms <= SMALL.lateral_limit]
+    assert trials[0].waypoints == max(t.waypoints for t in within)
+
+
+def test_tuned_numbers_come_back_from_yaml(found, tmp_path):
+    file = tmp_path / "pure_pursuit.yaml"
+    file.write_text(yaml.safe_dump(plain(found[0])))
+    assert build(PurePursuitConfig, [str(file)]) == found[0]
+
+
+def test_tuned_drivers_and_a_random_one_drive_every_course(found):
+    short = TaskConfig(paths=replace(SMALL.task.paths, waypoints=15))
+    config = replace(SMALL, task=short, engine=EngineConfig("kinematic"))
+    rows = list(results(config, {"pure_pursuit": found[0]}))
+    courses = ["training", "validation", "lap", "infinity", "random"]
+    assert [(r.driver, r.course) for r in rows] == [
+        (driver, course) for driver in ("pure_pursuit", "random") for course in courses
+    ]
+    assert [len(r.scores.waypoints) for r in rows[:5]] == [2, 2, 1, 1, 1]
+    assert rows[2].scores.waypoints.mean() > 2 * rows[7].scores.waypoints.mean()
+    text = table(rows, {"pure_pursuit": found[1][0]}, config)
+    assert f"| pure_pursuit | lap | {float(rows[2].scores.waypoints.mean()):.1f} | 100% |" in text
+    assert f"speed.top_speed {found[0].speed.top_speed:.3f}" in text
+    assert text.count("\n|") == 2 + 10
+
+
+def test_only_known_drivers_can_be_tuned():
+    with pytest.raises(ValueError, match=r"no driver 'random' to tune; available: pure_pursuit"):
+        tuned(SMALL, "random", lambda: None)

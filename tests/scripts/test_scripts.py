@@ -1,0 +1,180 @@
+"""The scripts as a user runs them, on a small study; one after the other in one folder."""
+
+import runpy
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from buggy_rl.config import build
+from buggy_rl.policies.run import PolicyRunConfig
+
+ROOT = Path(__file__).parents[2]
+STUDY = """
+data:
+  recordings: [data/sample/sample_00.csv, data/sample/sample_01.csv, data/sample/sample_02.csv]
+  held_out: [sample_02]
+  validation: [sample_01]
+windows: 20
+fit: {windows: 8, iterations: 2, parameters: [mass, drive_force]}
+fit_simulator: single_track
+runs:
+  MLP: {training: {loss: one_step, epochs: 2}, preparations: [raw, mirrored]}
+"""
+
+
+def run(script: str, *arguments: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, f"scripts/{script}.py", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> list[str]:
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "study.yaml").write_text(STUDY)
+    return [str(folder / "study.yaml"), f"output={folder / 'out'}"]
+
+
+@pytest.fixture(scope="module")
+def finished(study: list[str]) -> Path:
+    for script in ("train_models", "fit_mujoco", "evaluate_models"):
+        done = run(script, *study)
+        assert done.returncode == 0, done.stderr
+    return Path(study[1].removeprefix("output="))
+
+
+def test_training_fitting_and_comparing_leave_models_a_fit_and_a_table(finished: Path):
+    table = pd.read_csv(finished / "table.csv")
+    assert {"MLP, raw", "MLP, mirrored", "hold last", "single_track, fitted"} <= set(
+        table["simulator"]
+    )
+    assert (table["low"] <= table["position_mse_1s"]).all()
+    assert (table["position_mse_1s"] <= table["high"]).all()
+    for picture in ("table.png", "rollouts.png"):
+        assert (finished / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_fit_is_a_simulator_file_with_intervals(finished: Path):
+    content = yaml.safe_load((finished / "single_track_fitted.yaml").read_text())
+    assert set(content["parameters"]) == {"mass", "drive_force"}
+    about = content["_fit"]["drive_force"]
+    assert about["low"] <= content["parameters"]["drive_force"] <= about["high"]
+
+
+def test_every_run_says_how_it_was_made(finished: Path):
+    config = yaml.safe_load((finished / "models" / "config.yaml").read_text())
+    assert config["runs"]["MLP"]["training"]["epochs"] == 2
+    assert "train_models.py" in (finished / "models" / "run.json").read_text()
+
+
+def test_training_again_leaves_finished_models_alone(study: list[str], finished: Path):
+    before = (finished / "models" / "mlp__raw.pt").read_bytes()
+    done = run("train_models", *study)
+    assert "is there already" in done.stdout
+    assert (finished / "models" / "mlp__raw.pt").read_bytes() == before
+
+
+def test_comparing_before_fitting_says_what_to_run(study: list[str], tmp_path: Path):
+    done = run("evaluate_models", study[0], f"output={tmp_path}")
+    assert done.returncode == 1
+    assert "error: there is no model file" in done.stderr
+
+
+def test_a_misspelt_option_is_one_line_not_a_traceback(study: list[str]):
+    done = run("train_models", *study, "runs.MLP.training.epoch=3")
+    assert done.returncode == 1
+    assert "did you mean 'epochs'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_folder_of_drives_is_one_line_not_a_traceback(study: list[str]):
+    done = run("train_models", *study, "data.recordings=[nowhere]")
+    assert done.returncode == 1
+    assert "nowhere" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+SMALL_TASK = ("task.paths.count=3", "task.paths.validation_count=2", "task.paths.waypoints=12")
+
+
+@pytest.fixture
+def run_here(monkeypatch):
+    """Runs a script in this process, which saves it the imports."""
+
+    def run_one(script: str, *arguments: str) -> None:
+        monkeypatch.chdir(ROOT)
+        monkeypatch.setattr(sys, "argv", [f"scripts/{script}.py", *arguments])
+        runpy.run_path(f"scripts/{script}.py", run_name="__main__")
+
+    return run_one
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments"),
+    [
+        ("train_policy", ["engine.simulator=nowhere.yaml"]),
+        ("show_policies", ["policies.mine=nowhere.pt"]),
+        ("show_paths", ["paths.kind=file", "paths.file=nowhere.csv"]),
+    ],
+)
+def test_a_missing_file_is_one_line_not_a_traceback(run_here, tmp_path, script, arguments):
+    with pytest.raises(SystemExit, match=r"^error: .*nowhere"):
+        run_here(script, *arguments, f"output={tmp_path / 'made'}")
+
+
+def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
+    engine = "engine.simulator=kinematic"
+    small = ("rounds=1", "candidates=4", "tuning_paths=2", "steps=60", "random_paths=2")
+    run_here("tune_drivers", engine, f"output={tmp_path / 'drivers'}", *SMALL_TASK, *small)
+    table = pd.read_csv(tmp_path / "drivers" / "drivers.csv")
+    assert set(table["driver"]) == {"pure_pursuit", "stanley", "random"}
+    assert "| stanley | infinity |" in (tmp_path / "drivers" / "drivers.md").read_text()
+
+    for seed in (0, 1):
+        run_here(
+            "train_policy", engine, f"output={tmp_path / f'run_{seed}'}", f"seed={seed}",
+            "ppo.cars=4", "ppo.batch_steps=32", "ppo.minibatch=64", "ppo.steps=256",
+            "validations=2", "validation_steps=20", "policy.hidden=[4]", *SMALL_TASK,
+        )  # fmt: skip
+    run_here(
+        "show_learning", f"runs.kinematic=[{tmp_path / 'run_0'},{tmp_path / 'run_1'}]",
+        f"drivers.kinematic={tmp_path / 'drivers' / 'drivers.csv'}", f"output={tmp_path / 'l.png'}",
+    )  # fmt: skip
+    run_here(
+        "show_policies", f"policies.mine={tmp_path / 'run_0' / 'last.pt'}", "courses=[lap]",
+        "car=kinematic", f"pure_pursuit={tmp_path / 'drivers' / 'pure_pursuit.yaml'}",
+        f"output={tmp_path / 'p.png'}",
+    )  # fmt: skip
+    for picture in ("l.png", "p.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    assert "kinematic, validation_waypoints: " in said
+    assert "after 256 steps, pure pursuit " in said
+    assert said.count("in its simulator") == 1
+
+
+def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
+    demo = runpy.run_path(str(ROOT / "scripts" / "demo.py"))
+    talk = (
+        "import sys; print('first line'); sys.stderr.write('  7%|x| 7/100 [00:01<00:12, "
+        "3.5 closed]\\r 60%|xx| 60/100 [00:02<00:01, 8.1 closed]\\n'); sys.exit('broken')"
+    )
+    code, lines = demo["follow"]("learned", [sys.executable, "-c", talk], 0)
+    assert (code, sorted(lines)) == (1, ["broken", "first line"])
+    shown = capfd.readouterr().err
+    assert "learned  60%" in shown
+    assert "8.1 closed" in shown
+
+
+def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    demo = runpy.run_path("scripts/demo.py")
+    config = build(PolicyRunConfig, [*demo["SETTINGS"], "output=demo"])
+    ours = build(PolicyRunConfig, ["configs/ppo.yaml", "output=demo"])
+    assert config.ppo.steps < ours.ppo.steps
+    assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours
+    assert replace(config.ppo, steps=ours.ppo.steps) == ours.ppo

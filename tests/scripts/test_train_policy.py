@@ -1,0 +1,94 @@
+"""The script that trains a policy, run as a user runs it, on a small circle."""
+
+import runpy
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+import torch
+import yaml
+
+from buggy_rl.policies.actor_critic import load_policy
+
+SMALL = (
+    "engine.simulator=kinematic", "task.paths.kind=circle", "ppo.cars=8", "ppo.batch_steps=16",
+    "ppo.minibatch=64", "ppo.schedule=constant", "validation_steps=20", "checkpoint_batches=1",
+    "policy.hidden=[8]",
+)  # fmt: skip
+BATCH = 128
+
+
+@pytest.fixture
+def train(monkeypatch, repository):
+    """Runs the script in this process with the given arguments, from the root of the project."""
+
+    def run(*arguments):
+        monkeypatch.chdir(repository)
+        monkeypatch.setattr(sys, "argv", ["scripts/train_policy.py", *SMALL, *arguments])
+        runpy.run_path("scripts/train_policy.py", run_name="__main__")
+
+    return run
+
+
+def logged(folder, name):
+    table = pd.read_csv(folder / "csv" / "scalars" / f"{name}.csv", header=None)
+    return dict(zip(table[0], table[1], strict=True))
+
+
+def test_a_run_leaves_policies_logs_and_what_made_them(train, tmp_path, capsys):
+    train(f"output={tmp_path}", f"ppo.steps={4 * BATCH}", "validations=2")
+    assert "waypoints on the validation paths" in capsys.readouterr().out
+    policy, about = load_policy(tmp_path / "best.pt")
+    assert policy.config.hidden == [8]
+    assert about["config"]["engine"]["simulator"] == "kinematic"
+    assert load_policy(tmp_path / "last.pt")[1]["steps"] == 4 * BATCH
+    assert yaml.safe_load((tmp_path / "config.yaml").read_text())["ppo"]["cars"] == 8
+    assert list(logged(tmp_path, "reward")) == [BATCH, 2 * BATCH, 3 * BATCH, 4 * BATCH]
+    assert list(logged(tmp_path, "validation_waypoints")) == [2 * BATCH, 4 * BATCH]
+    assert list((tmp_path / "tensorboard").glob("events.*"))
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path):
+    whole, halves = tmp_path / "whole", tmp_path / "halves"
+    train(f"output={whole}", f"ppo.steps={4 * BATCH}", "validations=4")
+    train(f"output={halves}", f"ppo.steps={2 * BATCH}", "validations=2")
+    train(f"output={halves}", f"ppo.steps={4 * BATCH}", "validations=4", "resume=true")
+    for name in ("reward", "loss_objective", "kl_approx", "validation_waypoints", "sd_throttle"):
+        assert logged(whole, name) == logged(halves, name), name
+    one, other = (load_policy(folder / "last.pt")[0].state_dict() for folder in (whole, halves))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_there_must_be_something_to_resume(train, tmp_path):
+    with pytest.raises(SystemExit, match="no checkpoint"):
+        train(f"output={tmp_path}", "resume=true")
+
+
+def test_a_loss_that_is_no_number_leaves_its_batch_behind(train, tmp_path):
+    with pytest.raises(SystemExit, match=r"loss is nan after \d+ steps[^\n]*\n.*failed_batch\.pt"):
+        train(f"output={tmp_path}", f"ppo.steps={8 * BATCH}", "ppo.learning_rate=1e38")
+    assert set(torch.load(tmp_path / "failed_batch.pt")) >= {"observation", "action", "advantage"}
+
+
+def test_weights_and_biases_are_told_on_request(train, tmp_path, monkeypatch):
+    monkeypatch.setenv("WANDB_MODE", "disabled")
+    train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1", "wandb=true")
+    assert (tmp_path / "best.pt").is_file()
+
+
+def test_runs_on_two_simulators_differ_in_the_engine_alone(train, tmp_path):
+    written = {}
+    for name in ("kinematic", "single_track"):
+        train(f"output={tmp_path}", f"ppo.steps={BATCH}", f"engine.simulator={name}")
+        written[name] = yaml.safe_load((tmp_path / "config.yaml").read_text())
+        assert written[name].pop("engine")["simulator"] == name
+    assert written["kinematic"] == written["single_track"]
+
+
+def test_help_answers_without_torch(repository):
+    command = [sys.executable, "-X", "importtime", "scripts/train_policy.py", "--help"]
+    done = subprocess.run(command, cwd=repository, capture_output=True, text=True, check=True)
+    assert "ppo.learning_rate=0.003" in done.stdout
+    assert "torch" not in done.stderr
