@@ -22,6 +22,7 @@ from typing import Any
 from tqdm import tqdm
 
 from buggy_rl.config import from_command_line
+from buggy_rl.engines import ENGINES
 
 NOT_PYTORCH = ("mujoco",)  # steps on the CPU, outside of what torch compiles
 HOLD_ACTION = 10  # steps: a car is given a new random action every 0.1 s
@@ -32,12 +33,7 @@ CHUNK = 10  # steps between two looks at the clock
 class Config:
     """What to measure."""
 
-    engines: list[str] = field(
-        default_factory=lambda: [
-            *("learned", "mujoco", "reference"),
-            *("single_track", "kinematic", "hold"),
-        ]
-    )
+    engines: list[str] = field(default_factory=lambda: list(ENGINES))
     """Names of engines."""
     cars: list[int] = field(default_factory=lambda: [1, 64, 1024, 4096])
     """Batch sizes."""

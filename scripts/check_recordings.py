@@ -1,18 +1,18 @@
-"""Reads drives the way every other script does, and says which can be used and what was cut.
+"""Reads recordings as every other script does; prints which are usable and what was cut.
 
     python scripts/check_recordings.py drives/ columns=configs/columns/dart.yaml
 
-Exit code 0: all drives are usable; 1: some were refused; 2: none is usable.
+Exit code 0: all recordings are usable; 1: some were refused; 2: none is usable.
 """
 
 import argparse
 import sys
 
-LOSSES = (": cut", "too short to use", "if so,", "clipped")  # said without being asked
+LOSSES = (": cut", "too short to use", "if so,", "clipped")  # notes printed without --notes
 
 
 def main() -> int:
-    """Checks the drives named on the command line."""
+    """Checks the recordings named on the command line."""
     arguments = _parse()
     import torch
     from tqdm import tqdm
@@ -25,20 +25,20 @@ def main() -> int:
             arguments.paths,
             arguments.columns,
             float(arguments.dt),
-            progress=lambda found: tqdm(found, unit="drive", disable=len(found) < 5),
+            progress=lambda found: tqdm(found, unit="recording", disable=len(found) < 5),
         )
     except ValueError as error:  # the column map or dt
         print(error, file=sys.stderr)
         return 2
     _print_table(recordings)
     for recording in recordings:
-        told = [n for n in recording.notes if arguments.notes or any(w in n for w in LOSSES)]
-        if told:
-            print("\n".join([f"\n{recording.name}", *(f"  {note}" for note in told)]))
+        shown = [n for n in recording.notes if arguments.notes or any(w in n for w in LOSSES)]
+        if shown:
+            print("\n".join([f"\n{recording.name}", *(f"  {note}" for note in shown)]))
     for refusal in refusals:
         print(f"refused: {refusal}")
     seconds = sum(recording.duration for recording in recordings)
-    print(f"{len(recordings)} drives usable, {seconds:.1f} s; {len(refusals)} refused")
+    print(f"{len(recordings)} recordings usable, {seconds:.1f} s; {len(refusals)} refused")
     if not recordings:
         return 2
     return 1 if refusals else 0
@@ -50,7 +50,7 @@ def _parse() -> argparse.Namespace:
     )
     parser.add_argument("paths", nargs="+", help="files, folders, patterns, and key=value")
     parser.add_argument(
-        "--notes", action="store_true", help="also say what was derived and dropped"
+        "--notes", action="store_true", help="also print what was derived and dropped"
     )
     arguments = parser.parse_args()
     settings = {"columns": None, "dt": 0.01}
@@ -66,8 +66,8 @@ def _parse() -> argparse.Namespace:
 
 
 def _print_table(recordings) -> None:
-    width = max((len(recording.name) for recording in recordings), default=5)
-    print(f"{'drive':{width}}  seconds  segments  top speed  notes")
+    width = max(map(len, ["recording", *(recording.name for recording in recordings)]))
+    print(f"{'recording':{width}}  seconds  segments  top speed  notes")
     for recording in recordings:
         data = recording.data
         speed = data["velocity"][:, :2].norm(dim=-1).max()

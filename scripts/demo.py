@@ -1,12 +1,12 @@
-"""From the sample drives to two fitted simulators, a policy trained in each, and a riddle solved.
+"""From the sample drives to two fitted simulators, a policy trained in each, and a blind test.
 
     python scripts/demo.py [OUTPUT]
 
 Runs what one would run by hand: check the drives, look at them, train models, fit MuJoCo, compare;
 then train a policy in each simulator, by the same code and settings, and draw how they drive there
-and on the reference car. At the end something drawn at random is concealed in a car: the diagnosis
-finds it, repairs the simulator, and the sealed answer is opened. Started again, it does not do
-again what is there.
+and on the reference car. At the end an effect drawn at random is concealed in a car: the diagnosis
+names it, repairs the simulator, and the sealed answer is shown. Started again, it does not do again
+what is there.
 """
 
 import re
@@ -29,7 +29,7 @@ STEPS = (
 SIMULATORS = {"learned": "models/history_mlp.pt", "mujoco": "mujoco_fitted.yaml"}
 SETTINGS = ["configs/ppo.yaml", "configs/demo_policy.yaml"]  # of both: the engine alone differs
 RESULTS = ("table.png", "rollouts.png", "drives.png", "policies.png", "mujoco_fitted.yaml")
-RIDDLE = ("riddle/riddle.png", "riddle/report.html")
+BLIND_DEMO = ("blind_demo/blind_demo.png", "blind_demo/report.html")
 BAR = "{desc:8}{percentage:3.0f}%|{bar:30}| {elapsed} < {remaining} {postfix}"
 TAIL = 15  # last lines shown of what failed
 
@@ -48,9 +48,9 @@ def main() -> None:
     drawn = [f"policies.{name}={output}/policy_{name}/best.pt" for name in SIMULATORS]
     drawn += ["courses=[lap,infinity]", f"output={output}/policies.png"]
     finish("How do the policies drive?", "show_policies.py", drawn)
-    finish("What was left out of a simulator?", "riddle.py", [f"output={output}/riddle"])
+    finish("What was left out of a simulator?", "blind_demo.py", [f"output={output}/blind_demo"])
     print(f"\nDone in {time.monotonic() - began:.0f} s. Look at:")
-    print("\n".join(f"  {output}/{name}" for name in RESULTS + RIDDLE))
+    print("\n".join(f"  {output}/{name}" for name in RESULTS + BLIND_DEMO))
 
 
 def announce(title: str, script: str, arguments: list[str]) -> list[str]:

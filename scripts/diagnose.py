@@ -49,14 +49,11 @@ def main() -> None:
         done = diagnose(config, recordings, bar.set_description_str, baseline, folder / STAGES)
         answer = done.answer
         bar.set_description_str("drawing the report")
-        page = report(done.case, done.search, done.found, answer)
+        page = report(done.case, done.found, answer)
     for note in answer.notes:
         tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
-    options = done.case.player.options
-    content = repaired(
-        config.simulator, answer, folder, done.correction, options, done.tuned, done.step
-    )
+    content = repaired(config.simulator, done, folder)
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))

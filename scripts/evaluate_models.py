@@ -21,14 +21,15 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
+    from buggy_rl.identification.open_loop import measured
     from buggy_rl.identification.study import candidates, fit_file, load_drives
-    from buggy_rl.identification.table import held_out_windows, judge, markdown, table_row
+    from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
     from buggy_rl.viz import rollout_figure, table_figure
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     drives = load_drives(config.data, on_refusal=tqdm.write)
-    test = held_out_windows(drives.held_out, config.windows)
+    test = held_out_segments(drives.held_out, config.windows)
     rows, rollouts = [], {}
     found = list(candidates(config, [r.name for r in drives.held_out]))
     unknown = sorted(set(config.shown) - {candidate.name for candidate in found})
@@ -40,16 +41,16 @@ def main() -> None:
     for candidate in (bar := tqdm(found, "judging", unit="simulator")):
         bar.set_postfix_str(candidate.name)
         made, error = judge(candidate, test)
-        rows.append(table_row(candidate.name, error, test.groups()))
+        rows.append(table_row(candidate.name, error, test.segments.length_blocks()))
         rollouts[candidate.name] = made
-    table = markdown(rows, len(test.rows), len(drives.held_out))
+    table = markdown(rows, len(test.segments), len(drives.held_out))
     print(table)
     save_run(config, folder)
     (folder / "table.md").write_text(table)
     pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
     best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
     shown = {name: rollouts[name] for name in config.shown or best[:3]}
-    rollout_figure(test.measured, shown).savefig(folder / "rollouts.png", dpi=110)
+    rollout_figure(measured(test.segments), shown).savefig(folder / "rollouts.png", dpi=110)
     table_figure(rows).savefig(folder / "table.png", dpi=130)
     print(f"written: {folder}/table.md, table.csv, table.png, rollouts.png")
 

@@ -17,29 +17,19 @@ def main() -> None:
     """Fits and writes the simulator file."""
     config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
 
+    from functools import cache
+
     import torch
     import yaml
     from tqdm import tqdm
 
-    from buggy_rl import keys
     from buggy_rl.engines import make_engine
-    from buggy_rl.estimation.segments import WARM_UP
-    from buggy_rl.identification.least_squares import Simulator, as_simulator, fit, second_pass
+    from buggy_rl.identification.least_squares import as_simulator, fit, second_pass
     from buggy_rl.identification.study import fit_file, load_drives
-    from buggy_rl.identification.table import block_numbers, thinned
-    from buggy_rl.recordings.windows import filtered, local_parabola, windows
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, on_refusal=tqdm.write)
-    length = WARM_UP + round(config.fit.horizon / drives.training[0].dt) + 1
-    smooth = [filtered(r, config.fit.smoothing, local_parabola) for r in drives.training]
-    cut, start = (
-        thinned(windows(rows, length, length), config.fit.windows)
-        for rows in (drives.training, smooth)
-    )
-    simulator = make_engine(config.fit_simulator, **config.fit_options)
-    if not isinstance(simulator, Simulator):
-        raise ValueError(f"{config.fit_simulator} declares no parameters to fit")
+    make = cache(lambda count: make_engine(config.fit_simulator, count, **config.fit_options))
     with tqdm(
         desc=f"fitting {config.fit_simulator}",
         total=config.fit.iterations + second_pass(config.fit),
@@ -49,8 +39,7 @@ def main() -> None:
             bar.update()
             bar.set_postfix_str(f"cost {metrics['cost']:.0f}")
 
-        groups = block_numbers(cut)
-        estimates = fit(simulator, cut, start[keys.VELOCITY], groups, config.fit, show)
+        estimates = fit(make, drives.training, config.fit, show)
 
     print(f"{'parameter':24} {'fitted':>9} {'95 % interval':>21} {'from':>8}  unit")
     for e in estimates:

@@ -1,13 +1,13 @@
-r"""Drives a simulator about an 8 m room and writes what a tracking camera would have recorded.
+r"""Drives a simulator in an 8 m room and writes the recordings of a simulated tracking camera.
 
     python scripts/record.py configs/record_sample.yaml
     python scripts/record.py output=runs/drives drives=20 seconds=60 seed=7 format=parquet
     python scripts/record.py output=runs/late faults.steering_dead_time.dead_time=0.06 \
         camera.latency=0.03 sealed=runs/late_answer
 
-Writes OUTPUT/PREFIX_00.csv and so on, each a recording as every other script reads it, and the
-config beside them, or to SEALED where the drives are to be a riddle. The faults of the reference
-car are listed in src/buggy_rl/engines/reference/faults.py.
+Writes OUTPUT/PREFIX_00.csv and so on, one recording a drive, and the config beside them, or to
+SEALED for a blind test. src/buggy_rl/engines/reference/faults.py lists the faults of the reference
+car.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from buggy_rl.config import from_command_line, run, save_run
 
 
 def main() -> None:
-    """Drives all cars at once, then measures and writes drive by drive."""
+    """Drives all cars in one batch, then measures and writes each drive."""
     config = from_command_line(__doc__, "buggy_rl.policies.controllers.recording:RecordConfig")
 
     import torch
@@ -36,7 +36,7 @@ def main() -> None:
     folder = Path(config.output)
     about = Path(config.sealed or config.output)
     if config.sealed and about.resolve().is_relative_to(folder.resolve()):
-        raise ValueError(f"sealed={about} lies in output={folder}: name a folder elsewhere")
+        raise ValueError(f"sealed={about} is inside output={folder}: name a folder elsewhere")
     options = {"faults": config.faults} if config.faults else {}
     engine = make_simulator(config.simulator, config.drives, **options)
     camera = Camera(config.camera, config.seed)
@@ -54,7 +54,7 @@ def main() -> None:
     farthest = float(drives[keys.POSE][..., :2].abs().max())
     print(
         f"{config.drives} drives of {config.seconds:g} s of {config.simulator!r} in {folder}; "
-        f"at most {farthest:.2f} m from the middle of the room along a wall"
+        f"largest |x| or |y| {farthest:.2f} m"
     )
 
 

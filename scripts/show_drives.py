@@ -1,9 +1,9 @@
-"""Shows what was driven: histograms of speeds and commands, before and after mirroring.
+"""Draws histograms of recorded velocities and commands, before and after mirroring.
 
     python scripts/show_drives.py configs/sample.yaml
 
-Looks at the training drives of a study; writes OUTPUT/drives.png. A range that is missing here is
-one that no model can learn: drive it.
+Reads the training recordings of a study; writes OUTPUT/drives.png. No model predicts a range that
+is missing here: record it.
 """
 
 from pathlib import Path
@@ -12,7 +12,7 @@ from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
-    """Draws the training drives of a study."""
+    """Draws the training recordings of a study."""
     config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
 
     from tensordict import TensorDict
@@ -21,17 +21,16 @@ def main() -> None:
     from buggy_rl import keys
     from buggy_rl.identification.study import load_drives
     from buggy_rl.recordings.windows import mirror
-    from buggy_rl.viz import histogram_figure
+    from buggy_rl.viz import histogram_figure, save_figure
 
     drives = load_drives(config.data, on_refusal=tqdm.write)
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)
     rows: TensorDict = TensorDict.cat([r.data.select(*keep) for r in drives.training])  # type: ignore[assignment]
     both: TensorDict = TensorDict.cat([rows, mirror(rows)])  # type: ignore[assignment]
-    file = Path(config.output) / "drives.png"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    histogram_figure({"as driven": rows, "and mirrored": both}).savefig(file, dpi=120)
     seconds = sum(r.duration for r in drives.training)
-    print(f"{len(drives.training)} training drives, {seconds:.0f} s; written: {file}")
+    print(f"{len(drives.training)} training recordings, {seconds:.0f} s")
+    figure = histogram_figure({"as driven": rows, "and mirrored": both})
+    save_figure(figure, Path(config.output) / "drives.png")
 
 
 if __name__ == "__main__":

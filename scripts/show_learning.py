@@ -1,23 +1,21 @@
-r"""Draws learning curves: several seeds of each kind as a line in a band.
+r"""Draws learning curves: mean and range of the seeds of each policy.
 
     python scripts/show_learning.py output=runs/learning.png \
         'runs.learned=[runs/policies/learned_0,runs/policies/learned_1]' \
         'runs.mujoco=[runs/policies/mujoco_0]' drivers.mujoco=runs/drivers/mujoco/drivers.csv
 
-Waypoints closed on the training paths, with exploration, and on the validation paths, without.
+Waypoints closed on the training paths with exploration, and on the validation paths without.
 """
-
-from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
-    """Reads the logs and draws."""
+    """Reads the logs and draws the curves."""
     config = from_command_line(__doc__, "buggy_rl.policies.learning_curves:ShowLearningConfig")
 
     from buggy_rl.policies.learning_curves import curves
-    from buggy_rl.viz import learning_figure
+    from buggy_rl.viz import learning_figure, save_figure
 
     found = curves(config)
     for curve in found:
@@ -30,10 +28,7 @@ def main() -> None:
             f"{curve.name}, {curve.metric}: {last['mean']:.1f} ({last['low']:.1f} - "
             f"{last['high']:.1f}) after {curve.band.index[-1]:,} steps{score}"
         )
-    file = Path(config.output)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    learning_figure(found).savefig(file, dpi=120)
-    print(f"written: {file}")
+    save_figure(learning_figure(found), config.output)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Draws the reference paths together: random ones for training and validation, lap, infinity, ...
+"""Draws the reference paths: random ones for training and validation, lap, infinity, circle, tight.
 
     python scripts/show_paths.py
     python scripts/show_paths.py output=runs/mine.png paths.kind=file paths.file=track.csv
 
-Prints of each set how many paths it holds, their spacing, and how sharply they turn.
+Prints the number of paths of each set, their spacing and their smallest turning radius.
 """
 
 from dataclasses import replace
@@ -13,11 +13,11 @@ from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
-    """Makes every kind of path, checks it, and draws it."""
+    """Makes and draws every kind of path."""
     config = from_command_line(__doc__, "buggy_rl.task.paths.making:ShowPathsConfig")
 
     from buggy_rl.task.paths import make_paths
-    from buggy_rl.viz import paths_figure
+    from buggy_rl.viz import paths_figure, save_figure
 
     chosen = {
         "training": replace(config.paths, kind="simplex", part="training"),
@@ -32,10 +32,7 @@ def main() -> None:
         radius = 1 / float(paths.largest_curvature.max())
         spacing, count = float(paths.spacing.mean()), int(paths.count.max())
         print(f"{name:12} {len(paths):6} {count:9} {spacing:6.3f} m {radius:12.2f} m")
-    file = Path(config.output)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    paths_figure(sets, config.shown, config.waypoints).savefig(file, dpi=110)
-    print(f"written: {file}")
+    save_figure(paths_figure(sets, config.shown, config.waypoints), config.output, dpi=110)
 
 
 if __name__ == "__main__":

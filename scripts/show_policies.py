@@ -1,26 +1,24 @@
-r"""Draws policies on lap, infinity and the tight random path, in their simulators and on the car.
+r"""Draws policies on lap, infinity and the tight path, in their simulators and on the car.
 
     python scripts/show_policies.py policies.learned=runs/policies/learned_0/best.pt \
         policies.mujoco=runs/policies/mujoco_0/best.pt output=runs/policies.png
 
-The line each one drove is coloured by its speed; pure pursuit is the thin grey one. Prints the
-waypoints closed and the mean distance from the path of both.
+Trajectories are coloured by speed; that of pure pursuit is thin and grey. Prints the waypoints
+closed and the mean distance from the path of both.
 """
-
-from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
-    """Drives and draws."""
+    """Runs the policies and draws their trajectories."""
     config = from_command_line(__doc__, "buggy_rl.policies.drives:ShowPoliciesConfig")
 
     import torch
     from tqdm import tqdm
 
     from buggy_rl.policies.drives import panels
-    from buggy_rl.viz import policies_figure
+    from buggy_rl.viz import policies_figure, save_figure
 
     torch.set_num_threads(config.threads)
     found = list(panels(config, lambda todo: tqdm(todo, "driving", unit="place")))
@@ -28,10 +26,7 @@ def main() -> None:
     for p in found:
         own, other = (f"{t.waypoints:9.0f} {t.lateral_mean:7.3f} m" for t in (p.track, p.compared))
         print(f"{p.policy:16} {p.place:22} {p.course:9} {own}  {other.strip()}")
-    file = Path(config.output)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    policies_figure(found).savefig(file, dpi=120)
-    print(f"written: {file}")
+    save_figure(policies_figure(found), config.output)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Trains the models of a study on its drives.
+"""Trains the models of a study on its recordings.
 
     python scripts/train_models.py configs/sample.yaml
     python scripts/train_models.py configs/dart.yaml only=[gru] threads=2
 
-Writes OUTPUT/models/NAME.pt with a checkpoint after every epoch: started again, it goes on where
-it stopped, bit for bit, and leaves finished models alone (`fresh=true` trains anew).
+Writes OUTPUT/models/NAME.pt, and a checkpoint after every epoch: run again, it resumes bit for bit
+and skips finished models (`fresh=true` trains them again).
 """
 
 import sys
@@ -16,13 +16,14 @@ SCHEMA = "buggy_rl.identification.study:StudyConfig"
 
 
 def main() -> None:
-    """Trains every model that is not there yet."""
+    """Trains every model that does not exist yet."""
     fresh = "fresh=true" in sys.argv
     config = from_command_line(__doc__, SCHEMA, [a for a in sys.argv[1:] if a != "fresh=true"])
 
     import torch
     from tqdm import tqdm
 
+    from buggy_rl.files import save_torch
     from buggy_rl.identification.study import load_drives, model_file, model_runs
     from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
@@ -40,7 +41,9 @@ def main() -> None:
         }
         if file.exists() and not fresh:
             if load_about(file) != (plain(model_config), about):
-                raise ValueError(f"{file} was trained otherwise: fresh=true trains it anew")
+                raise ValueError(
+                    f"{file} was trained with another config; fresh=true trains it again"
+                )
             print(f"{name}: {file} is there already")
             continue
         torch.manual_seed(training_config.seed)
@@ -51,9 +54,7 @@ def main() -> None:
         bar = tqdm(run.run(), name, total=training_config.epochs, initial=run.epoch, unit="epoch")
         for metrics in bar:
             bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
-            partial = checkpoint.with_suffix(".partial")
-            torch.save(run.state_dict(), partial)
-            partial.replace(checkpoint)
+            save_torch(checkpoint, run.state_dict())
         save_model(model, model_config, file, about)
         checkpoint.unlink(missing_ok=True)
 

@@ -1,10 +1,10 @@
-r"""Tunes pure pursuit and Stanley for a simulator, and says how well they drive in it.
+r"""Tunes the controllers pure pursuit and Stanley for a simulator and evaluates them in it.
 
     python scripts/tune_drivers.py engine.simulator=runs/sample/mujoco_fitted.yaml \
         output=runs/drivers/mujoco
 
-Writes OUTPUT/drivers.md, drivers.csv, and the numbers found as OUTPUT/pure_pursuit.yaml and
-stanley.yaml, which other scripts take.
+Writes OUTPUT/drivers.md, drivers.csv, and the tuned parameters as OUTPUT/pure_pursuit.yaml and
+stanley.yaml, which other scripts read.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from buggy_rl.config import from_command_line, plain, run, save_run
 
 
 def main() -> None:
-    """Tunes, drives, prints and saves."""
+    """Tunes the controllers, evaluates them, prints and saves the tables."""
     config = from_command_line(__doc__, "buggy_rl.policies.controller_tables:DriverTablesConfig")
 
     import pandas as pd

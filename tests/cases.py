@@ -1,8 +1,7 @@
-"""Drives of reference cars in which something is concealed, one car an effect.
+"""Recordings of reference cars with one concealed effect each.
 
-The sizes are those of an effect that a driver clearly feels; they are nobody's prior. What is
-concealed acts in the car's own physics or in its camera, and shares no code with the effects that
-shall find it.
+The sizes are clearly noticeable to a driver and taken from no prior. The concealed effect acts in
+the car's own physics or camera, and shares no code with the effects of the diagnosis.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
 
-# effect -> parameter -> range of its size, and whether it has a sign that is drawn too
+# effect -> parameter -> range of its size, and whether its sign is drawn too
 SIZES, UNKNOWN_SIZES = (
     {effect: {name: size[:3] for name, size in sizes.items()} for effect, sizes in ranges.items()}
     for ranges in (sizes.SIZES, sizes.UNKNOWN_SIZES)
@@ -30,18 +29,18 @@ SIZES, UNKNOWN_SIZES = (
 
 @dataclass(frozen=True)
 class Case:
-    """What is concealed in one car; nothing under the name `nothing`."""
+    """The effect concealed in one car; none under the name `nothing`."""
 
     name: str
     parameters: dict[str, float] = field(default_factory=dict)
 
     @property
     def known(self) -> bool:
-        """Whether the textbook has a name for it."""
+        """Whether the effect library contains it."""
         return self.name in SIZES
 
     def camera(self, quality: CameraConfig) -> CameraConfig:
-        """The camera with what is wrong with it."""
+        """The camera with the concealed effect."""
         errors = CAMERA.get(self.name, {})
         wrong = {errors[name]: v for name, v in self.parameters.items() if name in errors}
         return replace(quality, **wrong)
@@ -49,7 +48,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Drives:
-    """What is to be seen of a case."""
+    """The recordings of a case."""
 
     case: Case
     train: list[Recording]
@@ -60,7 +59,7 @@ NOTHING = Case("nothing")
 
 
 def draw(seed: int, names: Sequence[str] = (*SIZES, *UNKNOWN_SIZES)) -> list[Case]:
-    """One case for each name, with sizes of its own; `nothing` has none."""
+    """One case for each name, with random sizes; `nothing` has none."""
     ranges = SIZES | UNKNOWN_SIZES | {"nothing": {}}
     generator = torch.Generator().manual_seed(seed)
     cases = []
@@ -75,7 +74,7 @@ def draw(seed: int, names: Sequence[str] = (*SIZES, *UNKNOWN_SIZES)) -> list[Cas
 
 
 def concealing(cases: Sequence[Case], cars: int = 1) -> ReferenceEngine:
-    """The cars of all cases as one batch, `cars` alike of each."""
+    """The cars of all cases in one batch, `cars` equal ones of each."""
     count = len(cases) * cars
     faults: dict[str, torch.Tensor] = {}
     for index, case in enumerate(cases):
@@ -96,7 +95,7 @@ def make_drives(
     held_out: int = 1,
     quality: CameraConfig | None = None,
 ) -> list[Drives]:
-    """Drives every case about a room, all at once, and measures it; one seed, one answer."""
+    """Drives every case in a room, in one batch, and measures it; deterministic under the seed."""
     cars = train + held_out
     engine = concealing(cases, cars)
     rows = list(driven(engine, RoomDriver(seed=seed), round(seconds / CONTROL_PERIOD)))

@@ -1,4 +1,4 @@
-"""Small drives with identifiable content, for tests."""
+"""Small recordings with identifiable values."""
 
 import torch
 from tensordict import TensorDict
@@ -9,7 +9,7 @@ from buggy_rl.vehicle import integrate_pose
 
 
 def counting_drive(name: str, rows: int, segments: list[int] | None = None) -> Recording:
-    """Every number says which row it stands in, so a shifted window shows as arithmetic."""
+    """Every value is a multiple of its row, so a shifted window shows as arithmetic."""
     row = torch.arange(rows, dtype=torch.float32)
     data = TensorDict(
         {
@@ -27,7 +27,7 @@ def counting_drive(name: str, rows: int, segments: list[int] | None = None) -> R
 
 
 def toy_drive(name: str, rows: int, seed: int, noise: float = 0.0) -> Recording:
-    """A car of three linear equations, driven by smooth random commands from rest.
+    """A car with three linear equations, driven from rest by smooth random commands.
 
     vx' = vx + 0.01 (4 u - 1.5 vx), vy' = vy + 0.01 (-0.5 r - 5 vy), r' = r + 0.01 * 8 (s vx - r),
     u = (throttle + 1) / 2.

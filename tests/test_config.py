@@ -2,10 +2,11 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from buggy_rl.config import ConfigError, build, describe, from_plain, plain
+from buggy_rl.config import ConfigError, belongs_to, build, describe, from_plain, plain
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,78 @@ def test_help_follows_a_class_that_a_package_hands_on(tmp_path, monkeypatch):
 
 
 def test_help_knows_every_option_down_to_plain_values():
-    for schema in ("policy_run:PolicyRunConfig", "driver_tables:DriverTablesConfig"):
-        text = "\n".join(describe(f"buggy_rl.{schema}"))
+    for schema in ("run:PolicyRunConfig", "controller_tables:DriverTablesConfig"):
+        text = "\n".join(describe(f"buggy_rl.policies.{schema}"))
         assert "task.paths.kind='simplex'" in text
         assert "Config" not in text
+
+
+@dataclass(frozen=True)
+class Part:
+    name: str = "a"
+    options: dict[str, Any] = field(
+        default_factory=lambda: {"of_a": 1}, metadata=belongs_to("name")
+    )
+
+
+@dataclass(frozen=True)
+class Machine:
+    part: Part = field(default_factory=Part)
+    parts: dict[str, Part] = field(default_factory=lambda: {"first": Part()})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options"),
+    [
+        ([], {"of_a": 1}),
+        (["part.name=a", "part.options.more=2"], {"of_a": 1, "more": 2}),
+        (["part.name=b"], {}),
+        (["part.name=b", "part.options.of_b=2"], {"of_b": 2}),
+        (["part.options.of_b=2", "part.name=b"], {"of_b": 2}),
+        (["{a_named}", "part.options.more=2"], {"of_a": 3, "more": 2}),
+        (["{b_named}"], {"of_b": 3}),
+        (["{b_named}", "part.options.more=2"], {"of_b": 3, "more": 2}),
+        (["{b_named}", "part.name=a"], {}),
+        (["part.options.of_a=4", "{b_named}"], {"of_b": 3}),
+        (["{b_named}", "{a_named}"], {"of_a": 3}),
+    ],
+)
+def test_options_of_a_name_go_with_it(tmp_path: Path, arguments, options):
+    for name in ("a", "b"):
+        file = tmp_path / f"{name}.yaml"
+        entry = f"{{name: {name}, options: {{of_{name}: 3}}}}"
+        file.write_text(f"part: {entry}\nparts: {{first: {entry}}}\n")
+    files = {"a_named": tmp_path / "a.yaml", "b_named": tmp_path / "b.yaml"}
+    given = [argument.format(**files) for argument in arguments]
+    assert build(Machine, given).part.options == options
+    nested = [a.replace("part.", "parts.first.", 1) if "=" in a else a for a in given]
+    assert build(Machine, nested).parts["first"].options == options
+
+
+def test_a_saved_config_has_no_options_of_the_default_name():
+    saved = {"part": {"name": "b", "options": {"of_b": 5}}}
+    assert from_plain(Machine, saved, "policy.pt").part.options == {"of_b": 5}
+
+
+def test_a_model_of_another_kind_starts_from_its_own_options(tmp_path: Path):
+    from buggy_rl.identification.study import StudyConfig
+
+    file = tmp_path / "study.yaml"
+    file.write_text("output: x\nruns: {net: {model: {kind: mlp, options: {rows: 6}}}}\n")
+    arguments = [str(file), "data.recordings=[x]", "runs.net.model.kind=gru"]
+    assert build(StudyConfig, arguments).runs["net"].model.options == {}
+    assert build(StudyConfig, arguments[:2]).runs["net"].model.options == {"rows": 6}
+
+
+def test_another_simulator_drops_the_options_of_the_first(tmp_path: Path):
+    from buggy_rl.policies.run import PolicyRunConfig
+
+    file = tmp_path / "mujoco.yaml"
+    file.write_text(
+        "output: x\nengine: {simulator: mujoco, parameters: {mass: 1.7}, options: {nthread: 2}}\n"
+    )
+    config = build(PolicyRunConfig, [str(file), "engine.simulator=kinematic"])
+    assert (config.engine.parameters, config.engine.options) == ({}, {})
 
 
 def test_a_config_comes_back_from_its_plain_values():

@@ -1,4 +1,4 @@
-"""One whole diagnosis, as a script would ask for it, and whether it was right."""
+"""One whole diagnosis, as a script runs it, and whether it was right."""
 
 import time
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ def measured(config: DiagnosisConfig, job: Job, drives: str, right: Sequence[str
         config: Of it.
         job: Says how much of the drives.
         drives: Kind of drives.
-        right: Names of which the first cause has to have one; each of a single number.
+        right: Names of which the first effect has to have one; each of a single number.
     """
     recordings = load(job.file(drives), job.seconds)
     baseline = load(job.file(RIGHT), job.seconds) if config.baseline else []
@@ -94,9 +94,10 @@ def choice(count: int) -> list[str]:
 
 
 def candidates(config: DiagnosisConfig) -> int:
-    """Causes that a diagnosis chooses from."""
-    declared = getattr(make_simulator(config.simulator, 1), "parameters", {})
-    return len(config.effects or EFFECTS) + (len(declared) if config.parameters else 0)
+    """Effects and parameters that a diagnosis chooses from."""
+    own = not config.baseline if config.parameters is None else config.parameters
+    declared = getattr(make_simulator(config.simulator, 1), "declared", {}) if own else {}
+    return len(config.effects or EFFECTS) + len(declared)
 
 
 def by_stage(begun: Sequence[tuple[float, str]], end: float) -> dict[str, float]:

@@ -1,8 +1,10 @@
 """YAML files and dotted overrides on the command line -> a typed, frozen dataclass.
 
-`python scripts/train_model.py configs/sample.yaml training.epochs=3`: the defaults stand in the
-dataclass, YAML holds only what differs, what comes later wins, and unknown keys are refused.
-`--help` reads the dataclass's source instead of importing it, so it answers without torch.
+`python scripts/train_models.py configs/sample.yaml training.epochs=3`: the dataclass holds the
+defaults, YAML only what differs; what comes later wins, and unknown keys are refused. A file is one
+layer, and so are overrides that follow one another, in any order among themselves. Options that
+belong to a name (`belongs_to`) go when a later layer gives another name. `--help` reads the
+dataclass's source instead of importing it, so it answers without torch.
 """
 
 import ast
@@ -16,10 +18,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+OWNER = "owner"  # key of a field's metadata
 
 
 def from_command_line(doc: str | None, schema: str, argv: Sequence[str] | None = None) -> Any:
@@ -49,17 +55,28 @@ class ConfigError(ValueError):
     """The configuration is wrong; the message says where and what would be right."""
 
 
+def belongs_to(owner: str) -> dict[str, str]:
+    """Metadata of a field whose content makes sense for one value of the field `owner` only.
+
+    A config layer that changes the owner empties the field, then merges its own content into it.
+    """
+    return {OWNER: owner}
+
+
 def build(cls: type, arguments: Sequence[str]) -> Any:
-    """Merges YAML files and `dotted.key=value` overrides, in order, over the class's defaults."""
+    """Merges YAML files and `dotted.key=value` overrides, in order, over the class's defaults.
+
+    Raises:
+        ConfigError: An argument cannot be read, names an unknown key, or a needed value is missing.
+    """
     from omegaconf import OmegaConf
 
     config = OmegaConf.structured(cls)
-    for argument in arguments:
-        if "=" in argument:
-            source, layer = argument, _override(argument)
-        else:
-            source, layer = argument, _read_yaml(Path(argument))
-        config = _merge(config, layer, source)
+    for overrides, group in groupby(arguments, lambda argument: "=" in argument):
+        read = _override if overrides else _read_yaml
+        layers = [(argument, read(argument)) for argument in group]
+        for part in [layers] if overrides else [[layer] for layer in layers]:
+            config = _merge(config, part)
     missing = OmegaConf.missing_keys(config)
     if missing:
         raise ConfigError(f"needed but not given: {', '.join(sorted(missing))}")
@@ -74,12 +91,14 @@ def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
     """
     from omegaconf import OmegaConf
 
-    return OmegaConf.to_object(_merge(OmegaConf.structured(cls), content, source))
+    layer = OmegaConf.create(dict(content))
+    return OmegaConf.to_object(_merge(OmegaConf.structured(cls), [(source, layer)]))
 
 
-def _read_yaml(file: Path):
+def _read_yaml(argument: str):
     from omegaconf import OmegaConf
 
+    file = Path(argument)
     if not file.is_file():
         raise ConfigError(f"there is no config file {file} (options are written key=value)")
     try:
@@ -97,22 +116,46 @@ def _override(argument: str):
         raise ConfigError(f"{argument!r} is not key=value: {error}") from None
 
 
-def _merge(config, layer, source: str):
+def _merge(config, layers):
+    """Merges the parts of one layer, each with its source, into a config."""
     from omegaconf import OmegaConf
+
+    _empty_options(config, [OmegaConf.to_container(part) for _, part in layers])
+    for source, part in layers:
+        with _naming(source):
+            config = OmegaConf.merge(config, part)
+    return config
+
+
+def _empty_options(config, parts) -> None:
+    """Empties the fields whose owner (`belongs_to`) the parts of a layer change."""
+    from omegaconf import DictConfig, OmegaConf, read_write
+
+    parts = [part for part in parts if isinstance(part, dict)]
+    if not isinstance(config, DictConfig) or not parts:
+        return
+    given = {key: value for part in parts for key, value in part.items()}  # the last one wins
+    kind: Any = OmegaConf.get_type(config)
+    here: Any = OmegaConf.to_container(config)
+    for field in dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ():
+        owner = field.metadata.get(OWNER)
+        if owner in given and given[owner] != here[owner]:
+            with read_write(config):
+                config[field.name] = {}
+    for key in given:
+        if key in config:
+            _empty_options(config[key], [part.get(key) for part in parts])
+
+
+@contextmanager
+def _naming(source: str) -> Iterator[None]:
+    """Turns what OmegaConf raises into one line that names the source."""
     from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
     try:
-        return OmegaConf.merge(config, layer)
+        yield
     except ConfigKeyError as error:
-        key = str(error.full_key or error.key)
-        leaf = key.rpartition(".")[2]
-        fields = dataclasses.fields(error.object_type) if error.object_type else ()
-        known = sorted(field.name for field in fields)
-        close = difflib.get_close_matches(leaf, known, 1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise ConfigError(
-            f"{source}: unknown key {key!r}; {hint}available: {', '.join(known)}"
-        ) from None
+        raise ConfigError(f"{source}: {_unknown_key(error)}") from None
     except (OmegaConfBaseException, TypeError, AttributeError) as error:
         what = str(error).splitlines()[0]
         place = getattr(error, "full_key", None)
@@ -120,6 +163,15 @@ def _merge(config, layer, source: str):
         if "ListConfig" in what:
             what = "a list is expected: write [one, two], also for a single one"
         raise ConfigError(f"{where}: {what}") from None
+
+
+def _unknown_key(error) -> str:
+    key = str(error.full_key or error.key)
+    fields = dataclasses.fields(error.object_type) if error.object_type else ()
+    known = sorted(field.name for field in fields)
+    close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"unknown key {key!r}; {hint}available: {', '.join(known)}"
 
 
 def describe(schema: str, prefix: str = "") -> Iterator[str]:
@@ -194,6 +246,12 @@ def _docline(node: ast.stmt | None) -> str:
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return " ".join(str(node.value.value).split())
     return ""
+
+
+def one_line(error: Exception) -> str:
+    """The first line of an error's message, of a KeyError too without quotes around it."""
+    message = error.args[0] if isinstance(error, KeyError) and error.args else error
+    return (str(message).splitlines() or [type(error).__name__])[0]
 
 
 def load_named(name: str) -> Any:

@@ -9,7 +9,9 @@ VELOCITY = "velocity"  # [3] vx, vy [m/s], yaw_rate [rad/s], body frame at the t
 ACTION = "action"  # [2] throttle (-1 is no drive), steering (+1 is full left)
 
 HISTORY = "history"  # [K, 5] velocity and action of the last K steps, a learned engine's memory
-OUT_OF_RANGE = "out_of_range"  # [1] bool, a learned engine was asked outside its training range
+OUT_OF_RANGE = (
+    "out_of_range"  # [1] bool, the input of a learned engine is outside its training range
+)
 
 TIME = "t"  # [1] s, of a recording's row
 SEGMENT = "segment"  # int, stretch of a recording without a gap; windows never cross segments
@@ -25,29 +27,31 @@ TRUNCATED = "truncated"
 
 OBSERVATION = "observation"  # [N] what the policy sees
 MEASURED_POSE = "measured_pose"  # [3] the pose as the sensing transforms left it
-MEASURED_VELOCITY = "measured_velocity"  # [3] likewise; what was not touched is not there
-NOISE_STATE = "noise_state"  # [1] int64, where the car's stream of noise stands
-VELOCITY_ROWS = "velocity_rows"  # [K, 4] last velocities of the past-mean filter, and if there
+MEASURED_VELOCITY = "measured_velocity"  # [3] likewise; absent without such a transform
+NOISE_STATE = "noise_state"  # [1] int64, position in the environment's stream of noise
+VELOCITY_ROWS = (
+    "velocity_rows"  # [K, 4] last velocities of the past-mean filter, and whether they exist
+)
 OBSERVATION_ROWS = "observation_rows"  # [K, N] last observations, oldest first
 
-LAST_ACTION = "last_action"  # [2] what the car was told in the step that led here
+LAST_ACTION = "last_action"  # [2] command of the step before
 SMOOTHED_ACTION = "smoothed_action"  # [2] state of the action smoothing
 LIMITED_ACTION = "limited_action"  # [2] state of the rate limit
 
-PATH = "path"  # [1] int64, which path of the set a car follows
-NEXT_WAYPOINT = "next_waypoint"  # [1] int64, counted on over the laps of a closed path
+PATH = "path"  # [1] int64, index of the path in the set
+NEXT_WAYPOINT = "next_waypoint"  # [1] int64, increases over the laps of a closed path
 WAYPOINTS = "waypoints"  # [10, 2] the next waypoints in the car's frame [m]
 WAYPOINTS_CLOSED = "waypoints_closed"  # [1] closed in the last step
-PATH_POSITION = "path_position"  # [1] distance along the path from its start [m], laps included
+PATH_POSITION = "path_position"  # [1] distance along the path from its start [m], over all laps
 LATERAL_ERROR = "lateral_error"  # [1] distance from the path [m], positive to its left
 HEADING_ERROR = "heading_error"  # [1] yaw against the path's [rad], positive to the left
 COMPLETED = "completed"  # [1] bool, an open path has no waypoint left
-TARGET_SPEED = "target_speed"  # [1] vx asked for [m/s]
+TARGET_SPEED = "target_speed"  # [1] commanded vx [m/s]
 
 REWARD_TERMS = "reward_terms"  # [T] weighted, in the order of the rewards' configuration
 STEP_COUNT = "step_count"  # [1] int64, of the episode
 
 # Of the effects.
 
-ELAPSED = "elapsed"  # [1] s since the battery was at its best; a reset may give it, else 0
-MEMORY = "_memory"  # ends the key of an effect's own latent state: effect's name + this
+ELAPSED = "elapsed"  # [1] s of driving since the battery was charged; a reset may set it, else 0
+MEMORY = "_memory"  # suffix of the key of an effect's latent state, behind the effect's name

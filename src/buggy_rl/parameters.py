@@ -1,13 +1,13 @@
-"""A physical parameter that a simulator declares, so that it can be fitted or found wrong."""
+"""A physical parameter that a simulator declares, so that it can be fitted or diagnosed."""
 
 from dataclasses import dataclass
 
-ROUNDING = 1e-9  # of a bound: a file says 0.1218 where 1.4 x 0.087 is 0.12179999999999998
+ROUNDING = 1e-9  # [-] relative slack of a bound: decimal values in files, 0.1218 for 1.4 x 0.087
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a simulator, with the range in which it makes sense."""
+    """One parameter of a simulator and its range."""
 
     name: str
     value: float
@@ -16,7 +16,7 @@ class Parameter:
     unit: str
     """SI unit, `-` for a ratio."""
     meaning: str
-    """One sentence in plain words."""
+    """One sentence."""
 
     def __post_init__(self) -> None:
         slack = ROUNDING * max(abs(self.lower), abs(self.upper))
@@ -25,5 +25,5 @@ class Parameter:
                 f"parameter {self.name!r} is {self.value} {self.unit}, outside its range "
                 f"[{self.lower:.6g}, {self.upper:.6g}]: correct the value or widen the range"
             )
-        # On the bound, not beyond it: what fits from here wants a start within the range.
+        # Clamped to the bound: a fit that starts here needs a start within the range.
         object.__setattr__(self, "value", min(max(self.value, self.lower), self.upper))

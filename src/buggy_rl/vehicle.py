@@ -15,10 +15,10 @@ CONTROL_PERIOD = 0.01  # [s] 100 Hz, the rate of the tracking camera
 
 @dataclass(frozen=True)
 class VehicleDimensions:
-    """What can be measured on the car with a ruler and a scale.
+    """Dimensions and masses of the car.
 
     Length, mass and wheel arrangement are the original study's (chapter 4); the wheelbase, the
-    place of the centre of gravity and the yaw inertia are those of its mass twin DART.
+    position of the centre of gravity and the yaw inertia are those of its mass twin DART.
     """
 
     length: float = 0.273
@@ -26,13 +26,13 @@ class VehicleDimensions:
     wheelbase: float = 0.174
     """Front to rear axle [m]."""
     cg_to_front_axle: float = 0.081
-    """[m]"""
+    """Centre of gravity behind the front axle [m]."""
     track_width: float = 0.155
     """Between the wheel centres of an axle [m]."""
     wheel_radius: float = 0.0325
-    """[m]"""
+    """Of the tread [m]."""
     wheel_width: float = 0.026
-    """[m]"""
+    """Of the tread [m]."""
     mass: float = 1.625
     """With battery and computer [kg]."""
     yaw_inertia: float = 0.0049
@@ -98,7 +98,7 @@ def shift_pose(pose: Tensor, x: float, y: float = 0.0) -> Tensor:
 
 
 def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float | Tensor) -> Tensor:
-    """Slip angle of an axle: the direction it moves in, seen from where its wheels point.
+    """Slip angle of an axle: direction of its motion relative to that of its wheels.
 
     alpha = atan2(vy + l r, |vx|) - delta. Positive slip (moving to the left of where the wheel
     points) makes a force to the right: Fy = -C alpha.
@@ -106,7 +106,7 @@ def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float 
     Args:
         velocity: [*, 3] vx, vy [m/s], yaw_rate [rad/s] at the centre of gravity, body frame.
         steering_angle: [*] road-wheel angle [rad], positive to the left.
-        to_axle: Axle ahead of the centre of gravity [m]; negative for the rear axle.
+        to_axle: Distance of the axle ahead of the centre of gravity [m]; negative at the rear.
 
     Returns:
         [*] rad.

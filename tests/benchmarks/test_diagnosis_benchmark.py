@@ -4,7 +4,9 @@ import importlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -86,39 +88,20 @@ def test_drives_are_files_of_which_the_first_seconds_can_be_had(part, job):
         drives.load(folder, 18.0)
 
 
-@pytest.fixture
-def windows_of_a_car_that_is_off(part, job):
-    """Windows as a peer gets them, without its files."""
-    from buggy_rl.estimation.segments import WARM_UP
-    from buggy_rl.identification.table import thinned
-    from buggy_rl.recordings.windows import windows
-
+def test_sysid_rolls_out_our_engine_from_the_same_segments(part, job):
+    pytest.importorskip("scipy")
     peers, drives = part("peers"), part("drives")
     made = job("drives", drives.OFF, seconds=8.0, parameter=STIFFNESS, truth=6.0)
     drives.make_drives(made)
     recordings = drives.load(made.file(drives.OFF), 8.0)
-    length = WARM_UP + round(peers.CONFIG.horizon / recordings[0].dt) + 1
-    return thinned(windows(recordings, length, length), 4)
-
-
-def test_sysid_is_played_by_our_engine(part, windows_of_a_car_that_is_off):
-    pytest.importorskip("scipy")
-    peers, cut = part("peers"), windows_of_a_car_that_is_off
-    simulator = MujocoEngine()
-    p = simulator.declared[STIFFNESS]
-    rollout = peers.EngineRollout(simulator, [p], cut, cut[keys.VELOCITY])
-    sets = []
-    for value in (p.value, 6.0):
-        parameters = peers.sysid.ParameterDict()
-        place = (value - p.lower) / (p.upper - p.lower)
-        parameters.add(peers.sysid.Parameter(p.name, place, 0.0, 1.0))
-        sets.append(parameters)
-    shipped, right = (t.sensordata.data for t in rollout(param_dicts=sets))
-    measured = rollout.measured().sensordata[0].data
-    # Four windows of ten instants, six readings each, in the order of the windows.
-    assert shipped.shape == measured.shape == (40, 6)
-    cost = [(((seen - measured) * peers.WEIGHTS) ** 2).sum() for seen in (shipped, right)]
-    assert cost[1] < 0.5 * cost[0]
+    segments = peers.fit_segments(recordings, replace(peers.CONFIG, windows=4))
+    p = MujocoEngine(1).declared[STIFFNESS]
+    residuals = peers.Residuals(peers.Simulation(MujocoEngine), segments, [p])
+    scaled = (np.array([[p.value, 6.0]]) - p.lower) / (p.upper - p.lower)
+    shipped, right = residuals(scaled, None)[0][0].T
+    # Four segments of ten instants, six readings each.
+    assert shipped.shape == right.shape == (240,)
+    assert (right**2).sum() < 0.5 * (shipped**2).sum()
 
 
 def test_times_are_medians_of_the_rounds_and_memory_is_the_largest(part):

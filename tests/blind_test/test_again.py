@@ -1,4 +1,4 @@
-"""The second try: what the tool asked for is driven in the same concealed car."""
+"""The second run: suggested manoeuvres are driven in the same concealed car."""
 
 import json
 
@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.blind_test.again import again, asked_for, drive_again, undecided
+from buggy_rl.blind_test.again import again, drive_again, driven_again, suggested
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.outcome import gathered
-from buggy_rl.blind_test.sealing import Vault, publish, seal
+from buggy_rl.blind_test.outcome import read_outcomes
+from buggy_rl.blind_test.sealing import CaseStore, publish, seal
 from buggy_rl.diagnosis.experiments import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
 from buggy_rl.recordings import load_recordings
@@ -18,22 +18,22 @@ CASE = Case(21, "reference", "reference", concealed={"steering_gain": {"gain": 0
 MANOEUVRE = min(MANOEUVRES, key=lambda m: m.seconds)
 
 
-def answer(vault, id_, verdict, *effects, suggest=()):
-    vault.said(id_).mkdir(parents=True, exist_ok=True)
+def answer(store, id_, verdict, *effects, suggest=()):
+    store.diagnosis(id_).mkdir(parents=True, exist_ok=True)
     content = {
         "verdict": verdict,
         "effects": [{"name": name, "confidence": 0.4} for name in effects],
         "excitation": {"weak": [], "suggest": list(suggest)},
     }
-    (vault.said(id_) / "diagnosis.json").write_text(json.dumps(content))
+    (store.diagnosis(id_) / "diagnosis.json").write_text(json.dumps(content))
     outcome = {"status": "answered", "seconds": 1.0}
-    (vault.said(id_) / "outcome.json").write_text(json.dumps(outcome))
+    (store.diagnosis(id_) / "outcome.json").write_text(json.dumps(outcome))
 
 
 @pytest.fixture(scope="module")
-def vault(tmp_path_factory) -> Vault:
+def store(tmp_path_factory) -> CaseStore:
     folder = tmp_path_factory.mktemp("again")
-    made = Vault(folder / "open", folder / "safe")
+    made = CaseStore(folder / "open", folder / "safe")
     made.output.mkdir()
     made.sealed.mkdir()
     seal(made, [CASE], [])
@@ -41,21 +41,21 @@ def vault(tmp_path_factory) -> Vault:
     return made
 
 
-def test_only_who_cannot_tell_is_given_a_second_try(vault):
+def test_only_a_case_that_cannot_be_told_is_driven_again(store):
     words = f"{MANOEUVRE.words} (tells steering_lag from steering_gain, by 9 times the noise)"
-    answer(vault, CASE.id, "missing_physics", "steering_lag", suggest=[words])
-    assert asked_for(vault, CASE) == []
-    answer(vault, CASE.id, "cannot_tell", "steering_lag")
-    assert undecided(vault, [CASE]) == []
-    answer(vault, CASE.id, "cannot_tell", "steering_lag", suggest=[words])
-    assert asked_for(vault, CASE) == [MANOEUVRE]
-    assert undecided(vault, [CASE]) == [CASE]
+    answer(store, CASE.id, "missing_physics", "steering_lag", suggest=[words])
+    assert suggested(store, CASE) == []
+    answer(store, CASE.id, "cannot_tell", "steering_lag")
+    assert suggested(store, CASE) == []
+    answer(store, CASE.id, "cannot_tell", "steering_lag", suggest=[words])
+    assert suggested(store, CASE) == [MANOEUVRE]
+    assert not driven_again(store, CASE)
 
 
-def test_the_manoeuvre_is_driven_and_added_to_what_was_seen(vault):
-    assert drive_again(vault, CASE) == 1
-    assert undecided(vault, [CASE]) == []
-    seen = vault.seen(again(CASE))
+def test_the_manoeuvre_is_driven_and_added_to_what_was_seen(store):
+    assert drive_again(store, CASE) == 1
+    assert driven_again(store, CASE)
+    seen = store.inputs(again(CASE))
     recordings, refusals = load_recordings([str(seen / "recordings")])
     assert refusals == []
     assert [r.name for r in recordings] == [
@@ -70,18 +70,18 @@ def test_the_manoeuvre_is_driven_and_added_to_what_was_seen(vault):
         torch.testing.assert_close(action, expected, atol=1e-5, rtol=0)
         headings.add(round(float(recording.data[keys.POSE][0, 2]), 1))
     assert len(headings) == TIMES
-    same = (vault.seen(CASE.id) / "question.yaml", seen / "question.yaml")
+    same = (store.inputs(CASE.id) / "question.yaml", seen / "question.yaml")
     assert same[0].read_text() == same[1].read_text()
 
 
-def test_the_second_answer_says_whether_it_was_decided(vault):
+def test_the_second_answer_says_whether_it_was_decided(store):
     def decided():
-        return gathered(vault)["ours"][0].decided
+        return read_outcomes(store)["ours"][0].decided
 
     assert decided() is None
-    answer(vault, again(CASE), "missing_physics", "steering_gain")
+    answer(store, again(CASE), "missing_physics", "steering_gain")
     assert decided() is True
-    answer(vault, again(CASE), "missing_physics", "steering_lag")
+    answer(store, again(CASE), "missing_physics", "steering_lag")
     assert decided() is False
-    answer(vault, again(CASE), "cannot_tell", "steering_gain")
+    answer(store, again(CASE), "cannot_tell", "steering_gain")
     assert decided() is False

@@ -9,7 +9,7 @@ from buggy_rl.blind_test import baselines
 from buggy_rl.blind_test.baselines import compare, missing, uncompared
 from buggy_rl.blind_test.baselines.guess import guess
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.config import load_named
 from buggy_rl.effects import EFFECTS
 
@@ -17,11 +17,11 @@ CASE = Case(1, "reference", "reference")
 
 
 @pytest.fixture
-def vault(tmp_path) -> Vault:
-    made = Vault(tmp_path / "open", tmp_path / "safe")
-    (made.seen(CASE.id) / "recordings").mkdir(parents=True)
-    (made.seen(CASE.id) / "recordings" / "drive_0.csv").write_text("t,x")
-    (made.seen(CASE.id) / "question.yaml").write_text("simulator: simulator.yaml")
+def store(tmp_path) -> CaseStore:
+    made = CaseStore(tmp_path / "open", tmp_path / "safe")
+    (made.inputs(CASE.id) / "recordings").mkdir(parents=True)
+    (made.inputs(CASE.id) / "recordings" / "drive_0.csv").write_text("t,x")
+    (made.inputs(CASE.id) / "question.yaml").write_text("simulator: simulator.yaml")
     return made
 
 
@@ -29,19 +29,19 @@ def broken(seen):
     raise ValueError("no root found")
 
 
-def test_every_method_answers_once_and_a_failure_is_an_answer(vault, monkeypatch):
+def test_every_method_answers_once_and_a_failure_is_an_answer(store, monkeypatch):
     monkeypatch.setattr(baselines, "METHODS", {"random guess": baselines.METHODS["random guess"]})
     monkeypatch.setitem(baselines.METHODS, "broken", "tests.blind_test.test_baselines:broken")
-    assert uncompared(vault, [CASE]) == [CASE]
-    assert compare(vault, CASE) == 1
-    assert missing(vault, CASE) == []
-    said = json.loads((vault.said(CASE.id) / "baselines.json").read_text())
+    assert uncompared(store, [CASE]) == [CASE]
+    assert compare(store, CASE) == 1
+    assert missing(store, CASE) == []
+    said = json.loads((store.diagnosis(CASE.id) / "baselines.json").read_text())
     assert set(said) == set(baselines.METHODS)
     assert said["broken"]["verdict"] == "crashed"
     assert said["broken"]["notes"] == ["no root found"]
     assert all(answer["seconds"] > 0 for answer in said.values())
     monkeypatch.setitem(baselines.METHODS, "later", "tests.blind_test.test_baselines:broken")
-    assert missing(vault, CASE) == ["later"]
+    assert missing(store, CASE) == ["later"]
 
 
 def test_all_methods_that_the_issue_asks_for_are_there():
@@ -57,13 +57,13 @@ def test_all_methods_that_the_issue_asks_for_are_there():
         assert callable(load_named(name))
 
 
-def test_guesses_are_spread_over_the_library_and_repeat(vault):
-    drive = vault.seen(CASE.id) / "recordings" / "drive_0.csv"
+def test_guesses_are_spread_over_the_library_and_repeat(store):
+    drive = store.inputs(CASE.id) / "recordings" / "drive_0.csv"
     names = Counter()
     for number in range(400):
         drive.write_text(f"t,x\n{number}")
-        answer = guess(vault.seen(CASE.id))
-        assert answer == guess(vault.seen(CASE.id))
+        answer = guess(store.inputs(CASE.id))
+        assert answer == guess(store.inputs(CASE.id))
         names[answer["effects"][0]["name"] if answer["effects"] else ""] += 1
     # 400 guesses of 34: 11.8 each, standard deviation 3.4.
     assert set(names) == {"", *EFFECTS}

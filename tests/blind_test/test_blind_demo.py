@@ -7,37 +7,37 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
-from buggy_rl.blind_test.blind_demo import FIRST, RiddleConfig, distance, riddle
+from buggy_rl.blind_test.blind_demo import FIRST, BlindDemoConfig, distance, draw_case
 from buggy_rl.task.env import make_simulator
 from tests.scripts.test_scripts import run
 
 
-def test_the_same_seed_is_the_same_riddle(tmp_path):
-    config = RiddleConfig(output=str(tmp_path / "riddle"), seed=7)
-    case = riddle(config)
-    assert case == riddle(config)
+def test_the_same_seed_is_the_same_case(tmp_path):
+    config = BlindDemoConfig(output=str(tmp_path / "demo"), seed=7)
+    case = draw_case(config)
+    assert case == draw_case(config)
     assert case.seed == FIRST + 7
     assert (case.plant, case.simulator, case.family) == ("reference", "reference", "one")
 
 
 @pytest.mark.parametrize(("count", "family"), [(0, "nothing"), (2, "two"), (3, "three")])
 def test_as_much_is_concealed_as_is_asked_for(tmp_path, count, family):
-    config = RiddleConfig(output=str(tmp_path / "riddle"), seed=1, effects=count)
-    assert riddle(config).family == family
+    config = BlindDemoConfig(output=str(tmp_path / "demo"), seed=1, effects=count)
+    assert draw_case(config).family == family
 
 
-def test_a_riddle_of_no_seed_is_new_until_one_is_there(tmp_path):
-    config = RiddleConfig(output=str(tmp_path / "riddle"))
-    seeds = {riddle(config).seed for _ in range(5)}
+def test_a_case_without_a_seed_is_new_until_one_is_there(tmp_path):
+    config = BlindDemoConfig(output=str(tmp_path / "demo"))
+    seeds = {draw_case(config).seed for _ in range(5)}
     assert len(seeds) == 5
-    config.vault.sealed.mkdir()
-    config.vault.answer(f"{FIRST + 123:07d}").write_text(json.dumps({}))
-    assert riddle(config).seed == FIRST + 123
+    config.store.sealed.mkdir()
+    config.store.truth(f"{FIRST + 123:07d}").write_text(json.dumps({}))
+    assert draw_case(config).seed == FIRST + 123
 
 
 def test_more_than_three_are_refused():
     with pytest.raises(ValueError, match="effects is 4: must be 0 to 3"):
-        RiddleConfig(output="riddle", effects=4)
+        BlindDemoConfig(output="demo", effects=4)
 
 
 def test_distance_is_between_places_at_that_time():
@@ -50,15 +50,15 @@ def test_distance_is_between_places_at_that_time():
 
 
 @pytest.mark.slow
-def test_a_riddle_is_sealed_asked_and_opened(tmp_path):
-    options = [f"output={tmp_path / 'riddle'}", "seed=3", "seconds=20", "more=[stretches=24]"]
-    first = run("riddle", *options)
+def test_a_case_is_sealed_diagnosed_and_revealed(tmp_path):
+    options = [f"output={tmp_path / 'demo'}", "seed=3", "seconds=20", "more=[stretches=24]"]
+    first = run("blind_demo", *options)
     assert first.returncode == 0, first.stderr
     assert "The sealed answer, unchanged" in first.stdout
     assert "[sensor_lag: time_constant 0.054]" in first.stdout
-    assert (tmp_path / "riddle" / "riddle.png").stat().st_size > 20_000
+    assert (tmp_path / "demo" / "blind_demo.png").stat().st_size > 20_000
     file = first.stdout.rpartition("the simulator: ")[2].strip()
     assert [effect.name for effect in make_simulator(file, 2).transform] == ["sensor_lag"]
-    again = run("riddle", *options)  # nothing is driven or asked again
+    again = run("blind_demo", *options)  # nothing is driven or asked again
     assert "screening" not in again.stderr
     assert again.stdout.splitlines()[-3:] == first.stdout.splitlines()[-3:]

@@ -1,4 +1,4 @@
-"""Settled cases: entered once, when nothing is left to do, and the same wherever they are read."""
+"""Scored cases: entered once, when nothing is left to do, and the same wherever they are read."""
 
 import json
 
@@ -6,10 +6,10 @@ import pytest
 
 from buggy_rl.blind_test.baselines import METHODS
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.exam import write_json
-from buggy_rl.blind_test.ledger import Ledger, outcomes, whole
-from buggy_rl.blind_test.outcome import OURS, gathered
-from buggy_rl.blind_test.sealing import Vault, publish, seal
+from buggy_rl.blind_test.ledger import Ledger, complete, open_once, openings
+from buggy_rl.blind_test.outcome import OURS, read_outcomes
+from buggy_rl.blind_test.sealing import CaseStore, publish, seal
+from buggy_rl.files import write_json
 
 CASE = Case(31, "reference", "reference", concealed={"payload": {"mass_ratio": 1.3}}, seconds=1.3)
 OTHER = Case(32, "reference", "reference", seconds=1.3)
@@ -34,14 +34,14 @@ WEIGHED = {
 }
 
 
-def answered(vault: Vault, case: Case) -> None:
-    write_json(vault.said(case.id) / "diagnosis.json", ANSWER)
-    write_json(vault.said(case.id) / "outcome.json", {"status": "answered", "seconds": 3.0})
+def answered(store: CaseStore, case: Case) -> None:
+    write_json(store.diagnosis(case.id) / "diagnosis.json", ANSWER)
+    write_json(store.diagnosis(case.id) / "outcome.json", {"status": "answered", "seconds": 3.0})
 
 
 @pytest.fixture
-def vault(tmp_path) -> Vault:
-    made = Vault(tmp_path / "open", tmp_path / "safe")
+def store(tmp_path) -> CaseStore:
+    made = CaseStore(tmp_path / "open", tmp_path / "safe")
     for folder in (made.output, made.sealed):
         folder.mkdir()
     publish(made, [CASE, OTHER])
@@ -50,50 +50,50 @@ def vault(tmp_path) -> Vault:
     return made
 
 
-def test_a_case_is_settled_when_nothing_is_left_to_do_and_once(vault, tmp_path):
+def test_a_case_is_entered_when_nothing_is_left_to_do_and_once(store, tmp_path):
     ledger = Ledger(tmp_path / "ledger.jsonl")
-    assert not whole(vault, CASE)
-    assert ledger.settle(vault) == 0
+    assert not complete(store, CASE)
+    assert ledger.settle(store) == 0
     assert ledger.open([CASE, OTHER]) == [CASE, OTHER]
-    write_json(vault.weighed(CASE.id), WEIGHED)
-    assert ledger.settle(vault) == 0  # other methods have not answered
-    answered(vault, CASE)  # asked anew: what was weighed was another answer
-    assert not vault.is_weighed(CASE.id)
-    assert ledger.settle(vault, compared=False) == 0
-    write_json(vault.weighed(CASE.id), WEIGHED)
-    assert ledger.settle(vault, compared=False) == 1
-    assert ledger.settle(vault, compared=False) == 0
+    write_json(store.oracle(CASE.id), WEIGHED)
+    assert ledger.settle(store) == 0  # other methods have not answered
+    answered(store, CASE)  # asked anew: what was weighed was another answer
+    assert not store.weighed(CASE.id)
+    assert ledger.settle(store, compared=False) == 0
+    write_json(store.oracle(CASE.id), WEIGHED)
+    assert ledger.settle(store, compared=False) == 1
+    assert ledger.settle(store, compared=False) == 0
     assert ledger.open([CASE, OTHER]) == [OTHER]
 
 
-def test_where_other_methods_answer_none_is_settled_before_all_have(vault, tmp_path):
-    write_json(vault.weighed(CASE.id), WEIGHED)
-    ledger, file = Ledger(tmp_path / "ledger.jsonl"), vault.said(CASE.id) / "baselines.json"
+def test_where_other_methods_answer_none_is_settled_before_all_have(store, tmp_path):
+    write_json(store.oracle(CASE.id), WEIGHED)
+    ledger, file = Ledger(tmp_path / "ledger.jsonl"), store.diagnosis(CASE.id) / "baselines.json"
     silent = {"verdict": "cannot_tell", "effects": [], "seconds": 1.0}
     write_json(file, {next(iter(METHODS)): silent})
-    assert ledger.settle(vault, compared=False) == 0
+    assert ledger.settle(store, compared=False) == 0
     write_json(file, dict.fromkeys(METHODS, silent))
-    assert ledger.settle(vault, compared=False) == 1
+    assert ledger.settle(store, compared=False) == 1
     assert set(ledger.entries()[CASE.id]) == {OURS, *METHODS}
 
 
-def test_what_is_read_is_what_was_entered_without_the_case_at_hand(vault, tmp_path):
-    write_json(vault.weighed(CASE.id), WEIGHED)
+def test_what_is_read_is_what_was_entered_without_the_case_at_hand(store, tmp_path):
+    write_json(store.oracle(CASE.id), WEIGHED)
     ledger = Ledger(tmp_path / "ledger.jsonl")
-    ledger.settle(vault, compared=False)
-    elsewhere = Vault(tmp_path / "elsewhere", tmp_path / "elsewhere_sealed")
-    assert outcomes(ledger, elsewhere, [CASE, OTHER]) == gathered(vault)
-    assert outcomes(ledger, vault, [CASE, OTHER]) == gathered(vault)  # not twice
-    [own] = outcomes(ledger, elsewhere, [CASE])[OURS]
+    ledger.settle(store, compared=False)
+    elsewhere = CaseStore(tmp_path / "elsewhere", tmp_path / "elsewhere_sealed")
+    assert ledger.outcomes(elsewhere, [CASE, OTHER]) == read_outcomes(store)
+    assert ledger.outcomes(store, [CASE, OTHER]) == read_outcomes(store)  # not twice
+    [own] = ledger.outcomes(elsewhere, [CASE])[OURS]
     assert (own.right, own.margin) == (True, 40.0)
     assert own.said[0].rivals == ("throttle_gain",)
-    assert outcomes(ledger, vault, [OTHER]) == {OURS: []}
+    assert ledger.outcomes(store, [OTHER]) == {OURS: []}
 
 
-def test_a_ledger_of_other_settings_is_refused(vault, tmp_path):
-    write_json(vault.weighed(CASE.id), WEIGHED)
+def test_a_ledger_of_other_settings_is_refused(store, tmp_path):
+    write_json(store.oracle(CASE.id), WEIGHED)
     ledger = Ledger(tmp_path / "ledger.jsonl")
-    ledger.settle(vault, compared=False)
+    ledger.settle(store, compared=False)
     with pytest.raises(
         ValueError, match=r"ledger\.jsonl: case 0000031 was drawn by other settings"
     ):
@@ -106,28 +106,34 @@ def test_a_ledger_of_other_settings_is_refused(vault, tmp_path):
 def test_a_line_that_is_none_is_named(tmp_path, line):
     file = tmp_path / "ledger.jsonl"
     file.write_text(line + "\n")
-    with pytest.raises(ValueError, match=r"ledger\.jsonl, line 1: no settled case"):
+    with pytest.raises(ValueError, match=r"ledger\.jsonl, line 1: not a scored case"):
         Ledger(file).entries()
 
 
-def test_hashes_stand_before_any_drive_and_are_those_of_what_is_sealed_later(vault):
-    before = vault.hashes.read_text()
-    seal(vault, [OTHER], [])
-    assert vault.hashes.read_text() == before
-    assert vault.cases() == [CASE, OTHER]
-    publish(vault, [OTHER, Case(33, "reference", "reference", seconds=1.3)])
-    assert vault.hashes.read_text().startswith(before)
+def test_hashes_stand_before_any_drive_and_are_those_of_what_is_sealed_later(store):
+    before = store.hashes.read_text()
+    seal(store, [OTHER], [])
+    assert store.hashes.read_text() == before
+    assert store.cases() == [CASE, OTHER]
+    publish(store, [OTHER, Case(33, "reference", "reference", seconds=1.3)])
+    assert store.hashes.read_text().startswith(before)
     with pytest.raises(ValueError, match="another hash of case 0000033"):
-        publish(vault, [Case(33, "reference", "reference", seconds=1.4)])
+        publish(store, [Case(33, "reference", "reference", seconds=1.4)])
 
 
-def test_an_answer_that_was_asked_about_and_is_gone_is_missed(vault):
-    vault.answer(CASE.id).unlink()
+def test_an_answer_that_was_asked_about_and_is_gone_is_missed(store):
+    store.truth(CASE.id).unlink()
     with pytest.raises(FileNotFoundError):
-        vault.cases()
+        store.cases()
 
 
-def test_the_hash_can_be_checked_by_hand(vault):
-    content = json.loads(vault.answer(CASE.id).read_text())
+def test_the_hash_can_be_checked_by_hand(store):
+    content = json.loads(store.truth(CASE.id).read_text())
     assert content["case"] == CASE.to_dict()
-    assert set(vault.digests()) == {CASE.id, OTHER.id}
+    assert set(store.digests()) == {CASE.id, OTHER.id}
+
+
+def test_openings_are_counted(tmp_path):
+    file = tmp_path / "opened.json"
+    assert openings(file) == 0
+    assert [open_once(file), open_once(file), openings(file)] == [1, 2, 2]

@@ -1,20 +1,21 @@
-"""The proof itself, small: sealed cases, asked, weighed, counted, on the script's command line.
+"""The proof itself, small: sealed cases, diagnosed, scored, on the script's command line.
 
 Drives of 12 s and a library of five effects, so that it fits into the tests; configs/proof.yaml
 has the real ones.
 """
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.outcome import read_outcomes
+from buggy_rl.blind_test.proof import diagnosis
+from buggy_rl.blind_test.sealing import CaseStore, publish, seal
+from buggy_rl.jobs import run_jobs
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = (
@@ -23,23 +24,6 @@ OPTIONS = (
     "draw.names=[steering_gain,gyro_bias]", "rivals=2",
     "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
 )  # fmt: skip
-
-
-KILLED = """
-import sys
-from pathlib import Path
-from buggy_rl.config import run
-from buggy_rl.blind_test.proof import side_by_side
-from tests.blind_test.test_proof import linger
-run(lambda: list(side_by_side(linger, [(Path(sys.argv[1]),)], 1)))
-"""
-
-
-def linger(file: Path) -> None:
-    """Tells its process, and stays."""
-    file.with_suffix(".partial").write_text(str(os.getpid()))
-    file.with_suffix(".partial").replace(file)
-    time.sleep(60)
 
 
 def prove(folder: Path, *more: str) -> subprocess.CompletedProcess:
@@ -57,11 +41,11 @@ def proof(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
 def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     folder, done = proof
     assert done.returncode == 0, done.stderr
-    vault = Vault(folder, Path(f"{folder}_sealed"))
-    for case in vault.cases():
-        answer = json.loads((vault.said(case.id) / "diagnosis.json").read_text())
+    store = CaseStore(folder, Path(f"{folder}_sealed"))
+    for case in store.cases():
+        answer = json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text())
         assert {effect["name"] for effect in answer["effects"]} == set(case.truth)
-        weighed = json.loads(vault.weighed(case.id).read_text())
+        weighed = json.loads(store.oracle(case.id).read_text())
         if not case.truth:
             assert "nats" not in weighed
             continue
@@ -84,12 +68,33 @@ def test_what_is_done_is_not_done_again(proof):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-def test_workers_end_with_a_parent_that_is_killed(tmp_path):
-    command = [sys.executable, "-c", KILLED, str(tmp_path / "pid")]
-    parent = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
-    while not (tmp_path / "pid").exists():
-        time.sleep(0.05)
-    parent.send_signal(signal.SIGTERM)
-    assert parent.wait(20) != 0
-    with pytest.raises(ProcessLookupError):
-        os.kill(int((tmp_path / "pid").read_text()), 0)
+TOOL = """
+import json, pathlib, sys
+saw = sorted(str(path) for path in pathlib.Path(".").rglob("*") if path.is_file())
+output = pathlib.Path(sys.argv[2].removeprefix("output="))
+(output / "saw.json").write_text(json.dumps([sys.argv[1], saw]))
+if "baseline" in pathlib.Path("question.yaml").read_text():
+    sys.exit("no root found")
+(output / "diagnosis.json").write_text(json.dumps({"verdict": "no_mismatch", "effects": []}))
+"""
+
+
+def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcome(tmp_path):
+    store = CaseStore(tmp_path / "out", tmp_path / "sealed")
+    cases = [Case(n, "reference", "reference", bool(n), seconds=1.2) for n in range(2)]
+    seal(store, cases, [])
+    publish(store, cases)
+    script = tmp_path / "tool.py"
+    script.write_text(TOOL)
+    jobs = [diagnosis(store, case.id, script, 60.0) for case in cases]
+    assert len([state for state in run_jobs(jobs, 1, 0.02) if state.outcome]) == 2
+    asked, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
+    assert asked == "question.yaml"
+    assert saw == [
+        "question.yaml",
+        "recordings/drive_0.csv",
+        "recordings/drive_1.csv",
+        "simulator.yaml",
+    ]
+    assert [o.status for o in read_outcomes(store)["ours"]] == ["answered", "crashed"]
+    assert list(run_jobs(jobs, 1, 0.02)) == []

@@ -3,7 +3,7 @@
 import pytest
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.outcome import Outcome, Said, outcome
+from buggy_rl.blind_test.outcome import NamedEffect, Outcome, outcome
 from buggy_rl.blind_test.score import score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -14,7 +14,7 @@ def number(value, low, high):
 
 
 def said(name, confidence=0.9, **parameters):
-    return Said(name, confidence, parameters)
+    return NamedEffect(name, confidence, parameters)
 
 
 def case(seed=1, concealed=None, **options):

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.sealing import TOGETHER, Vault, groups, publish, seal
+from buggy_rl.blind_test.sealing import TOGETHER, CaseStore, groups, publish, seal
 from buggy_rl.blind_test.sizes import SIZES, UNKNOWN_SIZES
 from buggy_rl.recordings import load_recordings
 
@@ -21,16 +21,16 @@ CASES = [
 ]  # fmt: skip
 
 
-def vault(folder) -> Vault:
-    made = Vault(folder / "open", folder / "safe")
+def store(folder) -> CaseStore:
+    made = CaseStore(folder / "open", folder / "safe")
     for place in (made.output, made.sealed):
         place.mkdir(parents=True)
     return made
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory) -> Vault:
-    made = vault(tmp_path_factory.mktemp("sealed"))
+def sealed(tmp_path_factory) -> CaseStore:
+    made = store(tmp_path_factory.mktemp("sealed"))
     assert seal(made, CASES, []) == 3
     publish(made, CASES)
     return made
@@ -45,12 +45,12 @@ def files(folder) -> dict[str, bytes]:
 
 
 def test_what_may_be_seen_is_a_question_a_simulator_and_drives(sealed):
-    assert set(files(sealed.seen("0000012"))) == {
+    assert set(files(sealed.inputs("0000012"))) == {
         "question.yaml",
         "simulator.yaml",
         *(f"{kind}/drive_{n}.csv" for kind in ("recordings", "baseline") for n in (0, 1)),
     }
-    assert set(files(sealed.seen("0000013"))) == {
+    assert set(files(sealed.inputs("0000013"))) == {
         "question.yaml",
         "simulator.yaml",
         "recordings/drive_0.csv",
@@ -62,7 +62,7 @@ def test_what_may_be_seen_names_no_effect_no_number_and_no_nuisance(sealed):
     told = {*SIZES, *UNKNOWN_SIZES, *(p for s in SIZES.values() for p in s if len(p) > 6)}
     told |= {"coloured", "jitter", "parameters_3", "steady", "concealed", "salt", "sealed"}
     for case in CASES:
-        for name, content in files(sealed.seen(case.id)).items():
+        for name, content in files(sealed.inputs(case.id)).items():
             # Names of the car's own parameters are part of a simulator: that it has a steering
             # lag says nothing of what is wrong with it.
             words = set(re.findall(r"[a-z_0-9]+", f"{name} {content.decode()}"))
@@ -77,48 +77,48 @@ def test_what_may_be_seen_names_no_effect_no_number_and_no_nuisance(sealed):
 
 def test_the_drives_are_recordings_as_any_other(sealed):
     for case in CASES:
-        recordings, refusals = load_recordings([str(sealed.seen(case.id) / "recordings")])
+        recordings, refusals = load_recordings([str(sealed.inputs(case.id) / "recordings")])
         assert (len(recordings), refusals) == (2, [])
         held_out, refusals = load_recordings([str(sealed.held_out(case.id))])
         assert (len(held_out), refusals) == (1, [])
-    columns = pd.read_csv(sealed.seen("0000011") / "recordings" / "drive_0.csv").columns
+    columns = pd.read_csv(sealed.inputs("0000011") / "recordings" / "drive_0.csv").columns
     expected = ["t", "x", "y", "yaw", "vx", "vy", "yaw_rate", "throttle", "steering"]
     assert list(columns) == expected
 
 
 def test_same_seed_same_bytes_whatever_is_made_beside_it(sealed, tmp_path):
-    again = vault(tmp_path)
+    again = store(tmp_path)
     seal(again, [CASES[1]], [])
     for one, other in (
-        (sealed.seen("0000012"), again.seen("0000012")),
+        (sealed.inputs("0000012"), again.inputs("0000012")),
         (sealed.held_out("0000012"), again.held_out("0000012")),
     ):
         assert files(one) == files(other)
-    assert sealed.answer("0000012").read_bytes() == again.answer("0000012").read_bytes()
+    assert sealed.truth("0000012").read_bytes() == again.truth("0000012").read_bytes()
 
 
 def test_hashes_are_those_of_the_answers_and_the_salt_is_not_seen(sealed):
     lines = dict(reversed(line.split()) for line in sealed.hashes.read_text().splitlines())
     assert set(lines) == {case.id for case in CASES}
     for case in CASES:
-        content = sealed.answer(case.id).read_bytes()
+        content = sealed.truth(case.id).read_bytes()
         assert hashlib.sha256(content).hexdigest() == lines[case.id]
         assert len(json.loads(content)["salt"]) == 32
     assert sealed.cases() == CASES
 
 
 def test_an_answer_that_was_changed_afterwards_is_noticed(tmp_path):
-    made = vault(tmp_path)
+    made = store(tmp_path)
     short = [Case(13, "reference", "reference", seconds=1.2)]
     seal(made, short, [])
     publish(made, short)
-    text = made.answer("0000013").read_text()
-    made.answer("0000013").write_text(text.replace('"rich"', '"steady"'))
+    text = made.truth("0000013").read_text()
+    made.truth("0000013").write_text(text.replace('"rich"', '"steady"'))
     with pytest.raises(ValueError, match="not what was sealed"):
         made.cases()
     with pytest.raises(ValueError, match="sealed by other settings"):
         publish(made, short)
-    made.answer("0000013").write_text(text + " ")
+    made.truth("0000013").write_text(text + " ")
     with pytest.raises(ValueError, match="not changed after they were published"):
         publish(made, short)
 

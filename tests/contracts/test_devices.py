@@ -5,11 +5,16 @@ import torch
 from torch.testing import assert_close
 from torchrl.data import Unbounded
 
-from buggy_rl.engines import base, make_engine
+from buggy_rl.config import load_named
+from buggy_rl.engines import ENGINES, base, make_engine
+from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.models import MODELS
 from buggy_rl.models.factory import ModelConfig, make_model
 
-PYTORCH = ["hold", "kinematic", "single_track", "reference", *(f"learned {m}" for m in MODELS)]
+PYTORCH = [
+    *(n for n in ENGINES if not issubclass(load_named(ENGINES[n]), RowsEngine) and n != "learned"),
+    *(f"learned {model}" for model in MODELS),
+]
 
 
 def make(name: str, device: str):

@@ -1,6 +1,7 @@
 """What every effect must prove, whatever moves the car beneath it."""
 
 import math
+import re
 from functools import partial
 
 import pytest
@@ -10,12 +11,12 @@ from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
-from buggy_rl.effects import EFFECTS, ORDER, effect_class, make_effect, make_effects
+from buggy_rl.effects import EFFECTS, effect_class, make_effect, make_effects
 from buggy_rl.effects.base import EffectParameter
 from tests.contracts.test_engines import make
 from tests.effects.faults import batched, fault, follow, neutral, over, start
 
-CONTRACT = {  # names and parameters that are fixed from outside
+CONTRACT = {  # names and parameters that programs outside of this package rely on
     "throttle_dead_time": {"dead_time": "s"},
     "steering_dead_time": {"dead_time": "s"},
     "throttle_lag": {"time_constant": "s"},
@@ -51,7 +52,7 @@ CONTRACT = {  # names and parameters that are fixed from outside
     "gyro_bias": {"bias": "rad/s"},
 }
 SEEN = (keys.POSE, keys.VELOCITY, keys.MEASURED_POSE, keys.MEASURED_VELOCITY)
-MOVING = (1.8, 0.1, 2.0)  # a car in a turn to the left
+MOVING = (1.8, 0.1, 2.0)  # [m/s, m/s, rad/s] in a turn to the left
 STEPS = 12
 
 
@@ -73,24 +74,24 @@ def seen(states):
 
 def stacked(rows):
     """All effects, each with a set of values for each car."""
-    return [batched(name, [row.get(name, neutral(name)) for row in rows]) for name in ORDER]
+    return [batched(name, [row.get(name, neutral(name)) for row in rows]) for name in EFFECTS]
 
 
-@pytest.fixture(params=ORDER)
+@pytest.fixture(params=EFFECTS)
 def name(request):
     return request.param
 
 
-@pytest.fixture(params=[*ORDER, "everything"])
+@pytest.fixture(params=[*EFFECTS, "everything"])
 def effects(request):
     """Makes the effects anew: one can be in one environment only."""
     if request.param == "everything":
-        return lambda: make_effects({name: fault(name) for name in ORDER})
+        return lambda: make_effects({name: fault(name) for name in EFFECTS})
     return lambda: [make_effect(request.param, fault(request.param))]
 
 
-def test_the_names_and_parameters_are_those_agreed_on():
-    units = {n: {p.name: p.unit for p in effect_class(n).declared} for n in EFFECTS}
+def test_the_names_and_parameters_agreed_on_are_still_there():
+    units = {n: {p.name: p.unit for p in effect_class(n).declared} for n in CONTRACT}
     assert units == CONTRACT
 
 
@@ -100,6 +101,7 @@ def test_it_says_what_it_is(name):
     assert cls.kind in ("actuation", "motion", "sensing")
     assert cls.equation
     assert "\n" not in cls.equation
+    assert re.search(r"\b(19|20)\d\d\b", cls.source), "its source has no year"
     for p in cls.declared:
         assert isinstance(p, EffectParameter)
         assert p.lower <= p.value <= p.upper
@@ -136,13 +138,13 @@ def test_it_keeps_its_specs(effects):
 
 @pytest.mark.parametrize("engine", ["mujoco", "reference", "kinematic"])
 def test_all_at_once_keep_their_specs_over_every_engine(engine):
-    check_env_specs(over(make_effects({name: fault(name) for name in ORDER}), make(engine, (2,))))
+    check_env_specs(over(make_effects({name: fault(name) for name in EFFECTS}), make(engine, (2,))))
 
 
 @pytest.mark.parametrize("engine", ["single_track", "learned", "mujoco", "hold"])
 def test_neutral_is_neutral_to_the_last_bit(engine):
     # One car for each effect, which only that car feels; and one that feels none.
-    cars = [{name: fault(name)} for name in ORDER] + [{}]
+    cars = [{name: fault(name)} for name in EFFECTS] + [{}]
     env, bare = over(stacked(cars), make(engine, (len(cars),))), make(engine, (len(cars),))
     shown, truth = seen(driven(env)), driven(bare)
     for key, plain in zip(SEEN, (keys.POSE, keys.VELOCITY) * 2, strict=True):
@@ -152,10 +154,10 @@ def test_neutral_is_neutral_to_the_last_bit(engine):
             not torch.equal(shown[key][:, car], truth[plain][:, car])
             for key, plain in zip(SEEN, (keys.POSE, keys.VELOCITY) * 2, strict=True)
         )
-        for car, name in enumerate(ORDER)
+        for car, name in enumerate(EFFECTS)
     }
     if engine in ("single_track", "mujoco"):
-        assert [name for name in ORDER if not felt[name]] == []
+        assert [name for name in EFFECTS if not felt[name]] == []
 
 
 def test_effects_that_nobody_feels_leave_no_trace():
@@ -282,8 +284,8 @@ def test_it_can_be_told_again_what_it_is(name):
 
 
 def test_effects_come_in_their_order_however_they_are_written():
-    backwards = make_effects({name: fault(name) for name in reversed(ORDER)})
-    assert tuple(effect.name for effect in backwards) == ORDER
+    backwards = make_effects({name: fault(name) for name in reversed(EFFECTS)})
+    assert tuple(effect.name for effect in backwards) == tuple(EFFECTS)
     kinds = [effect.kind for effect in backwards]
     assert kinds == sorted(kinds)  # actuation, motion, sensing
 
@@ -317,9 +319,9 @@ def test_a_users_own_effect_stands_behind_those_of_its_kind(tmp_path):
         "class Magnet(MotionEffect):\n"
         "    name = 'magnet'\n"
         "    equation = 'dvx/dt = pull'\n"
-        "    parameters = (EffectParameter('pull', 0.0, -5.0, 5.0, 'm/s^2', 'Ahead.', 1.0, 0.1),)\n"
+        "    declared = (EffectParameter('pull', 0.0, -5.0, 5.0, 'm/s^2', 'Ahead.', 1.0, 0.1),)\n"
         "    def _change(self, motion):\n"
-        "        return along(self._here('pull') * self.dt + 0 * motion.speed)\n"
+        "        return along(self._value('pull') * self.dt + 0 * motion.speed)\n"
     )
     own = f"{file}:Magnet"
     made = make_effects({own: {"pull": 2.0}, "gyro_bias": {}, "wind": {}})

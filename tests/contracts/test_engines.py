@@ -229,7 +229,7 @@ def test_left_is_the_mirror_of_right(name):
     other_poses, other_velocities, _ = follow(engine, mirrored, actions * FLIP[:2])
     torch.testing.assert_close(other_poses, poses * FLIP, atol=1e-3, rtol=0)
     torch.testing.assert_close(other_velocities, velocities * FLIP, atol=2e-3, rtol=0)
-    assert poses[-1, 1].abs() > 0.02 or name == "hold"  # m: it did turn
+    assert poses[:, 1].abs().max() > 0.02 or name == "hold"  # m: it did turn
 
 
 @pytest.mark.parametrize("steering", [-1.0, 0.0, 1.0])

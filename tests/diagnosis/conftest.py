@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.diagnosis.planted import PLANTED, fitter, planted_drives
+from buggy_rl.estimation.gauss_newton import fitted
+from tests.diagnosis.planted import PLANTED, planted_drives, problem_of
 
 
 @pytest.fixture(scope="session")
@@ -13,6 +14,7 @@ def drives():
 
 @pytest.fixture(scope="session")
 def late(drives):
-    """A fit to late steering, by its cause and by another."""
-    fit = fitter(drives["late"])
-    return fit, fit.fit([fit.start(["steering_dead_time"]), fit.start(["steering_gain"])])
+    """A problem with late steering, fitted by its effect and by another."""
+    problem = problem_of(drives["late"])
+    starts = [problem.library.hypothesis([e]) for e in ("steering_dead_time", "steering_gain")]
+    return problem, fitted(problem, starts)

@@ -29,5 +29,5 @@ class Decoy(MotionEffect):
         mix = torch.randn(FEATURES, 3, 3, generator=generator) / FEATURES**0.5
         seen = torch.cat([motion.after, motion.action], -1)
         features = torch.tanh(seen @ weight)
-        size = torch.stack([self._here(p.name).expand(len(seen)) for p in self.declared], -1)
+        size = torch.stack([self._value(p.name).expand(len(seen)) for p in self.declared], -1)
         return self.dt * torch.einsum("nf,fij,ni->nj", features, mix, size)

@@ -1,4 +1,4 @@
-"""Drives of single-track cars in which effects or parameters are planted by their own code."""
+"""Recordings of single-track cars in which effects or parameters are planted by their own code."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -9,13 +9,14 @@ from tensordict import TensorDict
 from buggy_rl import keys
 from buggy_rl.effects import effect_class
 from buggy_rl.engines import make_engine
-from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.noise_model import likelihood
-from buggy_rl.estimation.rollout import Player, explained
-from buggy_rl.estimation.segments import stretches
+from buggy_rl.estimation.noise_model import noise_model
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.task.augment import augmented
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)
 PLANTED = {
@@ -47,7 +48,7 @@ def commands(cars: int, rows: int, seed: int = 0, drive: tuple[float, float] = (
 @torch.no_grad()
 def driven(engine, effects, parameters, action):
     """True motion [cars, rows] under actions [cars, rows, 2]; values are of each car."""
-    env, _ = explained(engine, effects, parameters)
+    env, _ = augmented(engine, effects, parameters)
     state, rows = env.reset(), []
     for row in range(action.shape[1]):
         state[keys.ACTION] = action[:, row]
@@ -99,15 +100,16 @@ def planted_drives(
     for index in range(len(cases)):
         recordings = []
         for car in range(cars):
-            place = index * cars + car
-            data = Camera(quality, 1000 * seed + place).recorded(true[place])
+            row = index * cars + car
+            data = Camera(quality, 1000 * seed + row).recorded(true[row])
             recordings.append(Recording(f"drive_{car}", data, 0.01))
         result.append(recordings)
     return result
 
 
-def fitter(recordings, effects=FEW, parameters=(), make=single_track, stride=1.0):
-    """Fits stretches of drives by the simulator that they are of."""
-    cut, player = stretches(recordings, 1.0, stride), Player(make)
+def problem_of(recordings, effects=FEW, parameters=(), make=single_track, stride=1.0):
+    """Segments of recordings against the simulator that they are of."""
+    segments, simulation = cut_segments(recordings, 1.0, stride), Simulation(make)
     declared = {name: make(1).declared[name] for name in parameters}
-    return Fitter(player, cut, likelihood(player, cut), Library(effects, declared))
+    library = Library(effects, declared)
+    return Problem(simulation, segments, noise_model(simulation, segments), library)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.answer import Answer, Named, Proof, Value, described, sentence
+from buggy_rl.diagnosis.answer import Answer, NamedEffect, Proof, Value, described, sentence
 from buggy_rl.diagnosis.localisation import Interval, Located, Region
-from buggy_rl.diagnosis.unexplained import Remaining
+from buggy_rl.diagnosis.unexplained import Unexplained
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.
 SCHEMA = {
@@ -42,29 +42,29 @@ SCHEMA = {
 }
 
 
-def broken(value, schema, place="answer"):
-    """Places where a value is not of a schema."""
+def broken(value, schema, where="answer"):
+    """Where a value does not match a schema."""
     if isinstance(schema, dict):
-        missing = [f"{place}.{key} is missing" for key in schema if key not in value]
+        missing = [f"{where}.{key} is missing" for key in schema if key not in value]
         return missing + [
             fault
             for key, inner in schema.items()
             if key in value
-            for fault in broken(value[key], inner, f"{place}.{key}")
+            for fault in broken(value[key], inner, f"{where}.{key}")
         ]
     if isinstance(schema, list):
         if not isinstance(value, list):
-            return [f"{place} is no list"]
+            return [f"{where} is no list"]
         return [
             fault
             for index, item in enumerate(value)
-            for fault in broken(item, schema[0], f"{place}[{index}]")
+            for fault in broken(item, schema[0], f"{where}[{index}]")
         ]
-    return [] if isinstance(value, schema) else [f"{place} is {value!r}, no {schema.__name__}"]
+    return [] if isinstance(value, schema) else [f"{where} is {value!r}, no {schema.__name__}"]
 
 
 def an_answer(**changes):
-    named = Named(
+    named = NamedEffect(
         "steering_dead_time",
         "actuation",
         "u'(t) = u(t - dead_time)",
@@ -91,7 +91,7 @@ def an_answer(**changes):
         held_out=True,
         median={"before": {1.0: 0.15}, "after": {0.3: 0.001, 1.0: 0.02}},
     )
-    rest = Remaining(0.3, 0.06, {"vx": 0.9, "yaw_rate": 0.1}, ["vx", "steering"], True)
+    rest = Unexplained(0.3, 0.06, {"vx": 0.9, "yaw_rate": 0.1}, ["vx", "steering"], True)
     parts = {"verdict": "missing_physics", "located": located, "effects": [named]}
     parts |= {"remaining": rest, "proof": proof, "weak": ["x hardly driven"], "suggest": ["y"]}
     return Answer(**(parts | changes))
@@ -110,7 +110,7 @@ def test_the_answer_is_as_the_contract_has_it():
     assert effect["confused_with"] == [{"name": "steering_lag", "confidence": 0.02}]
 
 
-def test_a_planted_fault_of_the_answer_is_caught():
+def test_a_fault_of_the_answer_is_found():
     content = an_answer().to_dict()
     del content["fit"]["before"]
     content["effects"][0]["confidence"] = "high"
@@ -120,7 +120,7 @@ def test_a_planted_fault_of_the_answer_is_caught():
     ]
 
 
-def test_it_is_strict_json_and_what_is_no_number_is_null():
+def test_the_answer_is_strict_json_with_null_for_what_is_not_finite():
     content = an_answer().to_dict()
     text = json.dumps(content, allow_nan=False)
     assert json.loads(text) == content
@@ -128,36 +128,36 @@ def test_it_is_strict_json_and_what_is_no_number_is_null():
     assert content["fit"]["position_mse"]["black_box"] == {"1 s": None}
 
 
-def test_a_lookalike_is_said_to_be_one():
+def test_a_misspecified_effect_is_said_to_be_one():
     [named] = an_answer().effects
-    alike = replace(named, varies_with="vx", confidence=0.3)
-    lines = an_answer(verdict="unknown_physics", effects=[alike]).lines()
-    assert lines[0].startswith("Something is missing that is not in the library, and resembles")
-    assert "it changes with speed: rather a lookalike" in lines[2]
-    other = an_answer(verdict="unknown_physics", effects=[alike, named]).lines()
-    assert other[0].startswith("Part of what is missing has a name")
+    misspecified = replace(named, varies_with="vx", confidence=0.3)
+    lines = an_answer(verdict="unknown_physics", effects=[misspecified]).lines()
+    assert lines[0].startswith("Physics is missing that no effect in the library describes; ")
+    assert "varies with speed: probably misspecified" in lines[2]
+    other = an_answer(verdict="unknown_physics", effects=[misspecified, named]).lines()
+    assert other[0].startswith("The effects named here explain a part")
 
 
 @pytest.mark.parametrize(
     "verdict",
     ["missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"],
 )
-def test_every_verdict_has_words_of_its_own(verdict):
+def test_every_verdict_has_a_first_line_of_its_own(verdict):
     lines = an_answer(verdict=verdict).lines()
     others = {an_answer(verdict=v).lines()[0] for v in ("no_mismatch", "cannot_tell")}
     assert lines[0].endswith(".")
     assert verdict in ("no_mismatch", "cannot_tell") or lines[0] not in others
 
 
-def test_the_lines_say_where_what_how_sure_and_how_much_better():
+def test_the_lines_say_channel_effect_confidence_and_improvement():
     # Roots of the mean squares: sqrt(0.04) = 200 mm, sqrt(0.0009) = 30 mm.
     assert an_answer().lines() == [
         "Physics is missing from the simulator.",
-        "It shows most in turning (70% of the error).",
+        "The largest share of the error is in yaw rate (70%).",
         "The steering takes effect 61 ms late "
-        "[steering_dead_time, 98% sure; could also be steering_lag (2%)].",
-        "1 s rollouts held out, median: 150 mm off before, 20 mm after; "
-        "root mean square: 200 mm off before, 30 mm after.",
+        "[steering_dead_time, confidence 98%; alternatives: steering_lag (2%)].",
+        "Position error of 1 s rollouts on held-out data: median 150 mm before, 20 mm after; "
+        "root mean square 200 mm before, 30 mm after.",
         "Drive next: y.",
     ]
 
@@ -165,24 +165,25 @@ def test_the_lines_say_where_what_how_sure_and_how_much_better():
 @pytest.mark.parametrize(
     ("verdict", "share", "line"),
     [
-        ("missing_physics", 0.42, "Physics is missing from the simulator, and 42% of the gap has "
-         "no name."),
-        ("wrong_parameters", 0.29, "The simulator's parameters are off, and 29% of the gap has no "
-         "name."),
-        ("wrong_parameters", 0.05, "The simulator's parameters are off; no physics is missing."),
-        ("unknown_physics", 0.6, "Part of what is missing has a name, 60% has none."),
+        ("missing_physics", 0.42, "Physics is missing from the simulator; 42% of the residual is "
+         "unexplained."),
+        ("wrong_parameters", 0.29, "The simulator's parameters are wrong; 29% of the residual is "
+         "unexplained."),
+        ("wrong_parameters", 0.05, "The simulator's parameters are wrong; no physics is missing."),
+        ("unknown_physics", 0.6, "The effects named here explain a part of the residual, 60% is "
+         "unexplained."),
     ],
 )  # fmt: skip
-def test_the_first_line_does_not_hide_what_has_no_name(verdict, share, line):
-    rest = Remaining(1.0, share, {"vx": 1.0}, [], False)
+def test_the_first_line_says_what_is_unexplained(verdict, share, line):
+    rest = Unexplained(1.0, share, {"vx": 1.0}, [], False)
     assert replace(an_answer(verdict=verdict), remaining=rest).lines()[0] == line
 
 
-def test_what_remains_is_described_and_never_named():
-    assert described(Remaining(0.05, 0.0, {"vx": 1.0}, ["vx"], True)) == "What remains is noise."
+def test_the_unexplained_residual_is_described_and_never_named():
+    assert described(Unexplained(0.05, 0.0, {"vx": 1.0}, ["vx"], True)) == "What remains is noise."
     assert an_answer().to_dict()["unexplained"]["description"] == (
-        "What remains lies mostly in vx, growing with vx and steering; it goes on over time, as a "
-        "hidden state would."
+        "The unexplained residual is largest in vx; it grows with vx and steering; it persists "
+        "over time, as with a latent state."
     )
 
 
@@ -191,12 +192,12 @@ def test_a_parameter_of_the_simulators_own_is_said_in_words():
     assert words == "the simulator's drive force is 4 N, not 6.5"
 
 
-def test_of_many_causes_five_are_said_and_the_others_named():
+def test_of_many_effects_five_get_a_sentence_and_the_others_are_listed():
     answer = an_answer()
-    many = [replace(answer.effects[0], name=f"cause_{i}") for i in range(7)]
+    many = [replace(answer.effects[0], name=f"effect_{i}") for i in range(7)]
     lines = replace(answer, effects=many).lines()
-    assert sum("[cause_" in line for line in lines) == 5
-    assert "And cause_5, cause_6: see the report." in lines
+    assert sum("[effect_" in line for line in lines) == 5
+    assert "And effect_5, effect_6: see the report." in lines
 
 
 def test_a_ratio_has_no_unit():
@@ -206,7 +207,7 @@ def test_a_ratio_has_no_unit():
     assert said == "the simulator's mass is 2 kg, not 1.6"
 
 
-def test_a_proof_is_better_that_leaves_less_in_units_of_the_noise_as_in_metres():
+def test_a_better_proof_leaves_less_in_noise_units_and_in_metres():
     def left(misfit, metres):
         proof = an_answer().proof
         return replace(proof, misfit_after=misfit, median={"after": {0.3: 9.0, 1.0: metres}})

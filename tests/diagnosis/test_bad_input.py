@@ -9,8 +9,8 @@ from buggy_rl.diagnosis import preflight_recordings as preflight
 from buggy_rl.diagnosis import preflight_simulator
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.kinematic import KinematicEngine
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import stretches
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import cut_segments
 from tests.drives import counting_drive, toy_drive
 
 
@@ -39,7 +39,7 @@ class Random(KinematicEngine):
 
 
 class Half(KinematicEngine):
-    """Hears one command."""
+    """Ignores the steering."""
 
     def _advance(self, state, action):
         return super()._advance(state, action * torch.tensor([1.0, 0.0]))
@@ -105,7 +105,7 @@ def test_a_sound_simulator_passes_without_a_note(name):
     assert preflight_simulator.check_simulator(lambda cars: make_engine(name, cars), name) == []
 
 
-def test_a_simulator_that_does_not_listen_is_refused_and_half_deaf_is_noted():
+def test_a_simulator_that_ignores_its_actions_is_refused_and_one_ignored_command_is_noted():
     with pytest.raises(ValueError, match="moves alike whatever the commands"):
         preflight_simulator.check_simulator(lambda cars: make_engine("hold", cars), "hold")
     notes = preflight_simulator.check_simulator(Half, "half")
@@ -131,39 +131,41 @@ def test_what_is_no_simulator_or_of_another_size_is_refused():
         preflight_simulator.check_simulator(blind, "x")
 
 
-def test_a_crash_in_the_middle_is_blamed_on_the_simulator_and_our_own_is_not():
+def test_an_error_in_a_step_names_the_simulator_and_any_other_passes():
     drive = toy_drive("lap", 400, 0)
     drive.data[keys.ACTION][200:, 0] = 1.0
-    cut = stretches([drive], 1.0, 1.0)
+    segments = cut_segments([drive], 1.0, 1.0)
     words = "simulator mine: step raised ZeroDivisionError"
     with pytest.raises(ValueError, match=words) as told, preflight_simulator.blaming("mine"):
-        Player(Crashing).play(cut, {})
+        Simulation(Crashing).residuals(segments)
     assert isinstance(told.value.__cause__, ZeroDivisionError)
     with pytest.raises(KeyError, match="ours"), preflight_simulator.blaming("mine"):
         raise KeyError("ours")
 
 
-def test_no_number_in_the_middle_is_told_with_its_drive_and_time():
+def test_a_rollout_that_is_not_finite_is_reported_with_its_recording_and_time():
     drives = [toy_drive(name, 500, seed) for seed, name in enumerate("ab")]
-    cut = stretches(drives, 1.0, 1.0)  # starts at 0, 1, 2, 3 s of each
-    gap = torch.zeros(8, 10, 6)
-    instants = Player(Crashing).instants(cut)
-    assert preflight.check_gaps(gap, cut, instants, ["a", "b"], "x") == []
-    gap[6, 4:, 2] = float("nan")  # drive b from 2 s, the reading 0.5 s after the start at 0.3 s
-    notes = preflight.check_gaps(gap, cut, instants, ["a", "b"], "x")
+    segments = cut_segments(drives, 1.0, 1.0)  # starts at 0, 1, 2, 3 s of each
+    residual = torch.zeros(8, 10, 6)
+    instants = Simulation(Crashing).instants(segments)
+    assert preflight.check_residuals(residual, segments, instants, ["a", "b"], "x") == []
+    residual[6, 4:, 2] = float(
+        "nan"
+    )  # drive b from 2 s, the reading 0.5 s after the start at 0.3 s
+    notes = preflight.check_residuals(residual, segments, instants, ["a", "b"], "x")
     assert notes == [
-        "simulator x returns NaN in 1 of 8 stretches, first in drive b at 2.80 s; those count as "
+        "simulator x returns NaN in 1 of 8 segments, first in drive b at 2.80 s; those count as "
         "very wrong"
     ]
-    gap[:5, 9, 3] = 60.0
+    residual[:5, 9, 3] = 60.0
     with pytest.raises(ValueError, match=r"x runs away in 6 of 8 .* drive a at 1\.30 s; play"):
-        preflight.check_gaps(gap, cut, instants, ["a", "b"], "x")
+        preflight.check_residuals(residual, segments, instants, ["a", "b"], "x")
 
 
 def test_good_drives_pass_without_a_note():
     drives = [toy_drive(name, 500, seed) for seed, name in enumerate("ab")]
     assert preflight.check_drives(drives, 1.0) == []
-    assert preflight.check_blocks(stretches([toy_drive("a", 1400, 0)], 1.0, 1.0)) == []
+    assert preflight.check_blocks(cut_segments([toy_drive("a", 1400, 0)], 1.0, 1.0)) == []
 
 
 def test_drives_that_show_nothing_are_refused():
@@ -189,18 +191,18 @@ def test_what_drives_cannot_show_is_noted():
     [note] = preflight.check_drives([lap], 1.0)
     assert note.startswith("one drive only: blocks of 8 s of it are held out")
     [note] = preflight.check_drives([lap, other, toy_drive("stub", 100, 2)], 1.0)
-    assert note == "drive stub is left out: it covers 1.00 s at a stretch, not 1.31 s without a gap"
+    assert note == "drive stub is left out: its longest part is 1.00 s, not 1.31 s without a gap"
     for drive in (lap, other):
         drive.data[keys.ACTION][:, 1] = 0.25
     [note] = preflight.check_drives([lap, other], 1.0)
     assert note.startswith("steering is 0.25 all the time: nothing that depends on it")
-    [note] = preflight.check_blocks(stretches([lap], 1.0, 1.0))
+    [note] = preflight.check_blocks(cut_segments([lap], 1.0, 1.0))
     assert "nothing can be held out" in note
 
 
 def test_dropped_frames_are_counted_with_what_is_left():
     # 500 rows less 100 to 119 and 300 to 379: a fifth is missing; of the runs of 100, 180 and 120
-    # rows only the middle one is as long as a stretch.
+    # rows only the middle one is as long as a segment.
     drive = toy_drive("torn", 500, 0)
     kept = [*range(100), *range(120, 300), *range(380, 500)]
     drive.data = drive.data[torch.tensor(kept)]

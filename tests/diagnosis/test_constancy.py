@@ -2,11 +2,15 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.confidence import SAME, VARIED, constancy
-from buggy_rl.diagnosis.constancy import WORDS, Varying, conditions, varying
-from buggy_rl.estimation.cross_validation import blocks, evidence
-from buggy_rl.estimation.gauss_newton import Fitter
-from tests.diagnosis.planted import fitter, planted_drives
+from buggy_rl.diagnosis.confidence import constancy
+from buggy_rl.diagnosis.config import DEFAULTS
+from buggy_rl.diagnosis.constancy import WORDS, Variation, conditions, variation
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.cross_validation import blocks, cross_validated
+from buggy_rl.estimation.gauss_newton import Problem, fitted
+from tests.diagnosis.planted import planted_drives, problem_of
+
+SAME, VARIED = DEFAULTS.constant_gain, DEFAULTS.varying_share
 
 DRAGS = [
     {"viscous_drag": {"rate": 0.5}},
@@ -15,60 +19,61 @@ DRAGS = [
 
 
 @pytest.fixture(scope="module")
-def fits():
-    """To drives of a car with linear and one with quadratic drag."""
-    return [fitter(drives) for drives in planted_drives(DRAGS)]
+def problems():
+    """Of a car with linear and of one with quadratic drag."""
+    return [problem_of(recordings) for recordings in planted_drives(DRAGS)]
 
 
-def explained(fit: Fitter, cause: str) -> list[Candidate]:
-    """The simulator as given, and with a cause."""
-    group = blocks(fit.cut)
-    fitted = fit.fit([fit.start(()), fit.start([cause])])
-    return [Candidate(each, evidence(fit, each, group)) for each in fitted]
+def candidates(problem: Problem, effect: str) -> list[Candidate]:
+    """The simulator as given, and with an effect."""
+    starts = [problem.library.hypothesis(effects) for effects in ((), (effect,))]
+    fits = fitted(problem, starts)
+    known = cross_validated(problem, fits, blocks(problem.segments))
+    return [Candidate(fit, cv) for fit, cv in zip(fits, known, strict=True)]
 
 
-def changing(fit: Fitter, cause: str) -> Varying:
-    null, best = explained(fit, cause)
-    return varying(fit, best, null, blocks(fit.cut), cause)
+def varied(problem: Problem, effect: str) -> Variation:
+    null, best = candidates(problem, effect)
+    return variation(Criteria(blocks(problem.segments)), problem, best, null, effect)
 
 
-def test_the_number_of_what_is_there_is_one_number(fits):
-    assert changing(fits[0], "viscous_drag").closes < SAME
+def test_the_parameter_of_the_right_effect_is_constant(problems):
+    assert varied(problems[0], "viscous_drag").closes < SAME
 
 
-def test_the_number_of_a_lookalike_changes_with_how_one_drives(fits):
+def test_the_parameter_of_a_misspecified_effect_varies_with_a_condition(problems):
     # c v^2 in place of k v: k = c v.
-    found = changing(fits[1], "viscous_drag")
+    found = varied(problems[1], "viscous_drag")
     assert found.condition == "vx"
     assert found.closes > SAME
     assert found.nats > 0
 
 
-def test_nothing_is_rolled_out_for_it(fits, monkeypatch):
-    fit = fits[1]
-    null, best = explained(fit, "viscous_drag")
-    monkeypatch.setattr(fit, "evaluate", None)
-    assert varying(fit, best, null, blocks(fit.cut), "viscous_drag").nats > 0
+def test_the_constancy_test_rolls_nothing_out(problems, monkeypatch):
+    problem = problems[1]
+    null, best = candidates(problem, "viscous_drag")
+    monkeypatch.setattr(Problem, "whitened", None)
+    criteria = Criteria(blocks(problem.segments))
+    assert variation(criteria, problem, best, null, "viscous_drag").nats > 0
 
 
-def test_conditions_are_counted_about_their_median(fits):
-    cut = fits[0].cut
-    found = conditions(cut, fits[0].player.instants(cut))
+def test_conditions_are_standardised_about_their_median(problems):
+    segments, simulation = problems[0].segments, problems[0].simulation
+    found = conditions(segments, simulation.instants(segments))
     assert set(found) == set(WORDS)
     for value in found.values():
-        assert value.shape == (len(cut),)
+        assert value.shape == (len(segments),)
         assert float(value.median()) == pytest.approx(0.0, abs=1e-9)
         assert float(value.abs().max()) <= 3.0
 
 
-def test_what_does_not_change_in_any_stretch_is_no_condition(fits):
-    cut = fits[0].cut
-    cut = cut[torch.zeros(3, dtype=torch.long)]
-    assert conditions(cut, fits[0].player.instants(cut)) == {}
+def test_what_is_equal_in_all_segments_is_no_condition(problems):
+    same = problems[0].segments[torch.zeros(3, dtype=torch.long)]
+    assert conditions(same, problems[0].simulation.instants(same)) == {}
 
 
 @pytest.mark.parametrize(
-    ("more", "closed", "sure"),
+    ("more", "closed", "probability"),
     [
         (0.0, 1.0, 1.0),
         (SAME, 1.0, 1.0),
@@ -77,5 +82,6 @@ def test_what_does_not_change_in_any_stretch_is_no_condition(fits):
         (1.0, 0.0, 0.0),
     ],
 )
-def test_a_name_is_less_sure_by_what_varying_closes_of_what_it_closes(more, closed, sure):
-    assert constancy(Varying("vx", more, 100.0), closed) == pytest.approx(sure, abs=1e-6)
+def test_the_probability_of_constancy_falls_with_what_varying_closes(more, closed, probability):
+    found = constancy(Variation("vx", more, 100.0), closed, DEFAULTS)
+    assert found == pytest.approx(probability, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Distances of rollouts: what one spin does to a mean, and does not to a median."""
+"""Distances of rollouts: a spin raises their mean and not their median."""
 
 import pytest
 import torch
@@ -6,7 +6,7 @@ import torch
 from buggy_rl.diagnosis.validation import Errors
 
 
-def test_one_spin_weighs_in_the_mean_and_not_in_the_median():
+def test_one_spin_raises_the_mean_and_not_the_median():
     instants = torch.tensor([10, 30, 100])
     square = torch.full((9, 3), 0.01**2)
     square[4] = 3.0**2

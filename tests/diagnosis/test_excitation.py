@@ -3,24 +3,24 @@ import torch
 from buggy_rl import keys
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.estimation.segments import stretches
+from buggy_rl.estimation.segments import cut_segments
 from tests.drives import counting_drive
 
 
 def seen(vx, yaw_rate, drive, steering, yaw=0.0, rows=4000):
-    """Stretches of a drive that is all alike but for the directions it goes in."""
+    """Segments of a drive that is all alike but for the directions it goes in."""
     recording = counting_drive("a", rows)
     data = recording.data
     data[keys.VELOCITY] = torch.tensor([vx, 0.0, yaw_rate]).repeat(rows, 1)
     data[keys.ACTION] = torch.tensor([2 * drive - 1, steering]).repeat(rows, 1)
     data[keys.POSE] = torch.zeros(rows, 3)
     data[keys.POSE][:, 2] = yaw * torch.arange(rows) * 0.01
-    return stretches([recording], 1.0, 1.0)
+    return cut_segments([recording], 1.0, 1.0)
 
 
-def hidden(cut):
+def hidden(segments):
     """What is hardly driven, by its first words."""
-    return {line.partition(" hardly driven")[0].partition(" driven:")[0] for line in weak(cut)}
+    return {line.partition(" hardly driven")[0].partition(" driven:")[0] for line in weak(segments)}
 
 
 def test_a_steady_fast_left_bend_is_shown_and_all_else_is_missed():
@@ -40,7 +40,7 @@ def test_rolling_slowly_straight_ahead_shows_only_that():
     assert not missed & {"below 1 m/s", "coasting without drive", "going straight"}
     words = " ".join(weak(seen(0.8, 0.0, 0.0, 0.0, rows=2000)))
     assert "not all directions driven: hides floor_slope, wind" in words
-    assert "less than 30 s at a stretch: hides battery_sag" in words
+    assert "less than 30 s of one recording: hides battery_sag" in words
     assert "battery_sag" not in " ".join(weak(seen(0.8, 0.0, 0.0, 0.0, rows=4000)))
 
 

@@ -1,4 +1,4 @@
-"""Which manoeuvre decides between what steady drives leave open."""
+"""Which manoeuvre decides between hypotheses that recordings at steady speed leave open."""
 
 from dataclasses import replace
 
@@ -7,91 +7,99 @@ import torch
 
 from buggy_rl.diagnosis import experiments
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.experiments import ENOUGH, TIMES, decided, suggestions
+from buggy_rl.diagnosis.config import DEFAULTS
+from buggy_rl.diagnosis.experiments import TIMES, decided, suggestions
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.estimation.cross_validation import blocks, evidence
-from buggy_rl.estimation.gauss_newton import Fitter
-from tests.diagnosis.planted import commands, fitter, planted_drives
+from buggy_rl.estimation.cross_validation import blocks, cross_validated
+from buggy_rl.estimation.gauss_newton import fitted
+from tests.diagnosis.planted import commands, planted_drives, problem_of
 
+ENOUGH = DEFAULTS.deciding_nats
 DRAGGY = {"viscous_drag": {"rate": 0.1}}
-CAUSES = ("viscous_drag", "aerodynamic_drag", "steering_gain")
+EFFECTS = ("viscous_drag", "aerodynamic_drag", "steering_gain")
 
 
 def measured(action, seed=0):
-    """Drives of a car with more drag, told `action` [cars, rows, 2]."""
+    """Recordings of a car with more drag, under `action` [cars, rows, 2]."""
     return planted_drives([DRAGGY], len(action), seed=seed, action=action)[0]
 
 
 def steady():
-    """At one throttle, weaving: speed hardly changes."""
+    """At one throttle and changing steering: speed hardly changes."""
     return measured(commands(2, 1500, drive=(0.3, 0.3)))
 
 
-def explained(fit, cause):
-    """One cause, fitted, with what speaks for it."""
-    found = fit.fit([fit.start([cause], [0.5, 0.0])])[0]
-    return Candidate(found, evidence(fit, found, blocks(fit.cut)))
+def candidate(problem, effect):
+    """One effect, fitted and cross-validated."""
+    [fit] = fitted(problem, [problem.library.hypothesis([effect], [0.5, 0.0])])
+    [known] = cross_validated(problem, [fit], blocks(problem.segments))
+    return Candidate(fit, known)
+
+
+def suggested(problem, best, others):
+    return suggestions(problem, best, others, ENOUGH)
 
 
 @pytest.fixture(scope="module")
 def undecided():
-    """A fit to steady drives of a car that has more drag, by three causes."""
-    fit = fitter(steady(), CAUSES)
-    return fit, [explained(fit, cause) for cause in CAUSES]
+    """Steady recordings of a car that has more drag, fitted by each of three effects."""
+    problem = problem_of(steady(), EFFECTS)
+    return problem, [candidate(problem, effect) for effect in EFFECTS]
 
 
 @pytest.fixture(scope="module")
 def nats(undecided):
     """Of each manoeuvre: the first from the second, and from itself."""
-    fit, (best, rival, _) = undecided
-    return decided(fit, best, [rival, best])[0]
+    problem, (best, other, _) = undecided
+    return decided(problem, best, [other, best])[0]
 
 
 def named(name):
     return [m.name for m in MANOEUVRES].index(name)
 
 
-def test_a_manoeuvre_decides_as_it_was_foretold(undecided, nats):
-    fit, candidates = undecided
-    alone = [fit.value(candidate.fitted) for candidate in candidates[:2]]
-    foretold = float(nats[0, named("slow_slalom")])
-    told = MANOEUVRES[named("slow_slalom")].actions(0.01).expand(TIMES, -1, -1)
-    both = fitter([*steady(), *measured(told, seed=1)], CAUSES)
-    values = [both.value(explained(both, c).fitted) for c in CAUSES[:2]]
-    gained = (values[1] - values[0]) - (alone[1] - alone[0])
-    assert foretold > ENOUGH
-    assert 0.5 * foretold < gained < 2 * foretold
+def test_a_manoeuvre_decides_by_as_many_nats_as_predicted(undecided, nats):
+    problem, candidates = undecided
+    alone = [problem.cost(candidate.fit) for candidate in candidates[:2]]
+    predicted = float(nats[0, named("slow_slalom")])
+    driven = MANOEUVRES[named("slow_slalom")].actions(0.01).expand(TIMES, -1, -1)
+    both = problem_of([*steady(), *measured(driven, seed=1)], EFFECTS)
+    costs = [both.cost(candidate(both, effect).fit) for effect in EFFECTS[:2]]
+    gained = (costs[1] - costs[0]) - (alone[1] - alone[0])
+    assert predicted > ENOUGH
+    assert 0.5 * predicted < gained < 2 * predicted
 
 
-def test_no_manoeuvre_tells_an_explanation_from_itself(nats):
+def test_no_manoeuvre_tells_a_hypothesis_from_itself(nats):
     assert float(nats[1].abs().max()) < 1e-6
 
 
-def test_a_car_is_not_asked_to_go_much_faster_than_it_was_driven(undecided, nats):
-    fit, (best, rival, _) = undecided
+def test_a_manoeuvre_much_faster_than_what_was_driven_decides_nothing(undecided, nats):
+    problem, (best, other, _) = undecided
     assert nats[0, named("full_throttle")] == 0
-    faster = replace(fit.cut, smooth_velocity=2 * fit.cut.smooth_velocity)
-    other = Fitter(fit.player, faster, fit.likelihood, fit.library)
-    assert decided(other, best, [rival])[0][0, named("full_throttle")] > ENOUGH
+    segments = problem.segments
+    faster = replace(segments, smooth_velocity=2 * segments.smooth_velocity)
+    problem = replace(problem, segments=faster)
+    assert decided(problem, best, [other])[0][0, named("full_throttle")] > ENOUGH
 
 
-def test_one_manoeuvre_is_asked_for_where_one_tells_all(undecided):
-    fit, (best, *rivals) = undecided
-    lines = suggestions(fit, best, rivals)
+def test_one_manoeuvre_is_suggested_where_one_tells_all_apart(undecided):
+    problem, (best, *others) = undecided
+    lines = suggested(problem, best, others)
     assert any(lines[0].startswith(m.words) for m in MANOEUVRES)
     assert "tells viscous_drag from " in lines[0]
-    assert all(f"from {cause}" in " ".join(lines) for cause in CAUSES[1:])
+    assert all(f"from {effect}" in " ".join(lines) for effect in EFFECTS[1:])
     assert len(lines) < 3
-    assert suggestions(fit, best, []) == []
+    assert suggested(problem, best, []) == []
 
 
-def test_what_a_simulator_was_never_taught_decides_nothing(undecided, monkeypatch):
-    fit, (best, rival, _) = undecided
-    shown = experiments._driven
+def test_a_manoeuvre_outside_the_training_range_decides_nothing(undecided, monkeypatch):
+    problem, (best, other, _) = undecided
+    simulated = experiments._simulated
 
     def beyond(*given):
-        recordings, outside = shown(*given)
+        recordings, outside = simulated(*given)
         return recordings, torch.ones_like(outside)
 
-    monkeypatch.setattr(experiments, "_driven", beyond)
-    assert suggestions(fit, best, [rival]) == []
+    monkeypatch.setattr(experiments, "_simulated", beyond)
+    assert suggested(problem, best, [other]) == []

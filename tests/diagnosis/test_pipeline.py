@@ -1,4 +1,4 @@
-"""The whole way from drives to an answer, on small drives of a single-track car."""
+"""From recordings to an answer, on short recordings of a single-track car."""
 
 from dataclasses import replace
 
@@ -11,12 +11,11 @@ from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.integration import Step
 from buggy_rl.diagnosis.pipeline import diagnose
 from buggy_rl.diagnosis.repair import repaired
-from buggy_rl.diagnosis.search import Search
-from buggy_rl.estimation.gauss_newton import Fitter
-from buggy_rl.estimation.noise_model import likelihood
-from buggy_rl.estimation.segments import stretches
+from buggy_rl.diagnosis.search import search
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.task.env import make_simulator
-from tests.diagnosis.planted import fitter, planted_drives
+from tests.diagnosis.planted import planted_drives, problem_of
 
 CONFIG = DiagnosisConfig(
     simulator="single_track",
@@ -26,7 +25,7 @@ CONFIG = DiagnosisConfig(
     parameters=False,
     stretches=40,
 )
-ONE = replace(CONFIG, effects=["throttle_gain"])  # for what does not hang on the answer
+ONE = replace(CONFIG, effects=["throttle_gain"])  # where the answer does not matter
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def numbers(answer):
     return {n.name: {p: v.value for p, v in n.parameters.items()} for n in answer.effects}
 
 
-@pytest.mark.slow  # beside other work, two threads wait for one another for minutes
+@pytest.mark.slow  # on a busy machine two threads wait for each other for minutes
 def test_one_thread_and_two_give_the_same_answer(recordings, done):
     before = torch.get_num_threads()
     try:
@@ -60,35 +59,37 @@ def test_one_thread_and_two_give_the_same_answer(recordings, done):
     )
 
 
-def test_an_interrupted_diagnosis_goes_on_where_it_stopped(recordings, done, tmp_path, monkeypatch):
+def test_an_interrupted_diagnosis_resumes_at_the_stage_it_was_in(
+    recordings, done, tmp_path, monkeypatch
+):
     def interrupted(*_):
         raise KeyboardInterrupt
 
     kept = tmp_path / "stages"
     with monkeypatch.context() as patched:
-        patched.setattr(pipeline, "stated", interrupted)
+        patched.setattr(pipeline, "answered", interrupted)
         with pytest.raises(KeyboardInterrupt):
             diagnose(CONFIG, recordings, kept=kept)
-    monkeypatch.setattr(pipeline, "identified", interrupted)  # it is not asked again
+    monkeypatch.setattr(pipeline, "search", interrupted)  # it is kept, and does not run again
     again = diagnose(CONFIG, recordings, kept=kept)
     assert numbers(again.answer) == numbers(done.answer)
-    # Another question is not answered by what was kept.
+    # Another configuration does not take what was kept.
     with pytest.raises(KeyboardInterrupt):
         diagnose(replace(CONFIG, seconds=0.9), recordings, kept=kept)
 
 
-def test_the_repair_beats_retuning_and_a_network_on_what_was_held_out(done):
+def test_the_repair_beats_retuning_and_a_network_on_held_out_blocks(done):
     proof = done.answer.proof
     assert proof.after[1.0] < 0.1 * proof.before[1.0]
     assert proof.after[1.0] < proof.black_box[1.0] < proof.before[1.0]
-    # A factor of the motor's pull is not what trims of both channels and their gains can hide:
-    # they can, but no better than the cause itself.
+    # Gains and offsets of both channels hide a factor of the drive force, but no better than the
+    # effect itself.
     assert proof.retuned[1.0] < 0.5 * proof.before[1.0]
     assert set(proof.after) == {0.3, 1.0, 3.0}
 
 
-def test_what_an_effect_must_know_of_the_simulator_stays_in_the_repaired_one(done, tmp_path):
-    content = repaired(CONFIG.simulator, done.answer, tmp_path, options=done.case.player.options)
+def test_options_of_an_effect_are_kept_in_the_repaired_simulator(done, tmp_path):
+    content = repaired(CONFIG.simulator, done, tmp_path)
     # The single track's deadband of 0.05, as it shows in how it drives.
     assert content["effects"]["throttle_gain"]["onset"] == pytest.approx(0.05, abs=0.005)
     file = tmp_path / "repaired.yaml"
@@ -96,38 +97,38 @@ def test_what_an_effect_must_know_of_the_simulator_stays_in_the_repaired_one(don
     assert [t.name for t in make_simulator(file, 2).transform] == ["throttle_gain"]
 
 
-def test_what_the_baseline_lacks_as_well_has_not_changed():
+def test_an_effect_that_the_baseline_has_too_is_not_found():
     # Both cars steer too little; only the later one has drag as well.
     standing = {"steering_gain": {"gain": 0.8}}
     before, after = planted_drives([standing, {**standing, "viscous_drag": {"rate": 0.5}}])
     named = ["steering_gain", "viscous_drag"]
-    fit = fitter(after, named)
-    cut = stretches(before, 1.0, 1.0)
-    baseline = Fitter(fit.player, cut, likelihood(fit.player, cut), fit.library)
-    assert set(Search(fitter(after, named)).run().best.causes) == set(named)
-    assert Search(fit, baseline=baseline).run().best.causes == ("viscous_drag",)
+    problem, baseline = (problem_of(recordings, named) for recordings in (after, before))
+    criteria = Criteria(blocks(problem.segments))
+    assert set(search(problem, criteria).best.effects) == set(named)
+    changed = search(problem, replace(criteria, baseline=baseline))
+    assert changed.best.effects == ("viscous_drag",)
 
 
-def test_another_step_is_looked_with_told_and_given_back(recordings, tmp_path, monkeypatch):
-    # When a step is too coarse is another test's. Here a coarser one is taken, which is quick.
+def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
+    recordings, tmp_path, monkeypatch
+):
+    # A coarser step, which is quick.
     assert make_simulator(CONFIG.simulator, 1).substeps != 1
     step = Step({"substeps": 1}, "another step")
     monkeypatch.setattr(pipeline, "fine_enough", lambda *_: step)
     done = diagnose(replace(ONE, seconds=0.5), recordings)
-    assert done.case.player.make(1).substeps == 1
+    assert done.case.problem.simulation.make(1).substeps == 1
     assert "another step" in done.answer.notes
     file = tmp_path / "repaired.yaml"
-    file.write_text(
-        yaml.safe_dump(repaired(CONFIG.simulator, done.answer, tmp_path, step=done.step))
-    )
+    file.write_text(yaml.safe_dump(repaired(CONFIG.simulator, done, tmp_path)))
     assert make_simulator(file, 1).substeps == 1
-    given = tmp_path / "given.yaml"  # one that says so itself gives way
+    given = tmp_path / "given.yaml"  # its own step is overridden
     given.write_text(yaml.safe_dump({"engine": "single_track", "options": {"substeps": 3}}))
-    file.write_text(yaml.safe_dump(repaired(str(given), done.answer, tmp_path, step=done.step)))
+    file.write_text(yaml.safe_dump(repaired(str(given), done, tmp_path)))
     assert make_simulator(file, 1).substeps == 1
 
 
-def test_a_users_own_factory_is_not_asked_for_another_step(recordings, tmp_path, monkeypatch):
+def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, monkeypatch):
     # It may return one of our engines, and takes none of its options.
     own = tmp_path / "own.py"
     own.write_text(

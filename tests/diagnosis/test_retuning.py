@@ -8,14 +8,16 @@ import torch
 from buggy_rl.diagnosis import retuning
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.retuning import retuned, with_own
-from buggy_rl.diagnosis.validation import prove
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.diagnosis.validation import validated
 from buggy_rl.engines import make_engine
-from buggy_rl.estimation.cross_validation import Evidence
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
+from buggy_rl.estimation.cross_validation import CrossValidated, blocks
+from buggy_rl.estimation.gauss_newton import Fit
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.misfit import misfit
-from tests.diagnosis.planted import fitter, planted_drives
+from tests.diagnosis.planted import planted_drives, problem_of
 
 FEW = ["steering_gain"]
 
@@ -26,9 +28,8 @@ FITTED = ("drive_force", "left_angle", "viscous_friction", "rear_grip")
 def case():
     # Of four parameters two are off: 10 N and 0.45 rad in the simulator.
     recordings = planted_drives([{"parameter": {"drive_force": 7.0, "left_angle": 0.38}}])[0]
-    fit = fitter(recordings, FEW, FITTED)
-    names = [recording.name for recording in recordings]
-    return Case(fit.player, fit.cut, fit.likelihood, fit.library, names, recordings)
+    problem = problem_of(recordings, FEW, FITTED)
+    return Case(problem, Criteria(blocks(problem.segments)), recordings)
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +39,19 @@ def tuned(case):
 
 @pytest.fixture(scope="module")
 def again(case, tuned):
-    """The question asked anew with the re-tuned simulator."""
+    """The same with the re-tuned simulator."""
 
     def make(cars):
         return make_engine("single_track", cars, parameters=tuned.values)
 
     declared = {name: make(1).declared[name] for name in FITTED}
     library = Library(FEW, declared, own=False)
-    player = replace(case.player, make=make)
-    return replace(case, player=player, library=library, retuned_from=case.player)
+    given = case.problem.simulation
+    problem = replace(case.problem, simulation=replace(given, make=make), library=library)
+    return replace(case, problem=problem, retuned_from=given)
 
 
-def test_what_was_off_is_found_and_nothing_else_is_called_wrong(tuned):
+def test_the_parameters_that_were_off_are_named_and_no_others(tuned):
     assert {named.name for named in tuned.wrong} == {
         "parameter:drive_force",
         "parameter:left_angle",
@@ -59,7 +61,7 @@ def test_what_was_off_is_found_and_nothing_else_is_called_wrong(tuned):
     assert set(tuned.values) == set(FITTED)
 
 
-def test_a_wrong_parameter_is_said_in_words_with_its_interval(tuned):
+def test_a_wrong_parameter_is_described_with_its_interval(tuned):
     force = next(n for n in tuned.wrong if n.name == "parameter:drive_force")
     assert force.sentence.startswith("the simulator's drive force is 7")
     value = force.parameters["drive_force"]
@@ -67,59 +69,57 @@ def test_a_wrong_parameter_is_said_in_words_with_its_interval(tuned):
     assert value.high - value.low < 0.2 * value.value
 
 
-def test_parameters_that_were_fitted_are_no_causes_any_more():
+def test_fitted_parameters_are_not_in_the_library():
     declared = {"mass": make_engine("single_track", 1).declared["mass"]}
-    assert Library([], declared).causes == ["parameter:mass"]
-    assert Library([], declared, own=False).causes == []
+    assert Library([], declared).names == ["parameter:mass"]
+    assert Library([], declared, own=False).names == []
     assert Library([], declared, own=False).numbers("parameter:mass")[0].unit == "kg"
 
 
-def test_an_explanation_of_the_re_tuned_simulator_is_one_of_the_simulator_as_given(case, again):
-    fit = Fitter(again.player, again.cut, again.likelihood, again.library)
-    best = fit.start(["steering_gain"], [0.7, 0.3])
-    [expected] = fit.evaluate([(best, best.place)])
+def test_a_hypothesis_about_the_re_tuned_simulator_is_one_about_the_simulator_as_given(case, again):
+    problem = again.problem
+    best = problem.library.hypothesis(["steering_gain"], [0.7, 0.3])
+    [expected] = problem.whitened([(best, best.vector)])
     own = with_own(again, best)
-    assert own.causes == ("steering_gain", *(f"parameter:{name}" for name in FITTED))
-    as_given = Fitter(case.player, case.cut, case.likelihood, again.as_given)
-    [found] = as_given.evaluate([(own, own.place)])
+    assert own.effects == ("steering_gain", *(f"parameter:{name}" for name in FITTED))
+    [found] = replace(case.problem, library=again.as_given).whitened([(own, own.vector)])
     assert float((found - expected).abs().max()) < 0.02  # of the noise
     assert float(expected.abs().max()) > 10
 
 
-def test_what_is_held_out_of_the_proof_is_held_out_of_the_re_tuning_too(case, again, tuned):
-    # Numbers that have seen all drives, spoiled: fitted anew, they come back, from what is left.
-    fit = Fitter(again.player, again.cut, again.likelihood, again.library)
-    best = with_own(again, fit.start([]))
-    at = {u.parameter.name: i for i, u in enumerate(best.unknowns)}
-    best.place[at["drive_force"]] *= 0.9
-    errors = prove(case.player, case.recordings, case.cut, case.likelihood, again.as_given, best)
+def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(case, again):
+    # Numbers that have seen all recordings, spoiled: they come back from what is not held out.
+    best = with_own(again, again.problem.library.hypothesis([]))
+    at = {c.parameter.name: i for i, c in enumerate(best.coordinates)}
+    best.vector[at["drive_force"]] *= 0.9
+    problem = replace(case.problem, library=again.as_given)
+    errors = validated(problem, best, case.recordings)
     assert errors["after"].median[1.0] < 0.1 * errors["before"].median[1.0]
-    assert misfit(errors["after"].white) == pytest.approx(1.0, abs=0.1)
+    assert misfit(errors["after"].square) == pytest.approx(1.0, abs=0.1)
 
 
 def sides(left, right, covariance):
-    """Two locks that were fitted, with what is known of them."""
+    """Two fitted steering angles at full lock, with their covariance."""
     names = ("left_angle", "right_angle", "drive_force")
     declared = {name: make_engine("single_track", 1).declared[name] for name in names}
-    library = Library([], declared)
-    causes = [f"parameter:{name}" for name in names]
-    fitted = Fitted(
-        tuple(causes),
-        library.unknowns(causes),
-        torch.tensor([left, right, 0.0, 0.0]),
-        torch.zeros(1, 1),
-    )
+    start = Library([], declared).hypothesis([f"parameter:{name}" for name in names])
+    vector = torch.tensor([left, right, 0.0, 0.0])
+    fit = Fit(start.effects, start.coordinates, vector, torch.zeros(1, 1))
     known = torch.diag(torch.tensor([1.0, 1.0, 1.0, 1.0]))
     known[:2, :2] = torch.tensor(covariance)
-    return Candidate(fitted, Evidence(torch.zeros(1), known))
+    return Candidate(fit, CrossValidated(torch.zeros(1), known))
+
+
+def wrong(left, right, covariance):
+    return retuning._wrong(sides(left, right, covariance), DEFAULTS)
 
 
 def test_sides_that_certainly_differ_are_wrong_though_neither_is_known_well():
     # Each is known to 0.5 of its size, their difference to 0.14.
     together = [[0.25, 0.24], [0.24, 0.25]]
-    found = {n.name: n.sentence for n in retuning._wrong(sides(-0.3, 0.6, together))}
+    found = {n.name: n.sentence for n in wrong(-0.3, 0.6, together)}
     assert set(found) == {"parameter:left_angle", "parameter:right_angle"}
     assert all(s.endswith("left and right certainly differ") for s in found.values())
     # What is as uncertain as each of them is no difference; nor is what both have moved by.
-    assert retuning._wrong(sides(-0.3, 0.6, [[0.25, 0.0], [0.0, 0.25]])) == []
-    assert retuning._wrong(sides(0.6, 0.6, together)) == []
+    assert wrong(-0.3, 0.6, [[0.25, 0.0], [0.0, 0.25]]) == []
+    assert wrong(0.6, 0.6, together) == []

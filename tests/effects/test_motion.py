@@ -47,10 +47,12 @@ def test_rolling_resistance_takes_the_same_each_second_and_ends_at_rest():
     assert 0 <= got[-1] < 1e-3
 
 
-def test_cornering_drag_is_its_share_of_the_lateral_acceleration():
+def test_cornering_drag_is_its_share_of_the_lateral_acceleration_to_either_side():
     # vx r = 2 * 1.5 = 3 m/s^2, a tenth of it over 10 ms.
     state = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, 1.5), 1)
     assert math.isclose(float(speeds(state)[0]), 2.0 - 0.003, abs_tol=1e-6)
+    right = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, -1.5), 1)
+    assert math.isclose(float(speeds(right)[0]), 2.0 - 0.003, abs_tol=1e-6)
     straight = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, 0.0), 1)
     assert float(speeds(straight)[0]) == 2.0
 

@@ -195,7 +195,7 @@ def test_latency_must_stand_next_to_the_engine():
 def test_an_effect_that_stands_twice_is_refused():
     twice = [make_effect("sensor_lag", {"time_constant": 0.05}) for _ in range(2)]
     env = over(twice, make_engine("hold"))
-    with pytest.raises(ValueError, match="stands twice"):
+    with pytest.raises(ValueError, match="is in the stack twice"):
         _ = env.output_spec
 
 

@@ -246,7 +246,7 @@ def test_a_state_beyond_the_physics_is_reported_and_does_not_linger():
     state = start(engine, (1.0, 0.0, 0.0))
     broken = state.clone()
     broken[keys.VELOCITY][1, 0] = float("nan")
-    with pytest.raises(RuntimeError, match="for car 1"):
+    with pytest.raises(RuntimeError, match="in environment 1"):
         step(engine, broken, (0.0, 0.0))
     assert step(engine, state, (0.0, 0.0))[keys.VELOCITY].isfinite().all()
 

@@ -50,7 +50,7 @@ def test_the_longest_dead_time_is_remembered():
 
 @pytest.mark.parametrize("dead_time", [-0.01, 0.21])
 def test_a_dead_time_beyond_the_memory_is_refused(dead_time):
-    with pytest.raises(ValueError, match=r"remembers 0 to 0\.2 s"):
+    with pytest.raises(ValueError, match=r"must be within 0 to 0\.2 s"):
         actuators(steering_dead_time=dead_time)
 
 

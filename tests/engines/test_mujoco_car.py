@@ -63,7 +63,7 @@ def test_what_only_the_eye_needs_weighs_nothing_and_touches_nothing():
 
 
 def test_wheels_that_weigh_more_than_the_car_are_refused():
-    with pytest.raises(ValueError, match="leaves nothing for the chassis"):
+    with pytest.raises(ValueError, match="leaves none for the chassis"):
         chassis_inertia(DIMENSIONS, 1.0, 0.001, 0.08)
 
 

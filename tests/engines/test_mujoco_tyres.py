@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from buggy_rl.engines.mujoco.tyres import SLIP_STIFFNESS, SLOWEST_ROLLING, tyre_force
+from buggy_rl.engines.mujoco.tyres import SLIP_STIFFNESS, SLOWEST_ROLLING, Tyre, tyre_force
 
 GRIP, CORNERING, LOAD = 0.9, 8.0, 4.0  # [-], [1/rad], [N]
 
@@ -12,7 +12,7 @@ def force(slip_x, slip_y, rolling, load=None, shape=1.0):
     load = LOAD if load is None else load
     arrays = np.broadcast_arrays(*np.atleast_1d(slip_x, slip_y, rolling, load))
     sx, sy, v, fz = (np.asarray(a, np.float64)[None] for a in arrays)
-    return tyre_force(sx, sy, v, fz, GRIP, CORNERING, shape)
+    return tyre_force(sx, sy, v, fz, Tyre(GRIP, CORNERING, shape))
 
 
 @pytest.mark.parametrize("speed", [-3.0, 0.2, 1.0, 3.0, 8.0])

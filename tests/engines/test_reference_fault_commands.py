@@ -7,7 +7,7 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.commands import Follower
+from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.parameters import DIMENSIONS
 from buggy_rl.engines.reference.state import DUTY, HEAT, RACK, SERVO
 from tests.engines.reference_drives import held
@@ -77,7 +77,7 @@ def test_trim_is_the_same_as_another_command_up_to_the_end_of_the_channel(driven
 
 @pytest.mark.parametrize("time_constant", [0.02, 0.08, 0.3])
 def test_a_follower_is_late_by_its_time_constant_and_does_not_overshoot(time_constant):
-    law, state, late, last = Follower(torch.tensor([time_constant]), 1e-3), torch.zeros(2, 1), 0, 0
+    law, state, late, last = Lag(torch.tensor([time_constant]), 1e-3), torch.zeros(2, 1), 0, 0
     for _ in range(2500):
         state = law.moved(state, torch.ones(1))
         assert last <= float(state[1]) <= 1.0

@@ -5,6 +5,7 @@ import torch
 
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.drivetrain import Drivetrain, stopped
+from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.parameters import DIMENSIONS, PARAMETERS
 from buggy_rl.engines.reference.steering import Steering
 from buggy_rl.engines.reference.tyres import Tyres
@@ -82,6 +83,17 @@ def test_friction_falls_with_load_and_with_sliding():
     assert still == pytest.approx(0.86, rel=1e-4)
     assert loaded == pytest.approx(0.86 / 1.08, rel=1e-4)
     assert slid == pytest.approx(0.86 * (1 - 0.15 / 2), rel=1e-4)  # half the loss at 2 m/s
+
+
+def test_less_grip_loses_more_friction_by_sliding():
+    # At 0.6 of the grip the loss by sliding is 0.15 + 0.15 (1 - 0.6) = 0.21, half of it at 2 m/s.
+    load, sliding = chassis().static_load * torch.ones(2), torch.zeros(2, 4, 2)
+    sliding[1, :, 1] = 2.0
+    faults = Faults({"tire_grip.grip": torch.tensor([0.6])}, torch.zeros(1))
+    worn = Tyres(values(), chassis().static_load, faults)
+    still, slid = worn.friction(load, sliding)[2].tolist()
+    assert still == pytest.approx(0.86 * 0.6, rel=1e-4)
+    assert slid == pytest.approx(0.86 * 0.6 * (1 - 0.21 / 2), rel=1e-4)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
@@ -186,9 +198,9 @@ def test_dry_friction_stops_but_never_turns_back():
 def test_an_open_differential_lets_one_wheel_spin_and_keeps_the_sum():
     engine = drivetrain(differential_viscosity=0.0, rolling_resistance=0.0, gear_friction=0.0)
     tread, load = torch.full((4, 1), 2.0), torch.full((4, 1), 4.0)
-    held, lifted = torch.zeros(4, 1), torch.zeros(4, 1)
-    held[2:] = 3.0
-    lifted[3] = 6.0  # all of it on the right wheel
+    held, lifted = torch.zeros(2, 4, 1), torch.zeros(2, 4, 1)
+    held[0, 2:] = 3.0
+    lifted[0, 3] = 6.0  # all of it on the right wheel
     current = torch.tensor([10.0])
     even = engine.spun(tread, held, load, current, 1e-3)
     uneven = engine.spun(tread, lifted, load, current, 1e-3)

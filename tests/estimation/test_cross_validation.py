@@ -1,66 +1,101 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.cross_validation import Evidence, advantage, blocks, evidence
-from buggy_rl.estimation.gauss_newton import Fitter
-from tests.diagnosis.planted import fitter
+from buggy_rl.estimation.cross_validation import (
+    CrossValidated,
+    advantage,
+    blocks,
+    cross_validated,
+    jackknife,
+)
+from buggy_rl.estimation.gauss_newton import fitted, normal_equations
+from tests.diagnosis.planted import problem_of
+
+
+def validated(problem, fit):
+    [found] = cross_validated(problem, [fit], blocks(problem.segments))
+    return found
 
 
 def test_without_a_block_the_fit_moves_as_the_linear_one_says(late):
-    # The exact leave-one-block-out fit is run; what it foretells of the block is compared.
-    fit, (right, _) = late
-    group = blocks(fit.cut)
-    foretold = evidence(fit, right, group)
+    # The exact leave-one-block-out fit is run; what it predicts of the block is compared.
+    problem, (right, _) = late
+    group = blocks(problem.segments)
+    predicted = validated(problem, right)
     name = group.unique()[0]
     kept, out = torch.nonzero(group != name).flatten(), group == name
-    part = Fitter(fit.player, fit.cut[kept], fit.likelihood[kept], fit.library)
-    [again] = part.fit([part.start(right.causes, right.place.tolist())], 4)
-    [white] = fit.evaluate([(right, again.place)])
-    exact = white.square().sum(-1)[out].sum()
-    assert float(foretold.square[out].sum()) == pytest.approx(float(exact), rel=0.02)
+    start = problem.library.hypothesis(right.effects, right.vector.tolist())
+    [again] = fitted(problem[kept], [start], 4)
+    [whitened] = problem.whitened([(right, again.vector)])
+    exact = whitened.square().sum(-1)[out].sum()
+    assert float(predicted.square[out].sum()) == pytest.approx(float(exact), rel=0.02)
     assert float(exact) >= float(right.square[out].sum()) - 1.0  # held out is no better than fitted
 
 
-def test_what_is_held_out_is_rolled_out_where_the_fit_moves(late):
-    # Each stretch at the place without its own block, not along the slopes of the place with it.
-    fit, (right, _) = late
-    group = blocks(fit.cut)
-    curve, score = fit.normal(right)
-    prior = torch.tensor([u.prior for u in right.unknowns], dtype=torch.float64)
-    hessian = curve.sum(0) + torch.diag(prior**-2)
-    found = evidence(fit, right, group).square
+def test_held_out_blocks_are_rolled_out_at_the_vector_fitted_without_them(late):
+    # Not along the Jacobian of the vector that was fitted with the block.
+    problem, (right, _) = late
+    group = blocks(problem.segments)
+    curvature, score = normal_equations(problem, right)
+    hessian = curvature.sum(0) + torch.diag(right.prior**-2)
+    found = validated(problem, right).square
     for name in group.unique():
         rows = group == name
-        move = torch.linalg.solve(hessian - curve[rows].sum(0), score[rows].sum(0))
-        [white] = fit.evaluate([(right, right.place + move)])
-        torch.testing.assert_close(found[rows], white.square().sum(-1)[rows], rtol=1e-4, atol=1e-4)
+        move = torch.linalg.solve(hessian - curvature[rows].sum(0), score[rows].sum(0))
+        [whitened] = problem.whitened([(right, right.vector + move)])
+        expected = whitened.square().sum(-1)[rows]
+        torch.testing.assert_close(found[rows], expected, rtol=1e-4, atol=1e-4)
 
 
-def test_the_covariance_covers_the_truth_and_is_one(late):
-    fit, (right, _) = late
-    covariance = evidence(fit, right, blocks(fit.cut)).covariance
+def test_the_covariance_covers_the_truth_and_is_positive_definite(late):
+    problem, (right, _) = late
+    covariance = validated(problem, right).covariance
     torch.testing.assert_close(covariance, covariance.mT, rtol=1e-9, atol=0)
     assert (torch.linalg.eigvalsh(covariance) > 0).all()
-    parameter = right.unknowns[0].parameter
-    off = abs(float(right.place[0]) - parameter.coordinate(0.06))
+    parameter = right.coordinates[0].parameter
+    off = abs(float(right.vector[0]) - parameter.coordinate(0.06))
     spread = float(covariance[0, 0].sqrt())
     assert off < 4 * spread
-    assert spread * parameter.size < 0.005  # [s]: these drives tell it well
+    assert spread * parameter.size < 0.005  # [s]: these recordings tell it well
+
+
+def test_the_jackknife_covariance_of_a_mean_of_three_blocks_is_that_of_the_textbook():
+    # r_n = y_n - z of unit noise, J = -1: H_n = 1, s_n = z - y_n at the mean z of y = 1, 4, 7.
+    z, y = 4.0, torch.tensor([1.0, 4.0, 7.0], dtype=torch.float64)
+    curvature = torch.ones(3, 1, 1, dtype=torch.float64)
+    score = (z - y).unsqueeze(-1)
+    wide = torch.tensor([1e-12], dtype=torch.float64)
+    moves, covariance = jackknife(curvature, score, wide, torch.tensor([0, 1, 2]))
+    # Means without a block are 5.5, 4 and 2.5: moved by 1.5, 0 and -1.5.
+    assert moves.flatten().tolist() == pytest.approx([1.5, 0.0, -1.5])
+    # 2/3 (1.5^2 + 1.5^2) = 3: s^2 / n with s^2 = (9 + 0 + 9) / 2.
+    assert float(covariance) == pytest.approx(3.0)
+
+
+def test_the_jackknife_keeps_the_prior_variance_that_the_data_leave():
+    # Precision 3 of the prior beside curvature 1 of each of three blocks, no score: nothing moves,
+    # and the variance is H^-1 L H^-1 = 3 / (3 + 3)^2.
+    curvature = torch.ones(3, 1, 1, dtype=torch.float64)
+    score = torch.zeros(3, 1, dtype=torch.float64)
+    prior = torch.tensor([3.0], dtype=torch.float64)
+    moves, covariance = jackknife(curvature, score, prior, torch.tensor([0, 1, 2]))
+    assert not moves.any()
+    assert float(covariance) == pytest.approx(3 / 36)
 
 
 def test_the_advantage_is_summed_by_blocks():
     class Half:
-        def loss(self, square, temper):
-            return 0.5 * square / temper
+        def loss(self, square, dispersion):
+            return 0.5 * square / dispersion
 
-    # Gains (worse - better) / 2 by stretch: 5, 3, -2, 1; by block: 8, -2, 1.
-    worse = Evidence(torch.tensor([12.0, 8.0, 4.0, 6.0]), torch.eye(1))
-    better = Evidence(torch.tensor([2.0, 2.0, 8.0, 4.0]), torch.eye(1))
+    # Gains (worse - better) / 2 by segment: 5, 3, -2, 1; by block: 8, -2, 1.
+    worse = CrossValidated(torch.tensor([12.0, 8.0, 4.0, 6.0]), torch.eye(1))
+    better = CrossValidated(torch.tensor([2.0, 2.0, 8.0, 4.0]), torch.eye(1))
     found = advantage(Half(), 1.0, better, worse, torch.tensor([0, 0, 1, 2]))  # type: ignore
     assert (found.won, found.lost, found.without_best) == (9.0, 2.0, -1.0)
 
 
-def test_blocks_are_8_s_of_one_drive(drives):
-    # Drives of 10 s, starts at 0, 1, ... 8 s: eight in the first block and one in the second.
-    fit = fitter(drives["nothing"])
-    assert blocks(fit.cut).bincount().tolist() == [8, 1] * 3
+def test_blocks_are_8_s_of_one_recording(drives):
+    # Recordings of 10 s, starts at 0, 1, ... 8 s: eight in the first block and one in the second.
+    problem = problem_of(drives["nothing"])
+    assert blocks(problem.segments).bincount().tolist() == [8, 1] * 3

@@ -1,56 +1,59 @@
 import pytest
 
-from buggy_rl.estimation.hypothesis import Library, bounded
+from buggy_rl.estimation.gauss_newton import fitted
+from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.parameters import Parameter
-from tests.diagnosis.planted import fitter
+from tests.diagnosis.planted import problem_of
+
+
+def fit(problem, *effects):
+    [found] = fitted(problem, [problem.library.hypothesis(effects)])
+    return found.values()
 
 
 def test_a_planted_effect_is_recovered_and_a_wrong_one_does_not_explain_it(late):
-    fit, (right, wrong) = late
+    problem, (right, wrong) = late
     assert right.values()["steering_dead_time"]["dead_time"] == pytest.approx(0.06, rel=0.05)
     assert abs(right.values()[""]["clock_offset"]) < 0.005
     assert float(right.square.mean()) / 60 == pytest.approx(1.0, abs=0.15)
-    assert fit.value(wrong) > fit.value(right) + 100
+    assert problem.cost(wrong) > problem.cost(right) + 100
 
 
-def test_two_effects_in_one_explanation_are_told_apart(drives):
-    fit = fitter(drives["two"])
-    [both] = fit.fit([fit.start(["viscous_drag", "steering_gain"])])
-    assert both.values()["steering_gain"]["gain"] == pytest.approx(0.8, rel=0.03)
-    assert both.values()["viscous_drag"]["rate"] == pytest.approx(0.5, rel=0.1)
+def test_two_effects_of_one_hypothesis_are_told_apart(drives):
+    both = fit(problem_of(drives["two"]), "viscous_drag", "steering_gain")
+    assert both["steering_gain"]["gain"] == pytest.approx(0.8, rel=0.03)
+    assert both["viscous_drag"]["rate"] == pytest.approx(0.5, rel=0.1)
 
 
 def test_a_parameter_of_the_simulators_own_is_recovered(drives):
-    fit = fitter(drives["heavy"], parameters=["drive_force"])
-    assert fit.player.make(1).declared["drive_force"].value > 5.0
-    [found] = fit.fit([fit.start(["parameter:drive_force"])])
-    assert found.values()["parameter:drive_force"]["drive_force"] == pytest.approx(4.0, rel=0.03)
+    problem = problem_of(drives["heavy"], parameters=["drive_force"])
+    assert problem.simulation.make(1).declared["drive_force"].value > 5.0
+    found = fit(problem, "parameter:drive_force")
+    assert found["parameter:drive_force"]["drive_force"] == pytest.approx(4.0, rel=0.03)
 
 
-def test_nothing_is_fitted_to_drives_of_the_same_simulator(drives):
-    fit = fitter(drives["nothing"])
-    [gain] = fit.fit([fit.start(["steering_gain"])])
-    assert gain.values()["steering_gain"]["gain"] == pytest.approx(1.0, abs=0.02)
+def test_an_effect_is_neutral_on_recordings_of_the_same_simulator(drives):
+    gain = fit(problem_of(drives["nothing"]), "steering_gain")
+    assert gain["steering_gain"]["gain"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_values_stay_within_their_bounds_and_a_start_out_of_them_is_brought_in(late):
-    fit, _ = late
-    outside = fit.start(["steering_dead_time"], [-3.0, 0.0])
-    [found] = fit.fit([outside], 1)
+def test_values_stay_within_their_bounds_and_a_start_beyond_them_is_brought_in(late):
+    problem, _ = late
+    outside = problem.library.hypothesis(["steering_dead_time"], [-3.0, 0.0])
+    [found] = fitted(problem, [outside], 1)
     assert found.values()["steering_dead_time"]["dead_time"] >= 0.0
-    assert found.slopes is not None
-    assert found.slopes.shape == (len(fit.cut), 60, 2)
+    assert found.jacobian is not None
+    assert found.jacobian.shape == (len(problem.segments), 60, 2)
 
 
-def test_a_number_at_the_end_of_its_range_is_told(late):
-    fit, (right, _) = late
+def test_a_parameter_at_a_bound_is_reported(late):
+    problem, (right, _) = late
     assert right.at_bound("steering_dead_time") == ()
-    slippery = fit.start(["grip_patch"], [0.0, 0.0, 0.0, -99.0, 0.0])
-    slippery.place = bounded(slippery.unknowns, slippery.place)
-    assert slippery.at_bound("grip_patch") == ("grip",)
+    slippery = problem.library.hypothesis(["grip_patch"], [0.0, 0.0, 0.0, -99.0, 0.0])
+    assert slippery.at(slippery.vector).at_bound("grip_patch") == ("grip",)
 
 
-def test_of_a_patch_its_grip_says_how_much_of_it_there_is():
+def test_the_deciding_parameter_of_a_patch_is_its_grip():
     library = Library(parameters={"mass": Parameter("mass", 1.0, 0.5, 2.0, "kg", "of the car")})
     assert library.deciding("grip_patch") == {"grip"}
     assert library.deciding("floor_slope") == {"along_x", "along_y"}

@@ -2,15 +2,14 @@ from collections.abc import Sequence
 
 import pytest
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from buggy_rl import keys
+from buggy_rl.engines import make_engine
 from buggy_rl.engines.base import Engine
 from buggy_rl.identification.least_squares import FitConfig, as_simulator, fit
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.recordings.windows import filtered, local_parabola, windows
 from buggy_rl.vehicle import integrate_pose
 from tests.drives import toy_drive
 
@@ -56,21 +55,18 @@ class ToyEngine(Engine):
         return ToyEngine(batch_size, self.device)
 
 
-def drives(noise: float, count: int = 3) -> tuple[TensorDict, Tensor, Tensor]:
-    return cut_windows([toy_drive(str(i), 900, i, noise) for i in range(count)])
+def make(count: int) -> ToyEngine:
+    return ToyEngine((count,))
 
 
-def cut_windows(parts: list[Recording]) -> tuple[TensorDict, Tensor, Tensor]:
-    cut = windows(parts, 131, 131)
-    smooth = [filtered(part, FitConfig().smoothing, local_parabola) for part in parts]
-    start = windows(smooth, 131, 131)[keys.VELOCITY]
-    return cut, start, cut[keys.RECORDING][:, 0] * 1000 + cut[keys.ROW][:, 0] // 131
+def drives(noise: float, count: int = 3) -> list[Recording]:
+    return [toy_drive(str(i), 900, i, noise) for i in range(count)]
 
 
 def test_the_truth_is_found_from_a_wrong_start():
-    cut, start, groups = drives(0.02)
+    recordings = drives(0.02)
     config = FitConfig(parameters=["push", "drag", "turn"])
-    for estimate in fit(ToyEngine(), cut, start, groups, config):
+    for estimate in fit(make, recordings, config):
         truth = TRUE[estimate.parameter.name]
         assert estimate.value == pytest.approx(truth, rel=0.02)
         assert estimate.low <= estimate.value <= estimate.high
@@ -81,18 +77,16 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     config = FitConfig(parameters=["push", "drag", "turn"])
     covered = total = 0
     for first in range(0, 36, 3):
-        cut, start, groups = cut_windows(
-            [toy_drive(str(i), 900, i, 0.03) for i in range(first, first + 3)]
-        )
-        for estimate in fit(ToyEngine(), cut, start, groups, config):
+        recordings = [toy_drive(str(i), 900, i, 0.03) for i in range(first, first + 3)]
+        for estimate in fit(make, recordings, config):
             covered += estimate.low <= TRUE[estimate.parameter.name] <= estimate.high
             total += 1
     assert covered / total >= 0.8
 
 
 def test_what_the_drives_never_exercise_is_said_to_be_undetermined():
-    cut, start, groups = drives(0.02)
-    estimates = fit(ToyEngine(), cut, start, groups, FitConfig(parameters=["push", "brake"]))
+    recordings = drives(0.02)
+    estimates = fit(make, recordings, FitConfig(parameters=["push", "brake"]))
     by_name = {e.parameter.name: e for e in estimates}
     assert "these drives do not determine it" in by_name["brake"].warnings
     assert by_name["brake"].value == pytest.approx(3.0, abs=0.1), "it stays where it was"
@@ -100,10 +94,8 @@ def test_what_the_drives_never_exercise_is_said_to_be_undetermined():
 
 
 def test_two_parameters_that_do_the_same_are_named_as_indistinguishable():
-    cut, start, groups = drives(0.02)
-    estimates = fit(
-        ToyEngine(), cut, start, groups, FitConfig(parameters=["push", "thrust", "drag"])
-    )
+    recordings = drives(0.02)
+    estimates = fit(make, recordings, FitConfig(parameters=["push", "thrust", "drag"]))
     by_name = {e.parameter.name: e for e in estimates}
     assert "these drives cannot tell it from thrust" in by_name["push"].warnings
     assert "these drives cannot tell it from push" in by_name["thrust"].warnings
@@ -112,9 +104,9 @@ def test_two_parameters_that_do_the_same_are_named_as_indistinguishable():
 
 
 def test_an_unknown_parameter_is_refused_with_what_there_is():
-    cut, start, groups = drives(0.0, 1)
+    recordings = drives(0.0, 1)
     with pytest.raises(KeyError, match="available: brake, drag, push"):
-        fit(ToyEngine(), cut, start, groups, FitConfig(parameters=["grip"]))
+        fit(make, recordings, FitConfig(parameters=["grip"]))
 
 
 def test_a_simulator_that_returns_nan_is_reported():
@@ -126,14 +118,14 @@ def test_a_simulator_that_returns_nan_is_reported():
         def _rebuilt(self, batch_size):
             return Broken(batch_size, self.device)
 
-    cut, start, groups = drives(0.0, 1)
+    recordings = drives(0.0, 1)
     with pytest.raises(FloatingPointError, match="not finite"):
-        fit(Broken(), cut, start, groups, FitConfig(parameters=["push"]))
+        fit(lambda count: Broken((count,)), recordings, FitConfig(parameters=["push"]))
 
 
 def test_a_fit_as_a_file_holds_values_intervals_and_warnings():
-    cut, start, groups = drives(0.02)
-    estimates = fit(ToyEngine(), cut, start, groups, FitConfig(parameters=["push", "drag"]))
+    recordings = drives(0.02)
+    estimates = fit(make, recordings, FitConfig(parameters=["push", "drag"]))
     content = as_simulator("toy", estimates, {"tyres": "explicit"})
     assert content["engine"] == "toy"
     assert content["options"] == {"tyres": "explicit"}
@@ -141,3 +133,10 @@ def test_a_fit_as_a_file_holds_values_intervals_and_warnings():
     about = content["_fit"]["push"]
     assert about["low"] < 4.0 < about["high"]
     assert about["started_from"] == 2.5
+
+
+def test_a_simulator_that_declares_nothing_and_a_rollout_without_instants_are_refused():
+    with pytest.raises(ValueError, match="declares no parameters"):
+        fit(lambda count: make_engine("hold", count), drives(0.0, 1), FitConfig())
+    with pytest.raises(ValueError, match=r"lengthen fit\.horizon"):
+        fit(make, drives(0.0, 1), FitConfig(horizon=0.05))

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -6,27 +7,42 @@ from tensordict import TensorDict
 from torch.testing import assert_close
 
 from buggy_rl import keys
+from buggy_rl.effects import make_effects
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.learned import LearnedEngine
-from buggy_rl.identification.open_loop import bootstrap_interval, open_loop, open_loop_error
+from buggy_rl.estimation.segments import Segments, cut_segments
+from buggy_rl.identification.open_loop import (
+    bootstrap_interval,
+    measured,
+    open_loop,
+    open_loop_error,
+)
 from buggy_rl.models.factory import ModelConfig, make_model
-from buggy_rl.recordings.windows import windows
+from buggy_rl.task.env import with_effects
 from tests.drives import toy_drive
+
+LATE = {"sensor_latency": {"dead_time": 0.05}}
 
 
 @pytest.fixture
-def cut() -> TensorDict:
-    return windows([toy_drive("a", 400, 1)], 131, 60)
+def segments() -> Segments:
+    return as_measured(cut_segments([toy_drive("a", 400, 1)], 1.0, 0.6))
 
 
-def test_a_car_that_keeps_its_velocity_is_simulated_exactly_by_hold(cut: TensorDict):
-    cut[keys.VELOCITY][:] = torch.tensor([1.0, 0.0, 0.0])
-    cut[keys.POSE][:] = 0
-    cut[keys.POSE][..., 0] = 0.01 * torch.arange(131)
-    made = open_loop(partial(make_engine, "hold"), cut)
-    error = open_loop_error(made, cut[:, 30:], 0.01)
-    assert made.batch_size == (len(cut), 101)
-    assert_close(error.position[1.0], torch.zeros(len(cut)), atol=1e-5, rtol=0)
+def as_measured(segments: Segments) -> Segments:
+    """Segments whose rollouts start from what was measured."""
+    return replace(segments, smooth_pose=segments.pose, smooth_velocity=segments.velocity)
+
+
+def test_a_car_that_keeps_its_velocity_is_simulated_exactly_by_hold(segments: Segments):
+    velocity = torch.tensor([1.0, 0.0, 0.0]).expand_as(segments.velocity)
+    pose = torch.zeros_like(segments.pose)
+    pose[..., 0] = 0.01 * torch.arange(131)
+    straight = as_measured(replace(segments, pose=pose, velocity=velocity))
+    made = open_loop(partial(make_engine, "hold"), straight)
+    error = open_loop_error(made, measured(straight), 0.01)
+    assert made.batch_size == (len(segments), 101)
+    assert_close(error.position[1.0], torch.zeros(len(segments)), atol=1e-5, rtol=0)
 
 
 def test_errors_are_those_computed_by_hand():
@@ -48,7 +64,7 @@ def test_errors_are_those_computed_by_hand():
     assert 3.0 not in error.position, "the rollout is 1 s long"
 
 
-def test_the_warm_up_fills_a_models_memory_with_what_was_measured(cut: TensorDict):
+def test_the_warm_up_fills_a_models_memory_with_what_was_measured(segments: Segments):
     class Remembering(LearnedEngine):
         last: torch.Tensor
 
@@ -57,21 +73,28 @@ def test_the_warm_up_fills_a_models_memory_with_what_was_measured(cut: TensorDic
             return super()._advance(state, action)
 
     model = make_model(ModelConfig("mlp", options={"rows": 20}))
-    open_loop(lambda count: Remembering(count, model=model), cut[:, :32])
+    short = cut_segments([toy_drive("a", 400, 1)], 0.01, 0.6)
+    open_loop(lambda count: Remembering(count, model=model), as_measured(short))
     # The last step starts at row 30; its memory holds rows 11 to 29.
-    rows = torch.cat([cut[keys.VELOCITY], cut[keys.ACTION]], -1)[:, 11:30]
+    rows = torch.cat([short.velocity, short.action], -1)[:, 11:30]
     assert_close(Remembering.last, rows)
 
 
-def test_chunks_give_the_same_rollouts_as_one_batch(cut: TensorDict):
-    make = partial(make_engine, "hold")
-    assert_close(open_loop(make, cut, chunk=2)[keys.POSE], open_loop(make, cut)[keys.POSE])
-
-
-def test_the_start_may_be_given_apart_from_what_was_measured(cut: TensorDict):
-    start = torch.full_like(cut[keys.VELOCITY], 0.5)[:, :31]
-    made = open_loop(partial(make_engine, "hold"), cut, start)
+def test_the_start_may_be_given_apart_from_what_was_measured(segments: Segments):
+    start = torch.full_like(segments.velocity, 0.5)
+    made = open_loop(partial(make_engine, "hold"), replace(segments, smooth_velocity=start))
     assert_close(made[keys.VELOCITY], torch.full_like(made[keys.VELOCITY], 0.5))
+
+
+def test_a_simulator_with_a_late_sensor_shows_what_that_sensor_shows(segments: Segments):
+    def late(count):
+        return with_effects(make_engine("hold", count), make_effects(LATE))
+
+    prompt, delayed = (open_loop(make, segments) for make in (partial(make_engine, "hold"), late))
+    # A car that keeps its velocity is seen where it was five rows before; the velocity it starts
+    # with is the one that a late sensor shows five rows later.
+    assert_close(delayed[keys.VELOCITY][:, -1], segments.velocity[:, 35], atol=1e-5, rtol=0)
+    assert not torch.allclose(delayed[keys.POSE], prompt[keys.POSE], atol=1e-3)
 
 
 def test_an_interval_covers_the_truth_as_often_as_it_says_when_neighbours_are_alike():

@@ -1,4 +1,4 @@
-"""What every model must prove."""
+"""Properties of every model."""
 
 import pytest
 import torch
@@ -44,7 +44,7 @@ def test_a_standing_car_without_drive_stands_still_whatever_the_steering(kind: s
     history[..., 3] = -1.0
     history[..., 4] = torch.linspace(-1, 1, 5)[:, None]
     assert model.change(history).abs().max() > 0, (
-        "the bare network does creep: else nothing to mend"
+        "the bare network creeps, else there is nothing to constrain"
     )
     assert torch.equal(model(history), torch.zeros(5, 3))
 

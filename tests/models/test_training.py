@@ -20,7 +20,7 @@ def training(config: TrainingConfig, rows: int = 2) -> Training:
 
 
 class Exact(torch.nn.Module):
-    """The equations of `toy_drive` in a model's clothes."""
+    """The equations of `toy_drive` as a model."""
 
     rows = 1
     input_scale = torch.ones(5)

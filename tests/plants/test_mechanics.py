@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from buggy_rl.plants.commonroad import arriving
+from buggy_rl.plants.commonroad import command_weights
 from buggy_rl.plants.faults import EFFECTS, Faults
 from buggy_rl.plants.mechanics import MINUTES, Mechanics
 
@@ -89,9 +89,9 @@ def test_a_standing_car_draws_the_share_of_its_electronics():
 def test_what_arrives_is_what_was_given_a_dead_time_ago():
     # 14 ms late, heard in four quarters of a period: 14 to 11.5 ms ago is command 2 (20 to 10 ms
     # ago); 11.5 to 9 ms ago is command 2 for 1.5 of 2.5 ms; then command 1.
-    shares = arriving(np.array([0.014]), 0.01, 4, 3)[0]
+    shares = command_weights(np.array([0.014]), 0.01, 4, 3)[0]
     assert shares == pytest.approx(
         np.array([[0, 0, 1, 0], [0, 0.4, 0.6, 0], [0, 1, 0, 0], [0, 1, 0, 0]])
     )
-    assert arriving(np.array([0.0]), 0.01, 4, 3)[0, :, 0] == pytest.approx(np.ones(4))
-    assert arriving(np.array([0.137]), 0.01, 4, 25).sum(-1) == pytest.approx(np.ones((1, 4)))
+    assert command_weights(np.array([0.0]), 0.01, 4, 3)[0, :, 0] == pytest.approx(np.ones(4))
+    assert command_weights(np.array([0.137]), 0.01, 4, 25).sum(-1) == pytest.approx(np.ones((1, 4)))

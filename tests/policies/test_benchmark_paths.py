@@ -3,7 +3,7 @@ from dataclasses import replace
 import torch
 
 from buggy_rl import keys
-from buggy_rl.policies.benchmark_paths import courses, judging
+from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
 from buggy_rl.task.paths import PathConfig, make_paths
 from buggy_rl.task.transforms.noise import ObservationNoise
@@ -20,8 +20,8 @@ def training_task():
     return TaskConfig(paths=PATHS, transforms=stack)
 
 
-def test_the_courses_are_the_original_studys():
-    named = courses(PATHS, random_paths=4)
+def test_the_benchmark_paths_are_the_original_studys():
+    named = benchmark_paths(PATHS, random_paths=4)
     assert {name: course.steps for name, course in named.items()} == {
         "training": 1000, "validation": 1000, "lap": 1000, "infinity": 1000, "random": 500,
     }  # fmt: skip
@@ -31,14 +31,14 @@ def test_the_courses_are_the_original_studys():
 
 
 def test_training_paths_are_the_first_of_those_trained_on():
-    few = make_paths(courses(PATHS, 4)["training"].paths)
+    few = make_paths(benchmark_paths(PATHS, 4)["training"].paths)
     plain = make_paths(replace(PATHS, mirrored=False, placed=False, count=9))
     assert torch.equal(few.points, plain.points[:4])
 
 
 def test_every_car_is_judged_on_its_own_path_from_its_start():
-    paths = make_paths(courses(PATHS, 4)["training"].paths)
-    env = make_env("kinematic", task=judging(training_task(), 5), batch_size=4, paths=paths)
+    paths = make_paths(benchmark_paths(PATHS, 4)["training"].paths)
+    env = make_env("kinematic", task=evaluation_task(training_task(), 5), batch_size=4, paths=paths)
     state = env.reset()
     assert state[keys.PATH].flatten().tolist() == [0, 1, 2, 3]
     assert not state[keys.POSE].any()
@@ -49,6 +49,6 @@ def test_every_car_is_judged_on_its_own_path_from_its_start():
 
 def test_only_the_car_is_seen_through_a_camera():
     for camera in (False, True):
-        task = judging(training_task(), 5, camera)
+        task = evaluation_task(training_task(), 5, camera)
         env = make_env("kinematic", task=task, paths=make_paths(PathConfig(kind="lap")))
         assert any(isinstance(t, ObservationNoise) for t in env.transform) == camera

@@ -8,7 +8,7 @@ import torch
 from buggy_rl import keys
 from buggy_rl.config import plain
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
-from buggy_rl.policies.benchmark_paths import judging
+from buggy_rl.policies.benchmark_paths import evaluation_task
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.drives import ShowPoliciesConfig, panels, tracks
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
@@ -27,7 +27,9 @@ def commands(throttle, steering):
 
 def env_of(cars, steps=60):
     paths = joined_paths([make_paths(CIRCLE)] * cars)
-    return make_env("kinematic", task=judging(TaskConfig(), steps), batch_size=cars, paths=paths)
+    return make_env(
+        "kinematic", task=evaluation_task(TaskConfig(), steps), batch_size=cars, paths=paths
+    )
 
 
 def test_a_track_is_the_drive_row_by_row_and_scores_like_it():

@@ -1,5 +1,6 @@
 """PPO on a task small enough to follow by hand: a point on a line, pushed by the first command."""
 
+import ast
 import math
 from pathlib import Path
 
@@ -10,11 +11,13 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import CatFrames, Compose, EnvBase, StepCounter, Transform, TransformedEnv
 
 from buggy_rl.config import build
+from buggy_rl.policies import ppo
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
 from buggy_rl.policies.episodes import Episodes
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig, train
 from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.task.env import TaskConfig, make_env
 
 CARS, STEPS, LIMIT = 8, 16, 7
 BOUND = 1.0  # beyond it the point has failed
@@ -208,6 +211,52 @@ def test_a_resumed_run_gives_the_same_curve_bit_for_bit(tmp_path):
     assert curve(again) == curve(rows[2:])
     for name, tensor in whole.policy.state_dict().items():
         assert torch.equal(tensor, policy.state_dict()[name]), name
+
+
+def test_a_seeded_run_resumes_bit_for_bit_too(tmp_path):
+    task = build(
+        TaskConfig,
+        [
+            "paths.count=4",
+            "paths.waypoints=40",
+            "transforms.noise.name=observation_noise",
+            "transforms.step_limit.options.max_steps=9",
+        ],
+    )
+
+    def seeded():
+        env = make_env("kinematic", task=task, batch_size=CARS)
+        env.set_seed(11)
+        return env
+
+    torch.manual_seed(1)
+    whole = PPO(seeded(), Policy(23), config())
+    batches = whole.run()
+    next(batches)
+    save_checkpoint(whole.state_dict(), tmp_path / "checkpoint.pt")
+    rest = curve(batches)
+    torch.manual_seed(999)
+    state = load_checkpoint(tmp_path / "checkpoint.pt")
+    assert curve(train(seeded(), Policy(23), config(), state)) == rest
+
+
+def test_ppo_uses_nothing_private_of_the_collector_to_resume():
+    torch.manual_seed(1)
+    run = PPO(stack(), Policy(3), config())
+    state, batch = run.collector.state.clone(), run.collector.rollout()
+    assert batch.batch_size == (CARS, STEPS)
+    assert torch.equal(batch["observation"][:, 0], state["observation"])
+    tree = ast.parse(Path(ppo.__file__).read_text())
+    taken = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    private = [n.attr for n in taken if n.attr.startswith("_") and not n.attr.startswith("__")]
+    assert set(private) <= set(vars(PPO))
+
+
+def test_a_checkpoint_of_another_task_is_refused_in_one_line():
+    state = PPO(stack(), Policy(3), config()).state_dict()
+    state["cars"]["limited_action"] = state["cars"].pop("x")
+    with pytest.raises(ValueError, match="another environment: limited_action, x is in only one"):
+        PPO(stack(), Policy(3), config()).load_state_dict(state)
 
 
 @pytest.mark.parametrize("left_out", ["cars", "environment", "random", "minibatches", "optimiser"])

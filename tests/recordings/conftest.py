@@ -1,4 +1,4 @@
-"""An honest drive with a known truth, to be read as it is or with one fault in it."""
+"""A recording with a known truth, to be read as it is or with one fault in it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ LEVER = 0.11  # [m] tracker ahead of the rear axle, which moves along the car
 STEERING_LAG = 0.1  # [s]
 
 
-def honest_drive(
+def ideal_drive(
     seconds: float = 20.0,
     rate: float = 100.0,
     noise: float = 0.0,
@@ -69,8 +69,8 @@ def honest_drive(
 
 @pytest.fixture(scope="session")
 def make_drive() -> Callable[..., pd.DataFrame]:
-    """Builds honest drives, see `honest_drive`."""
-    return honest_drive
+    """Builds tables of `ideal_drive`."""
+    return ideal_drive
 
 
 @pytest.fixture

@@ -6,7 +6,15 @@ from pathlib import Path
 import pytest
 import torch
 from torchrl.collectors import Collector
-from torchrl.envs import Compose, EnvBase, StepCounter, Transform, TransformedEnv
+from torchrl.envs import (
+    Compose,
+    EnvBase,
+    RewardSum,
+    SerialEnv,
+    StepCounter,
+    Transform,
+    TransformedEnv,
+)
 from torchrl.envs.utils import check_env_specs
 
 import buggy_rl.task.env
@@ -84,6 +92,93 @@ def test_a_car_that_is_steered_at_its_waypoints_closes_them(engine, kind):
     # a waypoint each 0.2 m, along the path; the way driven is as long, within a corner cut
     assert closed == pytest.approx(float(state[task.PATH_POSITION]) / 0.2, abs=1.5)
     assert way == pytest.approx(float(state[task.PATH_POSITION]), rel=0.15)
+
+
+def random_task(**places):
+    """The default stack with everything that a reset can draw."""
+    around = {"order": "random", "start_lateral": 0.2, "start_heading": 0.5}
+    return changed(
+        waypoints=TransformConfig("waypoints", around),
+        noise=TransformConfig("observation_noise"),
+        target_speed=TransformConfig("target_speed"),
+        **places,
+    )
+
+
+def starts(env, seed=None):
+    """Two resets after a seed, as flat dictionaries."""
+    if seed is not None:
+        env.set_seed(seed)
+    return torch.stack([env.reset(), env.reset()])
+
+
+def test_a_seed_fixes_starts_and_noise_whatever_else_is_drawn():
+    task = random_task()
+    first, second = (make_env("kinematic", task=task, batch_size=(16,)) for _ in range(2))
+    torch.manual_seed(0)
+    one = starts(first, seed=3)
+    torch.manual_seed(1)
+    assert (starts(second, seed=3) == one).all()
+    torch.rand(7)
+    assert (starts(first, seed=3) == one).all()
+    other = starts(first, seed=4)
+    for key in ("path", "noise_state", "target_speed", keys.POSE):
+        assert not torch.equal(other[key], one[key]), key
+        assert not torch.equal(one[key][0], one[key][1]), key  # the stream goes on
+
+
+def test_a_seed_fixes_a_rollout_with_resets_in_between():
+    limit = TransformConfig("step_limit", {"max_steps": 5})
+    task = random_task(step_limit=limit)
+    action = torch.tensor([0.2, 0.3]).expand(4, 2)
+    rows = []
+    for noise in (0, 1):
+        env = make_env("kinematic", task=task, batch_size=(4,))
+        env.set_seed(3)
+        torch.manual_seed(noise)
+        rows.append(
+            env.rollout(12, lambda td: td.set(keys.ACTION, action), break_when_any_done=False)
+        )
+    assert (rows[0] == rows[1]).all()
+    assert rows[0]["next", keys.DONE].any()
+
+
+def test_a_seeded_environment_leaves_pytorchs_generator_alone():
+    env = make_env("kinematic", task=random_task(), batch_size=(4,))
+    before = torch.random.get_rng_state()
+    assert env.set_seed(3) != 3  # the seed for a further environment
+    assert env.set_seed(3, static_seed=True) == 3
+    env.reset()
+    assert torch.equal(torch.random.get_rng_state(), before)
+
+
+def test_without_a_seed_pytorchs_generator_decides():
+    drawn = []
+    for seed in (5, 5, 6):
+        torch.manual_seed(seed)
+        drawn.append(starts(make_env("kinematic", task=random_task(), batch_size=(16,))))
+    assert (drawn[0] == drawn[1]).all()
+    assert not torch.equal(drawn[0]["path"], drawn[2]["path"])
+    env = make_env("kinematic", task=random_task(), batch_size=(16,))
+    env.set_seed(1)
+    env.set_seed(None)
+    torch.manual_seed(5)
+    assert (starts(env) == drawn[0]).all()
+
+
+def test_a_seed_reaches_through_what_is_put_around_the_environment():
+    task = random_task()
+    drawn = []
+    for _ in range(2):
+        inner = make_env("kinematic", task=task, batch_size=(4,))
+        around = TransformedEnv(inner, RewardSum())
+        drawn.append(starts(around, seed=3))
+        several = SerialEnv(2, lambda: make_env("kinematic", task=task, batch_size=(4,)))
+        drawn.append(starts(several, seed=3))
+        several.close()
+    assert (drawn[0] == drawn[2]).all()
+    assert (drawn[1] == drawn[3]).all()
+    assert not torch.equal(drawn[1]["path"][:, 0], drawn[1]["path"][:, 1])
 
 
 def test_a_collector_keeps_terminated_and_truncated_apart_through_resets():

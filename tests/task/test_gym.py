@@ -61,6 +61,20 @@ def test_a_seed_fixes_paths_and_leaves_the_rest_of_pytorch_alone(env):
     assert set(drawn) == set(range(5))
 
 
+def test_a_seed_fixes_the_noise_too():
+    transforms = default_transforms()
+    transforms["noise"] = TransformConfig("observation_noise")
+    shown = []
+    for seed in (3, 3, 4):
+        env = gymnasium.make(NAME, engine="kinematic", task=TaskConfig(FEW.paths, transforms))
+        first, _ = env.reset(seed=seed)
+        second, _ = env.reset()
+        shown.append(np.stack([first, second]))
+        env.close()
+    np.testing.assert_array_equal(shown[0], shown[1])
+    assert (shown[0] != shown[2]).any()
+
+
 def test_what_was_shown_is_not_overwritten_by_the_next_step(env):
     first, info = env.reset(seed=0)
     kept, pose = first.copy(), info["pose"].copy()

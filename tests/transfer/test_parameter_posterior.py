@@ -9,8 +9,8 @@ from buggy_rl import keys
 from buggy_rl.effects.residual import ResidualNetwork
 from buggy_rl.engines.base import Engine
 from buggy_rl.task.env import make_env, make_simulator
-from buggy_rl.transfer.factory import write_factories, write_factory
-from buggy_rl.transfer.parameter_posterior import undecided
+from buggy_rl.transfer.jobs import write_factories, write_factory
+from buggy_rl.transfer.parameter_posterior import posterior
 from buggy_rl.transfer.plan import TransferConfig
 
 CARS = 400
@@ -40,7 +40,7 @@ def written(tmp_path, **content) -> str:
 
 def values(simulator: str, seed: int = 0) -> dict[str, torch.Tensor]:
     torch.manual_seed(seed)
-    engine = undecided(simulator, CARS)
+    engine = posterior(simulator, CARS)
     assert isinstance(engine, Engine)
     return engine.values
 
@@ -81,13 +81,13 @@ def test_what_was_tuned_again_is_not_drawn(fitted, tmp_path):
 def test_effects_stand_over_it_as_they_are(fitted, tmp_path):
     late = {"steering_dead_time": {"dead_time": 0.1}}
     torch.manual_seed(0)
-    cars = make_env(undecided(written(tmp_path, effects=late), 8))
+    cars = make_env(posterior(written(tmp_path, effects=late), 8))
     action = torch.tensor([[0.6, 0.8]]).repeat(8, 1)
     rows = cars.rollout(40, lambda td: td.set(keys.ACTION, action))
     turned = rows["next", keys.VELOCITY][..., 2]
     assert len(rows["next", keys.VELOCITY][:, -1, 0].unique()) == 8
     torch.manual_seed(0)
-    plain = make_env(undecided(fitted, 8)).rollout(40, lambda td: td.set(keys.ACTION, action))
+    plain = make_env(posterior(fitted, 8)).rollout(40, lambda td: td.set(keys.ACTION, action))
     before = plain["next", keys.VELOCITY][..., 2]
     # The same cars, that turn ten steps later.
     assert float(before[:, 9].abs().min()) > 10 * float(turned[:, 9].abs().max())
@@ -99,7 +99,7 @@ def test_of_a_correction_cars_feel_from_nothing_to_twice(fitted, tmp_path):
     )
     ResidualNetwork().save(tmp_path / "deeper" / "correction.pt")
     torch.manual_seed(0)
-    env = undecided(file, CARS)
+    env = posterior(file, CARS)
     assert isinstance(env, TransformedEnv)
     (effect,) = env.transform
     strength = effect.values["strength"]
@@ -112,11 +112,11 @@ def test_a_simulator_that_was_not_fitted_is_refused(simulator, tmp_path):
     (tmp_path / "unfitted.yaml").write_text("engine: mujoco\n")
     place = str(tmp_path / simulator) if simulator.endswith("yaml") else simulator
     with pytest.raises(ValueError, match=r"mujoco has no intervals .*scripts/fit_mujoco"):
-        undecided(place, 4)
+        posterior(place, 4)
 
 
 def test_the_file_is_a_simulator_that_every_script_takes(fitted, tmp_path):
-    write_factory(undecided, fitted, tmp_path / "deep" / "unrepaired.py")
+    write_factory(posterior, fitted, tmp_path / "deep" / "unrepaired.py")
     torch.manual_seed(0)
     cars = make_simulator(f"{tmp_path / 'deep' / 'unrepaired.py'}:make", CARS)
     assert isinstance(cars, Engine)

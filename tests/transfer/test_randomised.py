@@ -7,7 +7,7 @@ from buggy_rl import keys
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.base import Engine
 from buggy_rl.task.env import make_env, make_simulator
-from buggy_rl.transfer.factory import write_factory
+from buggy_rl.transfer.jobs import write_factory
 from buggy_rl.transfer.randomised import SPREADS, randomised
 
 CARS = 400

@@ -9,7 +9,7 @@ import pytest
 from buggy_rl.transfer.page import page
 from buggy_rl.transfer.pictures import transfer_figure
 from buggy_rl.transfer.plan import SHARED, TransferConfig
-from buggy_rl.transfer.score import kinds, mean, original_loss, pairs, results, targets
+from buggy_rl.transfer.score import means, original_loss, pairs, results, targets
 
 CARS = {
     "late": {"steering_dead_time": {"dead_time": 0.08}},
@@ -55,9 +55,9 @@ def config(tmp_path) -> TransferConfig:
 def test_lost_is_what_was_closed_in_simulation_less_what_is_closed_on_the_car(config):
     # In half a minute: 60 - 10 and 60 - 30, mean 40; repaired 50 - 46 and 50 - 48, mean 3.
     drives = pairs(config)
-    assert mean(drives, "lost", arm="unrepaired") == pytest.approx(2 * 40.0)
-    assert mean(drives, "lost", arm="repaired") == pytest.approx(2 * 3.0)
-    assert mean(drives, "there", car="late", arm="learned") == pytest.approx(2 * 40.0)
+    assert means(drives, "arm").lost["unrepaired"] == pytest.approx(2 * 40.0)
+    assert means(drives, "arm").lost["repaired"] == pytest.approx(2 * 3.0)
+    assert means(drives, "car", "arm").there["late", "learned"] == pytest.approx(2 * 40.0)
 
 
 def test_targets_are_met_when_the_repaired_one_loses_little_and_closes_most(config):
@@ -82,7 +82,7 @@ def test_targets_are_not_met_when_it_loses_over_a_fifth_or_another_closes_more(c
 def test_a_car_that_was_not_driven_yet_is_left_out(config):
     config.car_drives("heavy").unlink()
     drives = pairs(config)
-    assert kinds(drives, "car") == ["late"]
+    assert list(drives.car.unique()) == ["late"]
     config.car_drives("late").unlink()
     with pytest.raises(ValueError, match="has no drives yet"):
         pairs(config)
@@ -130,13 +130,13 @@ def test_a_car_with_nothing_wrong_is_shown_and_not_counted(config):
     for arm in ("repaired", "learned"):
         write(control.own_drives(arm, "unchanged"), rows(arm, CLOSED[arm][0], 0.02))
     drives = pairs(control)
-    assert kinds(drives, "car") == [*CARS, "unchanged"]
+    assert list(drives.car.unique()) == [*CARS, "unchanged"]
     assert targets(drives) == targets(pairs(config))
     text = page(control, drives, {}, "python scripts/transfer.py x.yaml", "transfer.png")
     assert "| unchanged | 60.0 (120.0) | 50.0 (100.0) |" in text
     assert "| **mean** | **40.0 (120.0)**, 35.0 .. 45.0 |" in text
     assert results(control, drives)["arms"] == results(config, pairs(config))["arms"]
-    alone = [drive for drive in drives if drive.control]
+    alone = drives[drives.control]
     assert targets(alone)[0].sentence.startswith("The repaired simulator's policy loses 50.0")
 
 

@@ -1,4 +1,4 @@
-"""Pictures, by what is in them."""
+"""Figures, by their content."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -32,7 +32,7 @@ def panel(policy, place, course):
 
 
 def drawn(figure):
-    """The panels, without the colour scale."""
+    """The axes, without the colour scale."""
     return [axis for axis in figure.axes if axis.get_title()]
 
 

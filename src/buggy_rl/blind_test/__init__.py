@@ -1,1 +1,1 @@
-"""Proof: physics is concealed in cars, the diagnosis is asked, and its answers are counted."""
+"""Sealed blind tests: physics is concealed in cars, diagnosed, and the answers are scored."""

@@ -1,4 +1,4 @@
-"""One case for a person: something drawn at random is concealed in a car, and found, or not."""
+"""One blind case: an effect drawn at random is concealed in a car, diagnosed, and revealed."""
 
 import random
 from dataclasses import dataclass, field
@@ -12,28 +12,28 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import Settings, draw
-from buggy_rl.blind_test.sealing import Vault
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches, stretches
+from buggy_rl.blind_test.sealing import CaseStore
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.plants import abilities
 from buggy_rl.recordings import load_recordings
 from buggy_rl.task.env import make_simulator
 from buggy_rl.vehicle import CONTROL_PERIOD
 
-FIRST, SEEDS = 10_000_000, 80_000_000  # no case of the proof has one of these seeds
-SHOWN = 3.0  # [s] rollouts that are drawn
+FIRST, SEEDS = 10_000_000, 80_000_000  # no case of scripts/prove.py has one of these seeds
+SHOWN = 3.0  # [s] length of the rollouts that are drawn
 STRIDE = 0.5  # [s] between their starts
 MEASURED = "car"
 
 
 @dataclass(frozen=True)
-class RiddleConfig:
+class BlindDemoConfig:
     """Something concealed in the reference car."""
 
     output: str = MISSING
     """Folder of drives, answer and picture; what is sealed lies in OUTPUT_sealed."""
     seed: int = -1
-    """Below 0: a new one, drawn by chance, unless OUTPUT holds a riddle already."""
+    """Below 0: that of the case in OUTPUT, or a random one."""
     effects: int = 1
     """How many are concealed, 0 to 3."""
     seconds: float = 45.0
@@ -46,16 +46,16 @@ class RiddleConfig:
             raise ValueError(f"effects is {self.effects}: must be 0 to 3")
 
     @property
-    def vault(self) -> Vault:
+    def store(self) -> CaseStore:
         """Where it lies."""
-        return Vault(Path(self.output), Path(f"{self.output}_sealed"))
+        return CaseStore(Path(self.output), Path(f"{self.output}_sealed"))
 
 
-def riddle(config: RiddleConfig) -> Case:
-    """What is concealed, by seed."""
+def draw_case(config: BlindDemoConfig) -> Case:
+    """The case of the config's seed."""
     seed = config.seed
     if seed < 0:
-        before = sorted(config.vault.sealed.glob("*.json"))
+        before = sorted(config.store.sealed.glob("*.json"))
         seed = int(before[0].stem) - FIRST if before else random.SystemRandom().randrange(SEEDS)
     settings = Settings(
         families=[("nothing", "one", "two", "three")[config.effects]],
@@ -67,22 +67,22 @@ def riddle(config: RiddleConfig) -> Case:
     return draw(FIRST + seed, settings, {"reference": abilities("reference")})
 
 
-def rollouts(vault: Vault, case: Case) -> dict[str, TensorDict]:
-    """The sealed drive, and what simulators make of its commands.
+def rollouts(store: CaseStore, case: Case) -> dict[str, TensorDict]:
+    """The held-out drive, and what simulators make of its commands.
 
     Returns:
         `car`, `as given`, `repaired` -> `pose` and `velocity` [N, H + 1, 3] as the sensor shows
-        them, places seen from where the rollouts start.
+        them, positions relative to the start of the rollout.
     """
-    recordings, _ = load_recordings([str(vault.held_out(case.id))])
-    cut = stretches(recordings, SHOWN, STRIDE)
-    measured = cut.seen_from_start
+    recordings, _ = load_recordings([str(store.held_out(case.id))])
+    segments = cut_segments(recordings, SHOWN, STRIDE)
+    measured = segments.motion_from_start
     files = {
-        "as given": vault.seen(case.id) / "simulator.yaml",
-        "repaired": vault.said(case.id) / "repaired.yaml",
+        "as given": store.inputs(case.id) / "simulator.yaml",
+        "repaired": store.diagnosis(case.id) / "repaired.yaml",
     }
-    shown = {MEASURED: measured} | {n: measured + _gap(f, cut) for n, f in files.items()}
-    return {name: _from_rest(rows, cut) for name, rows in shown.items()}
+    shown = {MEASURED: measured} | {n: measured + _residuals(f, segments) for n, f in files.items()}
+    return {name: _with_start(rows) for name, rows in shown.items()}
 
 
 def distance(
@@ -94,12 +94,12 @@ def distance(
     return float(off.square().sum(-1).mean().sqrt())
 
 
-def _gap(file: Path, cut: Stretches) -> Tensor:
-    player = Player(lambda cars: make_simulator(file, cars), every=1)
-    return player.play(cut, {})[0]
+def _residuals(file: Path, segments: Segments) -> Tensor:
+    simulation = Simulation(lambda count: make_simulator(file, count), every=1)
+    return simulation.residuals(segments)[0]
 
 
-def _from_rest(rows: Tensor, cut: Stretches) -> TensorDict:
+def _with_start(rows: Tensor) -> TensorDict:
     """With the start itself as the first row."""
     begin = torch.cat([torch.zeros_like(rows[:, :1, :3]), rows[:, :1, 3:]], -1)
     whole = torch.cat([begin, rows], 1)

@@ -53,7 +53,7 @@ class Case:
 
     @property
     def id(self) -> str:
-        """Name of its folders; tells nothing."""
+        """Name of its folders; independent of what is concealed."""
         return f"{self.seed:07d}"
 
     @property

@@ -1,53 +1,86 @@
-"""What a textbook term should come out as where a plant has the same thing in another form.
+"""When an answer says the same as the truth: equal effects, and equal numbers of an effect.
 
 A fault in a car's own physics is not always the textbook's term at the commands or on the velocity:
-where the two differ by a factor that is known, an answer is measured against the textbook's number.
+where the two differ by a known factor, an answer is measured against the textbook's number.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from buggy_rl.blind_test.case import Case
 
-
-@dataclass(frozen=True)
-class Equivalent:
-    """The textbook's number for the plant's."""
-
-    number: Callable[[float], float]
-    why: str
-
-
-def _times(factor: float) -> Callable[[float], float]:
-    return lambda value: factor * value
-
-
-def _spinning(share: float) -> dict[str, dict[str, Equivalent]]:
-    """What has wheels and rotor to move as well, for a share of the mass that is the car's."""
-    slope = Equivalent(_times(share), "gravity has to spin the wheels up too")
-    power = Equivalent(_times(share), "power at the shaft has to spin the wheels up too")
-    return {
-        "floor_slope": {"along_x": slope, "along_y": slope},
-        "motor_power_limit": {"power_per_mass": power},
-    }
-
-
-# Of the reference car. Shares of mass: wheels and rotor add 11.8 % to what a force has to move.
-ROLLING_MASS = 1.1176
-TABLES: dict[str, Mapping[str, Mapping[str, Equivalent]]] = {
-    "reference": _spinning(1 / ROLLING_MASS),
-    "mujoco": _spinning(0.92),  # their wheels and rotors, as the plants' docstrings have it
-    "commonroad": _spinning(0.90),
+OWN = "parameter:"  # begins the name of a simulator's own parameter in diagnosis.json
+SAME = {  # a simulator's own parameter -> the effect that it is: "the lag is 0.12 s, not 0.06 s"
+    parameter: effect
+    for effect, parameters in {
+        "steering_lag": ["steering_lag"],
+        "steering_dead_time": ["steering_dead_time"],
+        "throttle_lag": ["throttle_lag"],
+        "throttle_dead_time": ["throttle_dead_time"],
+        "throttle_deadband": ["throttle_deadband"],
+        "steering_offset": ["steering_offset"],
+        "rolling_resistance": ["rolling_resistance", "dry_friction"],
+        "viscous_drag": ["viscous_drag", "viscous_friction"],
+        "aerodynamic_drag": ["quadratic_drag"],
+        "payload": ["mass"],
+        "throttle_gain": ["drive_force"],
+        "top_speed": ["drive_force_loss", "drive_speed_loss"],
+        "sensor_lever_arm": ["sensor_x", "sensor_y"],
+    }.items()
+    for parameter in parameters
 }
+NEAR = {  # a simulator's own parameter -> an effect that it is a part of, or that moves alike
+    parameter: effect
+    for effect, parameters in {
+        "tire_grip": "grip_front grip_rear front_grip rear_grip tyre_shape",
+        "grip_balance": "cornering_stiffness_front cornering_stiffness_rear front_stiffness "
+        "rear_stiffness front_shape rear_shape cg_to_front_axle cg_to_rear_axle",
+        "steering_asymmetry": "steering_left steering_right left_angle right_angle "
+        "left_steepness right_steepness",
+        "cornering_drag": "steering_drag steering_drag_speed",
+        "yaw_damping": "yaw_inertia",
+    }.items()
+    for parameter in parameters.split()
+}
+GROUPS = (  # effects that are easily confounded; those of one group are one answer to a driver
+    {"steering_dead_time", "steering_lag", "steering_rate_limit", "steering_backlash"},
+    {"throttle_dead_time", "throttle_lag"},
+    {"sensor_latency", "sensor_lag"},
+    {"aerodynamic_drag", "rolling_resistance", "viscous_drag", "top_speed", "motor_power_limit"},
+    {"throttle_gain", "throttle_deadband", "throttle_offset", "battery_sag", "payload"},
+    {"rolling_resistance", "throttle_offset", "throttle_deadband"},
+    {"steering_offset", "one_sided_drag", "sensor_yaw"},
+    {"floor_slope", "wind"},
+    {"steering_gain", "steering_asymmetry", "grip_balance", "sensor_lever_arm", "yaw_damping"},
+    {"tire_grip", "grip_patch", "grip_balance", "payload"},
+)
+
+
+def meant(name: str) -> str:
+    """The effect that an answer's name stands for."""
+    own = name.removeprefix(OWN)
+    return SAME.get(own, name) if name.startswith(OWN) else name
+
+
+def alike(one: str, other: str) -> bool:
+    """Whether two names are of one group."""
+    first, second = (NEAR.get(n.removeprefix(OWN), meant(n)) for n in (one, other))
+    return first == second or any(first in group and second in group for group in GROUPS)
+
+
+# Gravity, or power at the shaft, has to spin the wheels and the rotor too: the textbook's number is
+# the plant's times the share of the moved mass that is the car's.
+MASS_SHARE = {
+    "reference": 1 / 1.1176,  # wheels and rotor add 11.8 %
+    "mujoco": 0.92,  # as the docstring of the plant has it
+    "commonroad": 0.90,  # likewise
+}
+SCALED = {"floor_slope", "motor_power_limit"}  # effects whose numbers are scaled by that share
 
 
 def expected(case: Case, effect: str) -> dict[str, float]:
     """The numbers that a right answer has for an effect of a case."""
-    table = TABLES.get(case.plant, {}).get(effect, {})
-    return {
-        name: table[name].number(value) if name in table else value
-        for name, value in case.concealed[effect].items()
-    }
+    factor = MASS_SHARE.get(case.plant, 1.0) if effect in SCALED else 1.0
+    return {name: factor * value for name, value in case.concealed[effect].items()}
 
 
 def error(effect: str, said: Mapping[str, float], truth: Mapping[str, float]) -> float:

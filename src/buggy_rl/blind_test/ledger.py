@@ -1,36 +1,35 @@
-"""Outcomes that are settled, one JSON line a case: a proof goes on from them on any machine.
+"""Scored cases, one JSON line each: a run goes on from them on any machine.
 
-What a case was, what was said of it by whom, and how well, is all that counting needs. So the score
-and its page can be made again from this file, without driving or asking anything once more.
+The score and its page can be made again from this file, without driving or diagnosing a case again.
 """
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from buggy_rl.blind_test.again import again, asked_for
+from buggy_rl.blind_test.again import again, suggested
 from buggy_rl.blind_test.baselines import missing
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.exam import finished
-from buggy_rl.blind_test.outcome import OURS, Outcome, gathered
-from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.blind_test.outcome import OURS, Outcome, read_outcomes
+from buggy_rl.blind_test.sealing import CaseStore
+from buggy_rl.files import write_json
 
 
 class Ledger:
-    """Settled cases.
+    """Scored cases.
 
     Args:
-        file: Is there, or is made when the first case is settled.
+        file: Is made when the first case is entered.
     """
 
     def __init__(self, file: Path) -> None:
         self.file = file
 
     def entries(self) -> dict[str, dict[str, Outcome]]:
-        """Case -> who answered -> outcome.
+        """Case -> method -> outcome.
 
         Raises:
-            ValueError: A line is none of a ledger; the message names file and line.
+            ValueError: A line is not a ledger's; the message names file and line.
         """
         if not self.file.exists():
             return {}
@@ -43,16 +42,16 @@ class Ledger:
                 }
             except (KeyError, TypeError, ValueError) as error:
                 raise ValueError(
-                    f"{self.file}, line {number}: no settled case ({error}); take the line out, "
-                    "and the case is asked again"
+                    f"{self.file}, line {number}: not a scored case ({error}); take the line out, "
+                    "and the case is run again"
                 ) from error
         return found
 
     def open(self, cases: Sequence[Case]) -> list[Case]:
-        """Those of the cases that are not settled.
+        """Those of the cases that are not entered.
 
         Raises:
-            ValueError: A settled case was another one: the file is of other settings.
+            ValueError: An entered case differs: the file is of other settings.
         """
         entries = self.entries()
         for case in cases:
@@ -62,53 +61,62 @@ class Ledger:
                 )
         return [case for case in cases if case.id not in entries]
 
-    def settle(self, vault: Vault, compared: bool = True) -> int:
-        """Enters all cases of a vault that are done with; how many.
+    def settle(self, store: CaseStore, compared: bool = True) -> int:
+        """Enters all complete cases of a store; how many.
 
         Args:
-            vault: Where they lie.
-            compared: Whether other methods must have answered too. They must in any case once they
-                have begun to: a settled case is not asked again, and theirs would be lost.
+            store: Where they lie.
+            compared: Whether other methods must have an answer too. They must in any case once they
+                have begun: a case in the ledger is not run again, and their answers would be lost.
         """
-        entries, new = self.entries(), []
-        by_case: dict[str, dict[str, Outcome]] = {}
-        found = gathered(vault)
+        entries = self.entries()
+        found = read_outcomes(store)
         compared = compared or len(found) > 1
-        for who, outcomes in found.items():
-            for outcome in outcomes:
-                by_case.setdefault(outcome.case.id, {})[who] = outcome
-        for id_, outcomes in by_case.items():
-            if id_ not in entries and whole(vault, outcomes[OURS].case, compared):
-                told = {who: outcome.to_dict() for who, outcome in outcomes.items()}
-                new.append(json.dumps({"id": id_, "outcomes": told}) + "\n")
-        if new:
+        lines = []
+        for own in found[OURS]:
+            id_ = own.case.id
+            if id_ in entries or not complete(store, own.case, compared):
+                continue
+            told = {
+                who: o.to_dict() for who, each in found.items() for o in each if o.case.id == id_
+            }
+            lines.append(json.dumps({"id": id_, "outcomes": told}) + "\n")
+        if lines:
             self.file.parent.mkdir(parents=True, exist_ok=True)
             with open(self.file, "a") as file:
-                file.writelines(new)
-        return len(new)
+                file.writelines(lines)
+        return len(lines)
+
+    def outcomes(self, store: CaseStore, cases: Sequence[Case]) -> dict[str, list[Outcome]]:
+        """Outcomes of the cases by method, by case: from the ledger, else from the store."""
+        entries = self.entries()
+        wanted = {case.id for case in cases}
+        found: dict[str, list[Outcome]] = {OURS: []}
+        for id_ in sorted(wanted & set(entries)):
+            for who, outcome in entries[id_].items():
+                found.setdefault(who, []).append(outcome)
+        for who, others in read_outcomes(store).items():
+            new = [o for o in others if o.case.id in wanted and o.case.id not in entries]
+            found.setdefault(who, []).extend(new)
+        return {who: sorted(each, key=lambda o: o.case.id) for who, each in found.items()}
 
 
-def whole(vault: Vault, case: Case, compared: bool = True) -> bool:
-    """Whether nothing of a case is left to do."""
-    asked_again = not asked_for(vault, case) or finished(vault.said(again(case)))
+def complete(store: CaseStore, case: Case, compared: bool = True) -> bool:
+    """Whether nothing of a case is left to run."""
     return (
-        finished(vault.said(case.id))
-        and vault.is_weighed(case.id)
-        and asked_again
-        and not (compared and missing(vault, case))
+        store.weighed(case.id)
+        and (store.diagnosed(again(case)) or not suggested(store, case))
+        and not (compared and missing(store, case))
     )
 
 
-def outcomes(ledger: Ledger, vault: Vault, cases: Sequence[Case]) -> dict[str, list[Outcome]]:
-    """Of all cases that have one, by who answered: settled ones, and those of the vault."""
-    entries = ledger.entries()
-    found: dict[str, list[Outcome]] = {OURS: []}
-    wanted = {case.id for case in cases}
-    for id_ in sorted(wanted & set(entries)):
-        for who, outcome in entries[id_].items():
-            found.setdefault(who, []).append(outcome)
-    for who, others in gathered(vault).items():
-        found.setdefault(who, []).extend(
-            o for o in others if o.case.id in wanted and o.case.id not in entries
-        )
-    return {who: sorted(each, key=lambda o: o.case.id) for who, each in found.items()}
+def openings(file: Path) -> int:
+    """How often sealed cases were scored: each time is one more chance to tune to them."""
+    return json.loads(file.read_text())["opened"] if file.exists() else 0
+
+
+def open_once(file: Path) -> int:
+    """Counts one more; how often that is."""
+    count = openings(file) + 1
+    write_json(file, {"opened": count})
+    return count

@@ -1,4 +1,4 @@
-"""What was said of a case beside what was true."""
+"""The answer to a case beside the truth."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,18 +8,18 @@ from typing import Any
 from buggy_rl.blind_test import baselines
 from buggy_rl.blind_test.again import again
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.equivalents import error, expected
-from buggy_rl.blind_test.exam import finished, outcome_file
-from buggy_rl.blind_test.names import alike, meant
-from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.blind_test.equivalents import alike, error, expected, meant
+from buggy_rl.blind_test.sealing import CaseStore
+from buggy_rl.jobs import read_outcome
 
 DECIDABLE = 10.0  # [nats] by which the truth must beat what is nearest to it
 OURS = "ours"
 SURE = 0.5  # confidence above which a name is a claim
+STATUS = {"done": "answered", "failed": "crashed"}  # status of a job -> of an outcome
 
 
 @dataclass(frozen=True)
-class Said:
+class NamedEffect:
     """One effect that was named."""
 
     name: str
@@ -42,8 +42,8 @@ class Outcome:
     status: str = "answered"
     """answered, crashed or timed out."""
     verdict: str = ""
-    said: tuple[Said, ...] = ()
-    """As ordered by the tool."""
+    said: tuple[NamedEffect, ...] = ()
+    """In the order of the answer."""
     suggested: bool = False
     """Whether a manoeuvre was named that would decide."""
     nats: float | None = None
@@ -55,11 +55,11 @@ class Outcome:
     held_out: dict[str, dict[str, float]] = field(default_factory=dict)
     """as_given, named, oracle -> error, position."""
     seconds: float = 0.0
-    """That it took to answer; 0 where nobody looked at the clock."""
+    """Run time [s]; 0 where it was not measured."""
     failed: str = ""
     """Why it could not be weighed."""
     decided: bool | None = None
-    """Whether the manoeuvre that was asked for led to the right name; None where none was."""
+    """Whether the suggested manoeuvre led to the right name; None where none was driven."""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON holds it."""
@@ -68,7 +68,7 @@ class Outcome:
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Outcome":
         """The inverse of `to_dict`."""
-        said = tuple(Said(**{**s, "rivals": tuple(s["rivals"])}) for s in content["said"])
+        said = tuple(NamedEffect(**{**s, "rivals": tuple(s["rivals"])}) for s in content["said"])
         return cls(**{**content, "case": Case.from_dict(content["case"]), "said": said})
 
     @property
@@ -77,8 +77,8 @@ class Outcome:
         return frozenset(meant(s.name) for s in self.said)
 
     @property
-    def first(self) -> Said | None:
-        """The first name; none where the tool says that it does not know it."""
+    def first(self) -> NamedEffect | None:
+        """The first name; none under the verdict `unknown_physics`."""
         return self.said[0] if self.said and self.verdict != "unknown_physics" else None
 
     @property
@@ -96,12 +96,12 @@ class Outcome:
 
     @property
     def sure_and_wrong(self) -> bool:
-        """Whether anything is claimed that is not there."""
+        """Whether anything is named with confidence that is not concealed."""
         return any(s.confidence > SURE and meant(s.name) not in self.case.truth for s in self.said)
 
     @property
     def decidable(self) -> bool | None:
-        """Whether the drives hold the answer; None where nobody has looked."""
+        """Whether the drives hold the answer; None without an oracle's fit."""
         return None if self.margin is None else self.margin >= DECIDABLE
 
     def off(self, by_oracle: bool = False) -> float | None:
@@ -131,54 +131,56 @@ class Outcome:
         return (errors["as_given"] - errors["named"]) / gap
 
 
-def gathered(vault: Vault) -> dict[str, list[Outcome]]:
-    """All cases that have an outcome, by who answered; opens the sealed answers.
+def read_outcomes(store: CaseStore) -> dict[str, list[Outcome]]:
+    """All cases that have an outcome, by method; reads what is sealed.
 
-    The tool's own stand under `OURS`; those of other methods come from `baselines.json` beside its
-    answer, where there is one: name of the method -> an answer in the form of `diagnosis.json`.
+    Those of the diagnosis stand under `OURS`. Those of other methods come from `baselines.json`
+    beside its answer: name of the method -> an answer in the form of `diagnosis.json`.
     """
     found: dict[str, list[Outcome]] = {OURS: []}
-    for case in vault.cases():
-        folder = vault.said(case.id)
-        if finished(folder):
-            about = json.loads(outcome_file(folder).read_text())
-            answer, weighed = {}, {}
-            if about["status"] == "answered":
-                answer = json.loads((folder / "diagnosis.json").read_text())
-            if vault.is_weighed(case.id):
-                weighed = json.loads(vault.weighed(case.id).read_text())
-            own = outcome(case, about, answer, weighed)
-            found[OURS].append(replace(own, decided=_decided(vault, case)))
-            if (folder / baselines.FILE).exists():
-                # What a method repairs is its own: the tool's held-out error is not.
-                bare = {**weighed, "held_out": {}}
-                for method, other in json.loads((folder / baselines.FILE).read_text()).items():
-                    about = {"status": "answered", "seconds": other.get("seconds", 0.0)}
-                    done = outcome(case, about, other, bare)
-                    found.setdefault(method, []).append(done)
+    for case in filter(lambda case: store.diagnosed(case.id), store.cases()):
+        weighed = {}
+        if store.weighed(case.id):
+            weighed = json.loads(store.oracle(case.id).read_text())
+        found[OURS].append(
+            replace(_own(store, case, case.id, weighed), decided=_decided(store, case))
+        )
+        file = store.diagnosis(case.id) / baselines.FILE
+        others = json.loads(file.read_text()) if file.exists() else {}
+        for method, answer in others.items():
+            about = {"status": "answered", "seconds": answer.get("seconds", 0.0)}
+            # The held-out errors are those of the diagnosis, not of the method.
+            other = outcome(case, about, answer, {**weighed, "held_out": {}})
+            found.setdefault(method, []).append(other)
     return found
 
 
-def _decided(vault: Vault, case: Case) -> bool | None:
-    folder = vault.said(again(case))
-    if not finished(folder):
-        return None
-    about, answer = json.loads(outcome_file(folder).read_text()), {}
+def _own(store: CaseStore, case: Case, id_: str, weighed: Mapping[str, Any]) -> Outcome:
+    folder = store.diagnosis(id_)
+    about = read_outcome(folder)
+    about["status"] = STATUS.get(about["status"], about["status"])
+    answer = {}
     if about["status"] == "answered":
         answer = json.loads((folder / "diagnosis.json").read_text())
-    second = outcome(case, about, answer, {})
+    return outcome(case, about, answer, weighed)
+
+
+def _decided(store: CaseStore, case: Case) -> bool | None:
+    if not store.diagnosed(again(case)):
+        return None
+    second = _own(store, case, again(case), {})
     return second.right and second.verdict != "cannot_tell"
 
 
 def outcome(
     case: Case, about: Mapping[str, Any], answer: Mapping[str, Any], weighed: Mapping[str, Any]
 ) -> Outcome:
-    """From what lies on the disk.
+    """From files.
 
     Args:
         case: The truth.
-        about: `outcome.json` of the exam: status and seconds.
-        answer: `diagnosis.json`, or what a baseline says in the same form; empty after a crash.
+        about: Status and run time [s].
+        answer: `diagnosis.json`, or a baseline's answer in the same form; empty after a crash.
         weighed: From the oracle; may be empty.
     """
     rivals = weighed.get("rivals")
@@ -200,9 +202,9 @@ def outcome(
     )
 
 
-def _said(effect: Mapping[str, Any]) -> Said:
+def _said(effect: Mapping[str, Any]) -> NamedEffect:
     rivals: Sequence[Mapping[str, Any]] = effect.get("confused_with", [])
-    return Said(
+    return NamedEffect(
         name=effect["name"],
         confidence=effect["confidence"],
         parameters={

@@ -1,52 +1,44 @@
-"""A run of the proof: what it consists of, and its stages one after the other."""
+"""A run of the proof: its options, and its stages up to the answers of other methods."""
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from omegaconf import MISSING
 
+from buggy_rl.blind_test.again import again, drive_again, driven_again, suggested
+from buggy_rl.blind_test.baselines import compare, uncompared
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
-from buggy_rl.blind_test.exam import finished
-from buggy_rl.blind_test.sealing import Vault, groups
+from buggy_rl.blind_test.ledger import Ledger
+from buggy_rl.blind_test.sealing import CaseStore, publish, seal, unsealed
+from buggy_rl.blind_test.simulators import prepare, unprepared
+from buggy_rl.jobs import Job, in_processes, run_jobs
 from buggy_rl.plants import abilities
 
-STAGES = (
-    "prepare",
-    "seal",
-    "ask",
-    "again",
-    "weigh",
-    "compare",
-    "settle",
-    "score",
-    "page",
-)
+STAGES = ("prepare", "seal", "ask", "again", "weigh", "compare", "settle", "score", "page")
 
 
 @dataclass(frozen=True)
 class ProofConfig:
-    """Sealed cases, asked and counted."""
+    """Sealed cases, diagnosed and scored."""
 
     output: str = MISSING
-    """Folder of what may be seen, the answers and the score."""
+    """Folder of what the diagnosis is given, its answers and the score."""
     sealed: str = ""
     """Folder of what is sealed; empty for OUTPUT_sealed."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
     """Any of prepare, seal, ask, again, weigh, compare, settle, score, page; done is done."""
     draw: Settings = field(default_factory=Settings)
     effects: list[str] = field(default_factory=list)
-    """Effects that the tool chooses from; empty for the whole library."""
+    """Effects that the diagnosis chooses from; empty for the whole library."""
     stretches: int = 0
-    """Stretches of a second that the tool looks at; 0 for its own choice."""
+    """Segments of 1 s that are diagnosed; 0 for the diagnosis's own choice."""
     rivals: int = 6
-    """Other effects that are fitted to a case to see whether it can be decided."""
+    """Other effects that are fitted to a case to see whether it is decidable."""
     limit: float = 3600.0
-    """Most seconds for a case."""
+    """Time limit of a diagnosis [s]."""
     workers: int = 2
     """Cases at a time."""
     secret: str = "buggy"
@@ -60,7 +52,7 @@ class ProofConfig:
     hashes: str = ""
     """File of the hashes of sealed answers; empty for OUTPUT/hashes.txt."""
     ledger: str = ""
-    """File of settled cases, which are not done again; empty for OUTPUT/ledger.jsonl."""
+    """File of scored cases, which are not run again; empty for OUTPUT/ledger.jsonl."""
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.stages) - set(STAGES))
@@ -68,11 +60,21 @@ class ProofConfig:
             raise ValueError(f"no stages {unknown}; available: {', '.join(STAGES)}")
 
     @property
-    def vault(self) -> Vault:
+    def store(self) -> CaseStore:
         """Where its cases lie."""
         output = Path(self.output)
         sealed = Path(self.sealed) if self.sealed else Path(f"{output}_sealed")
-        return Vault(output, sealed, Path(self.hashes) if self.hashes else None)
+        return CaseStore(output, sealed, Path(self.hashes) if self.hashes else None)
+
+    @property
+    def ledger_file(self) -> Path:
+        """File of scored cases."""
+        return Path(self.ledger or self.store.output / "ledger.jsonl")
+
+    @property
+    def counter(self) -> Path:
+        """File that counts how often sealed cases were scored."""
+        return Path(self.opened or self.store.output / "opened.json")
 
 
 def cases_of(config: ProofConfig) -> list[Case]:
@@ -81,45 +83,70 @@ def cases_of(config: ProofConfig) -> list[Case]:
     return draw_all(config.draw, {plant: abilities(plant) for plant in plants})
 
 
-def unsealed(vault: Vault, cases: Sequence[Case]) -> list[list[Case]]:
-    """Groups of cases that are still to be sealed, whole ones: what is beside a case stays."""
-    return [
-        group
-        for group in groups(cases)
-        if not all(vault.answer(case.id).exists() for case in group)
-    ]
+class Step(NamedTuple):
+    """A stage of a run, or a part of one, that runs while its results are read."""
+
+    title: str
+    total: int
+    """Cases."""
+    results: Iterator[tuple[int, str]]
+    """Cases done, and what there is to say of them."""
 
 
-def unanswered(vault: Vault, ids: Sequence[str]) -> list[tuple[Path, Path]]:
-    """Folders of what the tool is still to be asked."""
-    return [(vault.seen(id_), vault.said(id_)) for id_ in ids if not finished(vault.said(id_))]
+def steps(config: ProofConfig, drawn: Sequence[Case], scripts: Path) -> Iterator[Step]:
+    """The stages before `settle`; each is planned when the one before it has run.
+
+    Args:
+        config: With the stages that are wanted.
+        drawn: All cases of the run; those in the ledger are only published.
+        scripts: Folder of `diagnose.py`, `fit_mujoco.py` and `train_models.py`.
+    """
+    store, stages = config.store, config.stages
+    cases = Ledger(config.ledger_file).open(drawn)
+    if "prepare" in stages:
+        left = unprepared(cases, store.prepared)
+        made = ((1, "") for case in left if prepare(case, store.prepared, scripts))
+        yield Step("preparing simulators", len(left), made)
+    if "seal" in stages:
+        publish(store, drawn, config.secret)
+        options = (config.effects, config.secret, config.stretches)
+        yield _parallel(config, "sealing", seal, unsealed(store, cases), *options)
+    if "ask" in stages:
+        yield _diagnose(config, "diagnosing", [case.id for case in cases], scripts)
+    if "again" in stages:
+        left = [case for case in cases if not driven_again(store, case) and suggested(store, case)]
+        yield _parallel(config, "driving again", drive_again, left)
+        ids = [again(case) for case in cases if store.inputs(again(case)).exists()]
+        yield _diagnose(config, "diagnosing again", ids, scripts)
+    if "weigh" in stages:
+        from buggy_rl.blind_test.oracle import weigh
+
+        left = [case for case in cases if store.diagnosed(case.id) and not store.weighed(case.id)]
+        yield _parallel(config, "fitting the truth", weigh, left, config.effects, config.rivals)
+    if "compare" in stages:
+        yield _parallel(config, "comparing", compare, uncompared(store, cases))
 
 
-def unweighed(vault: Vault, cases: Sequence[Case]) -> list[Case]:
-    """Answered cases to which the true structure is still to be fitted."""
-    return [
-        case for case in cases if finished(vault.said(case.id)) and not vault.is_weighed(case.id)
-    ]
+def _parallel(config: ProofConfig, title: str, function, items: Sequence, *options) -> Step:
+    """Runs a function of a case, or of a group of cases, that returns how many they were."""
+    total = sum(1 if isinstance(item, Case) else len(item) for item in items)
+    arguments = [(config.store, item, *options) for item in items]
+    counts = in_processes(function, arguments, config.workers)
+    return Step(title, total, ((count, "") for count in counts))
 
 
-def side_by_side(
-    work: Callable[..., Any], arguments: Sequence[tuple], workers: int
-) -> Iterator[Any]:
-    """Results of a function in processes of their own, as they come."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _alone) as pool:
-        futures = [pool.submit(work, *each) for each in arguments]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():
-                child.terminate()  # a killed parent's workers hear nothing of it
-            raise
+def _diagnose(config: ProofConfig, title: str, ids: Sequence[str], scripts: Path) -> Step:
+    left = [id_ for id_ in ids if not config.store.diagnosed(id_)]
+    jobs = [diagnosis(config.store, id_, scripts / "diagnose.py", config.limit) for id_ in left]
+    ended = (p.outcome for p in run_jobs(jobs, config.workers) if p.outcome)
+    messages = (
+        "" if o.status == "done" else f"{o.status}: {o.last_words.strip()[-200:]}" for o in ended
+    )
+    return Step(title, len(left), ((1, text) for text in messages))
 
 
-def _alone() -> None:
-    import torch
-
-    torch.set_num_threads(1)
+def diagnosis(store: CaseStore, id_: str, script: Path, limit: float) -> Job:
+    """The diagnosis of a case, in the folder of all that it is given; a crash is an outcome."""
+    folder = store.diagnosis(id_).resolve()
+    command = (str(script.resolve()), "question.yaml", f"output={folder}")
+    return Job(id_, folder, command, cwd=store.inputs(id_), limit=limit, final=True)

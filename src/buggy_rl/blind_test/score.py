@@ -1,11 +1,10 @@
-"""The figures that count, from outcomes."""
+"""The figures of a set of outcomes, and the same figures by class of cases."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from buggy_rl.blind_test.classes import KEYS, classes, right_by
 from buggy_rl.blind_test.equivalents import expected
 from buggy_rl.blind_test.outcome import SURE, Outcome
 from buggy_rl.blind_test.statistics import (
@@ -21,6 +20,27 @@ from buggy_rl.blind_test.statistics import (
 Value = TypeVar("Value", float, bool)
 
 CLOSE = 0.1  # relative error of a number that counts as right
+NATS = (10, 30, 100, 300, 1000, 10_000)  # [nats] bounds of the classes of detectability
+
+
+def _detectability(o: Outcome) -> str:
+    if o.nats is None:
+        return "not weighed"
+    place = sum(o.nats >= bound for bound in NATS)
+    if place in (0, len(NATS)):
+        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
+    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
+
+
+KEYS: dict[str, Callable[[Outcome], str]] = {  # a property of a case -> its class
+    "effect": lambda o: o.case.truth[0],
+    "pairing": lambda o: o.case.pairing,
+    "plant": lambda o: o.case.plant,
+    "nuisance": lambda o: o.case.nuisance,
+    "size": _detectability,
+    "drive length": lambda o: f"{o.case.seconds:g} s",
+    "driving": lambda o: o.case.driving,
+}
 
 
 @dataclass(frozen=True)
@@ -30,15 +50,15 @@ class Row:
     name: str
     figure: Figure
     target: float | None = None
-    """What is to be reached: at least, or at most where `most`."""
+    """Least value, or greatest where `most`."""
     most: bool = False
     percent: bool = True
     ceiling: float | None = None
-    """What is not to be exceeded, of what has a floor as well."""
+    """Greatest value, where there is a least one as well."""
 
     @property
     def met(self) -> bool | None:
-        """Whether it is; None where there is no target or no case."""
+        """Whether the target is met; None where there is no target or no case."""
         if self.target is None or not self.figure.count:
             return None
         value = self.figure.value
@@ -49,7 +69,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Score:
-    """All that is counted of one who answered."""
+    """All figures of one method."""
 
     rows: list[Row]
     breakdown: dict[str, dict[str, Figure]]
@@ -57,7 +77,7 @@ class Score:
     false_positives: dict[str, Figure]
     """By nuisance, of cases in which nothing is concealed."""
     confusion: dict[str, Counter]
-    """What was true -> what was said first -> how often."""
+    """What was true -> what was named first -> count."""
     calibration: list[tuple[float, float, int]]
     coverage: list[tuple[float, float]]
     failing: list[Outcome]
@@ -80,14 +100,17 @@ class Score:
 
 
 def score(outcomes: Sequence[Outcome]) -> Score:
-    """Counts."""
+    """The score of a method."""
     one = of(outcomes, "one")
     return Score(
         rows=_rows(outcomes),
-        breakdown={name: right_by(one, key) for name, key in KEYS.items()},
+        breakdown={
+            name: {label: share([o.right for o in same]) for label, same in classes(one, key)}
+            for name, key in KEYS.items()
+        },
         false_positives={
-            nuisance: share(_named(same))
-            for nuisance, same in classes(of(outcomes, "nothing"), lambda o: o.case.nuisance)
+            nuisance: share([bool(o.said) for o in same])
+            for nuisance, same in classes(of(outcomes, "nothing"), KEYS["nuisance"])
         },
         confusion=_confusion(outcomes),
         calibration=calibration(claims(outcomes)),
@@ -97,13 +120,23 @@ def score(outcomes: Sequence[Outcome]) -> Score:
     )
 
 
+def classes(
+    outcomes: Iterable[Outcome], key: Callable[[Outcome], str]
+) -> list[tuple[str, list[Outcome]]]:
+    """Outcomes of each class, the classes in order."""
+    found: dict[str, list[Outcome]] = {}
+    for o in outcomes:
+        found.setdefault(key(o), []).append(o)
+    return sorted(found.items())
+
+
 def of(outcomes: Iterable[Outcome], family: str) -> list[Outcome]:
     """Those of one family."""
     return [o for o in outcomes if o.case.family == family]
 
 
 def passed(o: Outcome) -> bool:
-    """Whether an answer is what one could ask for."""
+    """Whether an answer needs no entry among the failing cases."""
     if o.status != "answered":
         return False
     if o.case.family == "unknown":
@@ -125,21 +158,15 @@ def claims(outcomes: Iterable[Outcome]) -> list[tuple[float, bool]]:
 
 
 def _rows(outcomes: Sequence[Outcome]) -> list[Row]:
-    rest = [
-        Row("crashed or timed out", share([o.status != "answered" for o in outcomes])),
-        Row("could not be weighed", share([bool(o.failed) for o in outcomes])),
-        Row(
-            "seconds a case, median",
-            middle([o.seconds for o in outcomes if o.seconds]),
-            percent=False,
-        ),
-    ]
+    seconds = middle([o.seconds for o in outcomes if o.seconds])
     return [
         *_naming(outcomes),
         *_honesty(outcomes),
         *_numbers(outcomes),
         *_undecided(outcomes),
-        *rest,
+        Row("crashed or timed out", share([o.status != "answered" for o in outcomes])),
+        Row("could not be weighed", share([bool(o.failed) for o in outcomes])),
+        Row("seconds a case, median", seconds, percent=False),
     ]
 
 
@@ -154,26 +181,23 @@ def _naming(outcomes: Sequence[Outcome]) -> list[Row]:
         Row("  of them, plant of the simulator's own make", share([o.right for o in own]), 0.97),
         Row("  right group, decidable single effects", share([o.group_right for o in clear])),
         Row("first name right, all single effects", share([o.right for o in one])),
-        Row("exact set, two effects", share(_exact(two)), 0.75),
-        Row("  of them, both decidable", share(_exact(_clear(two)))),
-        Row("exact set, three effects", share(_exact(three))),
+        Row("exact set, two effects", share([exact(o) for o in two]), 0.75),
+        Row("  of them, both decidable", share([exact(o) for o in _clear(two)])),
+        Row("exact set, three effects", share([exact(o) for o in three])),
     ]
 
 
 def _honesty(outcomes: Sequence[Outcome]) -> list[Row]:
-    """No names where there is none to be given, and no more confidence than is due."""
+    """False positives, effects outside the library, and calibration."""
     nothing, unknown = of(outcomes, "nothing"), of(outcomes, "unknown")
-    lost = [o.verdict == "unknown_physics" for o in unknown]
+    alarms, lost = ([o.verdict == "unknown_physics" for o in same] for same in (nothing, unknown))
     sure = f"named with confidence above {SURE:g}, outside the library"
     error = bootstrapped(claims(outcomes), calibration_error)
-    by_nuisance = classes(nothing, lambda o: o.case.nuisance)
+    named = [("something named where nothing is", 0.02, nothing)]
+    named += [(f"  {name}", 0.05, same) for name, same in classes(nothing, KEYS["nuisance"])]
     return [
-        Row("something named where nothing is", share(_named(nothing)), 0.02, True),
-        *(Row(f"  {name}", share(_named(same)), 0.05, True) for name, same in by_nuisance),
-        Row(
-            "called unknown where nothing is",
-            share([o.verdict == "unknown_physics" for o in nothing]),
-        ),
+        *(Row(name, share([bool(o.said) for o in same]), most, True) for name, most, same in named),
+        Row("called unknown where nothing is", share(alarms)),
         Row(sure, share([o.sure_and_wrong for o in unknown]), 0.05, True),
         Row("called unknown, outside the library", share(lost), 0.85),
         Row("expected calibration error", error, 0.05, True, percent=False),
@@ -181,7 +205,7 @@ def _honesty(outcomes: Sequence[Outcome]) -> list[Row]:
 
 
 def _numbers(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Right numbers, and what the repair is worth."""
+    """Errors of the numbers, and the gap that the repair closes."""
     one = of(outcomes, "one")
     sized = [o for o in one if o.right]
     truth, by_oracle = (_known(o.off(by) for o in sized) for by in (False, True))
@@ -191,9 +215,12 @@ def _numbers(outcomes: Sequence[Outcome]) -> list[Row]:
     )
     inside = share(_covered(sized))
     return [
-        Row("number within 10 % of the truth, where rightly named", share(_within(truth))),
+        Row(
+            "number within 10 % of the truth, where rightly named",
+            share([e <= CLOSE for e in truth]),
+        ),
         Row("  median relative error", middle(truth)),
-        Row("number within 10 % of the oracle's", share(_within(by_oracle))),
+        Row("number within 10 % of the oracle's", share([e <= CLOSE for e in by_oracle])),
         Row("truth inside the 95 % interval", inside, 0.9, ceiling=0.97),
         Row("median gap closed, of the oracle's", middle(error), 0.95),
         Row("  in position alone", middle(position)),
@@ -202,7 +229,7 @@ def _numbers(outcomes: Sequence[Outcome]) -> list[Row]:
 
 
 def _undecided(outcomes: Sequence[Outcome]) -> list[Row]:
-    """What cannot be told, and what would decide it."""
+    """Cases that the drives cannot decide, and manoeuvres that do."""
     one = of(outcomes, "one")
     cannot, could = (
         [o.verdict == "cannot_tell" for o in same]
@@ -217,7 +244,7 @@ def _undecided(outcomes: Sequence[Outcome]) -> list[Row]:
 
 
 def _clear(outcomes: Iterable[Outcome]) -> list[Outcome]:
-    """Decidable ones; where the oracle was not asked, that counts against us."""
+    """Decidable ones, and those without an oracle's fit."""
     return [o for o in outcomes if o.decidable is not False]
 
 
@@ -226,20 +253,8 @@ def exact(o: Outcome) -> bool:
     return o.names == set(o.case.truth) and o.verdict != "unknown_physics"
 
 
-def _exact(outcomes: Iterable[Outcome]) -> list[bool]:
-    return [exact(o) for o in outcomes]
-
-
-def _named(outcomes: Iterable[Outcome]) -> list[bool]:
-    return [bool(o.said) for o in outcomes]
-
-
 def _known(values: Iterable[Value | None]) -> list[Value]:
     return [value for value in values if value is not None]
-
-
-def _within(errors: Sequence[float]) -> list[bool]:
-    return [e <= CLOSE for e in errors]
 
 
 def _covered(outcomes: Iterable[Outcome]) -> list[bool]:

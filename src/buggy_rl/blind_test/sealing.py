@@ -1,8 +1,10 @@
-"""Cases on the disk: what may be seen, and what is sealed.
+"""Cases on the disk: what the diagnosis is given, and what is sealed.
 
 OUTPUT/cases/ID/      question.yaml, simulator.yaml, recordings/, baseline/
-SEALED/ID.json        the answer, with a salt
-SEALED/ID/            drives held out to measure by
+OUTPUT/answers/ID/    what the diagnosis wrote
+SEALED/ID.json        what is concealed, with a salt
+SEALED/ID/            held-out drives
+SEALED/weighed/       the oracle's fits
 OUTPUT/hashes.txt     SHA-256 of every sealed answer, made before any drive
 """
 
@@ -16,17 +18,16 @@ from pathlib import Path
 import yaml
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.exam import outcome_file
-from buggy_rl.blind_test.measuring import measured
-from buggy_rl.blind_test.motion import Motion, moved
-from buggy_rl.blind_test.question import MODEL, prepared_name, question, simulator_content
-from buggy_rl.recordings import save_recording
+from buggy_rl.blind_test.drives import BASELINE_NOISE, Motion, moved, save_drives
+from buggy_rl.blind_test.simulators import MODEL, prepared_name, question, simulator_content
+from buggy_rl.files import write_atomically
+from buggy_rl.jobs import OUTCOME
 
 TOGETHER = 16  # cases that are driven in one batch
 
 
 @dataclass(frozen=True)
-class Vault:
+class CaseStore:
     """Where the cases of a run lie."""
 
     output: Path
@@ -34,67 +35,78 @@ class Vault:
     published: Path | None = None
     """File of hashes that is shown to others; OUTPUT/hashes.txt by default."""
 
-    def seen(self, id_: str) -> Path:
-        """All that the tool is given."""
+    def inputs(self, id_: str) -> Path:
+        """Folder of all that the diagnosis is given."""
         return self.output / "cases" / id_
 
-    def answer(self, id_: str) -> Path:
-        """The sealed answer."""
+    def diagnosis(self, id_: str) -> Path:
+        """Folder that the diagnosis writes to."""
+        return self.output / "answers" / id_
+
+    def truth(self, id_: str) -> Path:
+        """File of what is concealed."""
         return self.sealed / f"{id_}.json"
 
     def held_out(self, id_: str) -> Path:
-        """Sealed drives."""
+        """Folder of held-out drives."""
         return self.sealed / id_
 
-    def said(self, id_: str) -> Path:
-        """What the tool answered."""
-        return self.output / "answers" / id_
-
-    def weighed(self, id_: str) -> Path:
-        """What could be known of a case: tells the answer, so it lies with what is sealed."""
+    def oracle(self, id_: str) -> Path:
+        """File of the oracle's fits: they tell what is concealed, so it is sealed."""
         return self.sealed / "weighed" / f"{id_}.json"
 
-    def is_weighed(self, id_: str) -> bool:
-        """Whether the answer that is there has been weighed; an earlier one's weighing is none."""
-        file, said = self.weighed(id_), outcome_file(self.said(id_))
-        if not (file.exists() and said.exists()):
+    def diagnosed(self, id_: str) -> bool:
+        """Whether the diagnosis of a case has an outcome."""
+        return (self.diagnosis(id_) / OUTCOME).exists()
+
+    def weighed(self, id_: str) -> bool:
+        """Whether the oracle's fits are there and not older than the diagnosis."""
+        oracle = self.oracle(id_)
+        if not (oracle.exists() and self.diagnosed(id_)):
             return False
-        return file.stat().st_mtime_ns >= said.stat().st_mtime_ns
+        return oracle.stat().st_mtime_ns >= (self.diagnosis(id_) / OUTCOME).stat().st_mtime_ns
 
     @property
     def prepared(self) -> Path:
-        """Simulators that were fitted or trained first."""
+        """Folder of simulators that were fitted or trained first."""
         return self.output / "prepared"
 
     @property
     def hashes(self) -> Path:
-        """One line a case."""
+        """File with one line a case."""
         return self.published or self.output / "hashes.txt"
 
     def digests(self) -> dict[str, str]:
-        """Case -> published hash of its answer."""
+        """Case -> published hash of what is concealed in it."""
         if not self.hashes.exists():
             return {}
         lines = (line.split() for line in self.hashes.read_text().splitlines())
         return {id_: digest for digest, id_ in lines}
 
     def cases(self) -> list[Case]:
-        """Opens all that is sealed here: only for who has to count.
+        """Reads all that is sealed here: only for scoring.
 
-        What was published to be asked later, or was asked elsewhere, is not among them.
+        Cases whose hash was published, but which are not diagnosed here, are not among them.
 
         Raises:
-            ValueError: An answer is not the one whose hash was published.
+            ValueError: A sealed file is not the one whose hash was published.
         """
         found = []
         for id_, digest in sorted(self.digests().items()):
-            if not self.answer(id_).exists() and not self.said(id_).exists():
+            if not self.truth(id_).exists() and not self.diagnosis(id_).exists():
                 continue
-            text = self.answer(id_).read_bytes()
+            text = self.truth(id_).read_bytes()
             if hashlib.sha256(text).hexdigest() != digest:
-                raise ValueError(f"{self.answer(id_)} is not what was sealed: its hash differs")
+                raise ValueError(f"{self.truth(id_)} is not what was sealed: its hash differs")
             found.append(Case.from_dict(json.loads(text)["case"]))
         return found
+
+
+def unsealed(store: CaseStore, cases: Sequence[Case]) -> list[list[Case]]:
+    """Groups of cases that are still to be sealed, whole ones: the batch of a case stays."""
+    return [
+        group for group in groups(cases) if not all(store.truth(case.id).exists() for case in group)
+    ]
 
 
 def groups(cases: Sequence[Case]) -> list[list[Case]]:
@@ -111,48 +123,51 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
 
 
 def seal(
-    vault: Vault,
+    store: CaseStore,
     cases: Sequence[Case],
     effects: list[str],
     secret: str = "",
-    stretches: int = 0,
+    segments: int = 0,
 ) -> int:
     """Drives cases that share plant and length, and writes both halves of each.
 
     Args:
-        vault: Where to.
+        store: Where to.
         cases: Of one group.
-        effects: That the tool may choose from; empty for the whole library.
-        secret: Makes the salts; who knows it can guess an answer from its hash.
-        stretches: Of the drives, that the tool looks at; 0 for its own choice.
+        effects: That the diagnosis may choose from; empty for the whole library.
+        secret: Makes the salts; who knows it can guess what is concealed from its hash.
+        segments: Of the drives, that are diagnosed; 0 for the diagnosis's own choice.
 
     Returns:
         How many.
     """
     for case, motion in zip(cases, moved(cases), strict=True):
-        _show(vault, case, motion, effects, stretches)
-        _hold_out(vault, case, motion)
-        # Last: a case whose answer is there is whole.
-        partial = vault.answer(case.id).with_suffix(".partial")
-        partial.write_text(_answer(case, secret))
-        partial.replace(vault.answer(case.id))
+        _write_inputs(store, case, motion)
+        text = question(case, effects, segments)
+        (store.inputs(case.id) / "question.yaml").write_text(text)
+        held_out = store.held_out(case.id)
+        shutil.rmtree(held_out, ignore_errors=True)
+        numbers = {f"drive_{n}": n for n in range(case.drives, case.drives + case.held_out)}
+        save_drives(case, motion.changed[case.drives :], held_out, numbers)
+        # Last: a case whose sealed file is there is complete.
+        write_atomically(store.truth(case.id), _sealed_text(case, secret))
     return len(cases)
 
 
-def publish(vault: Vault, cases: Sequence[Case], secret: str = "") -> None:
+def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
     """Writes the hashes of answers; they stand before anything is diagnosed, and stay.
 
     Args:
-        vault: Where the cases lie.
+        store: Where the cases lie.
         cases: Sealed ones, or such as are to be sealed.
         secret: Makes the salts of those that are not sealed yet.
 
     Raises:
         ValueError: An answer with another hash was published there before, or sealed.
     """
-    digests = vault.digests()
+    digests = store.digests()
     for case in cases:
-        text, file = _answer(case, secret), vault.answer(case.id)
+        text, file = _sealed_text(case, secret), store.truth(case.id)
         if file.exists():
             text = file.read_text()
             if Case.from_dict(json.loads(text)["case"]) != case:
@@ -160,43 +175,28 @@ def publish(vault: Vault, cases: Sequence[Case], secret: str = "") -> None:
         digest = hashlib.sha256(text.encode()).hexdigest()
         if digests.setdefault(case.id, digest) != digest:
             raise ValueError(
-                f"{vault.hashes} holds another hash of case {case.id}: sealed answers are not "
+                f"{store.hashes} holds another hash of case {case.id}: sealed answers are not "
                 "changed after they were published; use another output"
             )
-    vault.hashes.parent.mkdir(parents=True, exist_ok=True)
-    vault.hashes.write_text("".join(f"{digests[id_]}  {id_}\n" for id_ in sorted(digests)))
+    lines = (f"{digests[id_]}  {id_}\n" for id_ in sorted(digests))
+    write_atomically(store.hashes, "".join(lines))
 
 
-def _answer(case: Case, secret: str) -> str:
+def _sealed_text(case: Case, secret: str) -> str:
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
     return json.dumps({"case": case.to_dict(), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
-def _show(vault: Vault, case: Case, motion: Motion, effects: list[str], stretches: int) -> None:
-    folder = vault.seen(case.id)
+def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:
+    folder = store.inputs(case.id)
     shutil.rmtree(folder, ignore_errors=True)
-    for name in ("recordings", "baseline") if case.baseline else ("recordings",):
-        (folder / name).mkdir(parents=True)
-    for place in range(case.drives):
-        drive = measured(case, motion.changed[place], True, place)
-        save_recording(drive, folder / "recordings" / f"{drive.name}.csv")
+    numbers = {f"drive_{n}": n for n in range(case.drives)}
+    save_drives(case, motion.changed[: case.drives], folder / "recordings", numbers)
     if motion.clean is not None:
-        for place in range(case.drives):
-            # Numbered on from where the noise of the others ends.
-            drive = measured(case, motion.clean[place], False, 100 + place)
-            save_recording(drive, folder / "baseline" / f"drive_{place}.csv")
-    (folder / "question.yaml").write_text(question(case, effects, stretches))
-    content = simulator_content(case, vault.prepared)
+        numbers = {name: BASELINE_NOISE + number for name, number in numbers.items()}
+        save_drives(case, motion.clean, folder / "baseline", numbers, changed=False)
+    content = simulator_content(case, store.prepared)
     if content["engine"] == MODEL:
-        shutil.copyfile(vault.prepared / f"{prepared_name(case)}.pt", folder / MODEL)
+        shutil.copyfile(store.prepared / f"{prepared_name(case)}.pt", folder / MODEL)
     else:
         (folder / "simulator.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-
-
-def _hold_out(vault: Vault, case: Case, motion: Motion) -> None:
-    folder = vault.held_out(case.id)
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    for place in range(case.drives, case.drives + case.held_out):
-        drive = measured(case, motion.changed[place], True, place)
-        save_recording(drive, folder / f"{drive.name}.csv")

@@ -1,19 +1,19 @@
-"""How large what is concealed may be: ranges of the generator's own, nobody's prior.
+"""Ranges of the sizes of concealed effects; they are the generator's own, not a prior.
 
-A library that is tuned on the ranges its riddles are drawn from has been told the answer. These
-are bounded by what a driver notices at their lower and what he would stop for at their upper end.
+An effect library tuned on these ranges would know a part of the answer. The lower bound is what a
+driver notices, the upper one what makes him stop.
 """
 
 from typing import NamedTuple
 
 
 class Range(NamedTuple):
-    """Where a size is drawn from, evenly."""
+    """Bounds of a uniform distribution."""
 
     low: float
     high: float
     signed: bool
-    """Whether it may be of either sign."""
+    """Whether the sign is drawn too."""
     why: str
 
 

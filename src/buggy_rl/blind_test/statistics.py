@@ -1,4 +1,4 @@
-"""Shares and medians with 95 % intervals, and how far confidence may be believed."""
+"""Shares and medians with 95 % intervals, and the calibration of confidence."""
 
 import math
 import random
@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-NORMAL = 1.959964  # standard deviations of a two-sided 95 % interval
+from scipy.stats import binomtest
+
 RESAMPLES = 2000
 BINS = 10
 
@@ -26,26 +27,21 @@ NONE = Figure(math.nan, math.nan, math.nan, 0)
 
 
 def share(hits: Sequence[bool]) -> Figure:
-    """Share of hits with Wilson's interval.
-
-    (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)
-    """
-    count = len(hits)
-    if not count:
+    """Share of hits with Wilson's interval."""
+    if not hits:
         return NONE
-    p, z = sum(map(bool, hits)) / count, NORMAL
-    middle = (p + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z * math.sqrt(p * (1 - p) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
-    return Figure(p, max(0.0, middle - half), min(1.0, middle + half), count)
+    found = binomtest(sum(hits), len(hits))
+    interval = found.proportion_ci(method="wilson")
+    return Figure(found.statistic, float(interval.low), float(interval.high), len(hits))
 
 
 def middle(values: Sequence[float]) -> Figure:
-    """Median with a bootstrap's interval; always the same resamples."""
+    """Median with a bootstrap's interval."""
     return bootstrapped(values, median)
 
 
 def bootstrapped(values: Sequence, statistic) -> Figure:
-    """A statistic of a sample, and what 95 % of resamples give."""
+    """A statistic of a sample, and what 95 % of resamples give; always the same resamples."""
     if not values:
         return NONE
     chance = random.Random(0)
@@ -71,12 +67,12 @@ def calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
 
 
 def coverage(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
-    """Share answered and share right of those, when only the surest are answered."""
+    """Share of claims kept and share right of those, when only the most confident are kept."""
     ranked = sorted(claims, key=lambda claim: -claim[0])
     rows, right = [], 0
     for count, (confidence, good) in enumerate(ranked, 1):
         right += good
-        # Those that are equally sure are answered together.
+        # Claims of equal confidence are kept together.
         if count == len(ranked) or ranked[count][0] < confidence:
             rows.append((count / len(ranked), right / count))
     return rows

@@ -1,4 +1,4 @@
-"""A driver who shows little of the car: near-constant speed, wide bends, no haste."""
+"""A driver with little excitation: near-constant speed and wide bends."""
 
 import math
 
@@ -7,16 +7,16 @@ from torch import Tensor
 
 from buggy_rl.policies.controllers.room import RoomDriver
 
-SPEED = 1.5  # [m/s] walking pace
-PERIOD = 9.0  # [s] from bend to bend
-STEERED = 0.35  # command of the widest bend
+SPEED = 1.5  # [m/s] speed; a walking pace
+PERIOD = 9.0  # [s] of the slalom
+STEERED = 0.35  # [command] amplitude of the slalom
 
 
 class SteadyDriver(RoomDriver):
     """Holds one speed in a slow slalom, and turns away from the walls as the room driver does."""
 
     def reset(self, batch_size) -> None:
-        """Forgets, and begins anywhere in the slalom."""
+        """Forgets the last drive and begins at a random phase of the slalom."""
         super().reset(batch_size)
         self.memory["phase"] = self._uniform(torch.Size(batch_size), 0.0, 2 * math.pi)
 

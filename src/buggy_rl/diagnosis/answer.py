@@ -1,4 +1,4 @@
-"""What the diagnosis says: the file that programs read, and five lines for a person."""
+"""The answer of a diagnosis: `diagnosis.json` for programs, and a few sentences for a person."""
 
 import math
 from collections.abc import Mapping
@@ -7,16 +7,17 @@ from typing import Any, Literal
 
 from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.localisation import Located
-from buggy_rl.diagnosis.unexplained import Remaining
+from buggy_rl.diagnosis.unexplained import Unexplained
 from buggy_rl.effects import effect_class
 
 Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
 ]
 SCHEMA = 1
-SPOKEN = 5  # causes of which a sentence is said on the terminal
+SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
 NORMAL = 1.96  # standard deviations of a 95 % interval
-UNNAMED = 0.1  # share of the gap that remains, of which the first line says so
+UNNAMED = 0.1  # [-] unexplained share from which the first line says it
+CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Named:
-    """One cause that the drives speak for."""
+class NamedEffect:
+    """An effect that the search selected."""
 
     name: str
     kind: Literal["actuation", "motion", "sensing", "parameter"]
@@ -40,30 +41,30 @@ class Named:
     parameters: dict[str, Value]
     confidence: float
     held_out_gain: float
-    """Share of the gap that is lost again without it, on what was held out."""
+    """Share of the residual without it that it closes, on what was held out."""
     confused_with: dict[str, float] = field(default_factory=dict)
-    """Rivals and how probable they are instead."""
+    """Alternative effects and their probabilities."""
     at_bound: tuple[str, ...] = ()
-    """Parameters that lie at the end of their range."""
+    """Parameters at a bound of their range."""
     varies_with: str = ""
-    """Condition with which its parameters change: then it is rather a lookalike."""
+    """Condition with which its parameters vary: then it is probably misspecified."""
 
     @property
     def sound(self) -> float:
-        """How likely it is right if none of its rivals is: what remains alone speaks against it."""
+        """Probability that it is right given that none of its alternatives is."""
         alone = 1.0 - sum(self.confused_with.values())
         return self.confidence / alone if alone > self.confidence else 1.0
 
 
 @dataclass(frozen=True)
-class Tried:
-    """An explanation that was fitted."""
+class Alternative:
+    """A hypothesis that was fitted."""
 
-    causes: tuple[str, ...]
+    effects: tuple[str, ...]
     nats: float
-    """By which it is worse than what is said."""
+    """By which it is worse than the selected one."""
     excess: float
-    """Of gaps over the noise's, on what was held out."""
+    """Excess misfit on what was held out."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +77,16 @@ class Proof:
     noise_floor: dict[float, float]
     black_box: dict[float, float]
     misfit_before: float
-    """Root mean square of the 1 s gaps, in units of the noise."""
+    """Root mean square of the standardised residuals of 1 s rollouts."""
     misfit_after: float
     held_out: bool
     median: dict[str, dict[float, float]] = field(default_factory=dict)
-    """before, after, retuned, black_box -> horizon -> median distance [m]: no spin outweighs it."""
+    """before, after, retuned, black_box -> horizon -> median distance [m]; robust to spins."""
 
     def better_than(self, other: "Proof") -> bool:
-        """Whether it leaves less, in units of the noise as in metres after the longest rollouts.
+        """Whether both its misfit and its median distance after the longest rollouts are smaller.
 
-        Where most stretches are far beyond the noise, the first hardly tells: each counts as no
-        more than the cap.
+        Where most segments are far beyond the noise, the cap on each makes the misfit insensitive.
         """
         own, its = (max(p.median.get("after", {}).items(), default=(0, 0.0)) for p in (self, other))
         return self.misfit_after < other.misfit_after and own[1] <= its[1]
@@ -94,21 +94,21 @@ class Proof:
 
 @dataclass(frozen=True)
 class Answer:
-    """Everything that is said."""
+    """Everything that a diagnosis reports."""
 
     verdict: Verdict
     located: Located
-    effects: list[Named]
-    remaining: Remaining
+    effects: list[NamedEffect]
+    remaining: Unexplained
     proof: Proof
     weak: list[str]
     suggest: list[str]
-    tried: list[Tried] = field(default_factory=list)
+    tried: list[Alternative] = field(default_factory=list)
     """The closest ones, best first."""
     notes: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it (contract 3), and what was added since."""
+        """As `diagnosis.json` has it."""
         p = self.proof
         return _finite(
             {
@@ -136,7 +136,9 @@ class Answer:
                     "lags": self.located.lags,
                 },
                 "effects": [_named(e) for e in self.effects],
-                "tried": [vars(t) for t in self.tried],
+                "tried": [
+                    {"causes": t.effects, "nats": t.nats, "excess": t.excess} for t in self.tried
+                ],
                 "unexplained": {
                     "share": self.remaining.share,
                     "depends_on": self.remaining.depends_on,
@@ -166,32 +168,25 @@ class Answer:
         )
 
     def lines(self) -> list[str]:
-        """The answer in a few lines of plain words."""
-        share = max(self.located.channel_share.items(), key=lambda i: i[1])
-        words = {"vx": "speed", "vy": "sideways speed", "yaw_rate": "turning"}
+        """The answer in a few sentences."""
         result = [self._headline()]
         if self.verdict != "no_mismatch":
-            result.append(f"It shows most in {words[share[0]]} ({share[1]:.0%} of the error).")
-        for e in self.effects[:SPOKEN]:
-            rivals = [f"{n} ({p:.0%})" for n, p in e.confused_with.items()]
-            other = f"; could also be {', '.join(rivals)}" if rivals else ""
-            if e.varies_with:
-                other += f"; it changes with {WORDS[e.varies_with]}: rather a lookalike"
-            if e.at_bound:
-                other += f"; at the end of its range: {', '.join(e.at_bound)}"
-            sentence = e.sentence[:1].upper() + e.sentence[1:]
-            result.append(f"{sentence} [{e.name}, {e.confidence:.0%} sure{other}].")
+            channel, share = max(self.located.channel_share.items(), key=lambda i: i[1])
+            result.append(
+                f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
+            )
+        result += [_line(e) for e in self.effects[:SPOKEN]]
         if more := [e.name for e in self.effects[SPOKEN:]]:
             result.append(f"And {', '.join(more)}: see the report.")
         p = self.proof
         if 1.0 in p.before and 1.0 in p.after:
-            held_out = "held out" if p.held_out else "of the very drives it was fitted to"
-            root = (math.sqrt(p.before[1.0]), math.sqrt(p.after[1.0]))
-            words = [f"root mean square: {_millimetres(*root)}"]
+            data = "held-out data" if p.held_out else "the data that were fitted"
+            root = _millimetres(math.sqrt(p.before[1.0]), math.sqrt(p.after[1.0]))
+            words = f"root mean square {root}"
             if {"before", "after"} <= set(p.median):
-                middle = (p.median["before"][1.0], p.median["after"][1.0])
-                words.insert(0, f"median: {_millimetres(*middle)}")
-            result.append(f"1 s rollouts {held_out}, {'; '.join(words)}.")
+                median = _millimetres(p.median["before"][1.0], p.median["after"][1.0])
+                words = f"median {median}; {words}"
+            result.append(f"Position error of 1 s rollouts on {data}: {words}.")
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")
         return result
@@ -199,39 +194,54 @@ class Answer:
     def _headline(self) -> str:
         first = {
             "missing_physics": "Physics is missing from the simulator",
-            "wrong_parameters": "The simulator's parameters are off",
-            "unknown_physics": "Something is missing that is not in the library",
-            "no_mismatch": "Simulator and drives agree as well as the sensor can tell",
-            "cannot_tell": "These drives cannot tell for sure what is missing",
+            "wrong_parameters": "The simulator's parameters are wrong",
+            "unknown_physics": "Physics is missing that no effect in the library describes",
+            "no_mismatch": "Simulator and recordings agree within the sensor noise",
+            "cannot_tell": "These data do not decide which physics is missing",
         }[self.verdict]
         share = self.remaining.share
         if self.verdict == "unknown_physics" and all(e.varies_with for e in self.effects):
             if self.effects:
-                first += ", and resembles what is named here"
+                first += "; the effects named here fit, but are probably misspecified"
         elif self.verdict == "unknown_physics" and self.effects:
-            first = f"Part of what is missing has a name, {share:.0%} has none"
+            first = (
+                f"The effects named here explain a part of the residual, {share:.0%} is unexplained"
+            )
         elif self.effects and share >= UNNAMED:
-            first += f", and {share:.0%} of the gap has no name"
+            first += f"; {share:.0%} of the residual is unexplained"
         elif self.verdict == "wrong_parameters":
             first += "; no physics is missing"
         return f"{first}."
 
 
-def described(remaining: Remaining) -> str:
-    """What remains, in words; never a name."""
+def described(remaining: Unexplained) -> str:
+    """What a hypothesis leaves, in words; never the name of an effect."""
     if remaining.excess < 0.1:
         return "What remains is noise."
     channel = max(remaining.channel.items(), key=lambda i: i[1])[0]
-    grows = f", growing with {' and '.join(remaining.depends_on)}" if remaining.depends_on else ""
-    memory = "; it goes on over time, as a hidden state would" if remaining.memory else ""
-    return f"What remains lies mostly in {channel}{grows}{memory}."
+    grows = f"; it grows with {' and '.join(remaining.depends_on)}" if remaining.depends_on else ""
+    memory = "; it persists over time, as with a latent state" if remaining.memory else ""
+    return f"The unexplained residual is largest in {channel}{grows}{memory}."
+
+
+def _line(effect: NamedEffect) -> str:
+    """Sentence, name and confidence of an effect, and what speaks against it."""
+    text = f"{effect.name}, confidence {effect.confidence:.0%}"
+    if effect.confused_with:
+        others = ", ".join(f"{name} ({p:.0%})" for name, p in effect.confused_with.items())
+        text += f"; alternatives: {others}"
+    if effect.varies_with:
+        text += f"; varies with {WORDS[effect.varies_with]}: probably misspecified"
+    if effect.at_bound:
+        text += f"; at a bound of its range: {', '.join(effect.at_bound)}"
+    return f"{effect.sentence[:1].upper()}{effect.sentence[1:]} [{text}]."
 
 
 def _millimetres(before: float, after: float) -> str:
-    return f"{1000 * before:.0f} mm off before, {1000 * after:.0f} mm after"
+    return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
 
 
-def _named(e: Named) -> dict[str, Any]:
+def _named(e: NamedEffect) -> dict[str, Any]:
     return {
         "name": e.name,
         "kind": e.kind,
@@ -247,7 +257,7 @@ def _named(e: Named) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """Without what JSON has no word for: numbers that are none become null."""
+    """Numbers that are not finite become null, as JSON requires."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -257,10 +267,10 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def sentence(cause: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
-    """A cause in plain words."""
-    if ":" in cause and cause.startswith("parameter:"):
-        name = cause.partition(":")[2]
+def sentence(effect: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
+    """An effect, or a wrong parameter of the simulator's own, in words."""
+    if effect.startswith("parameter:"):
+        name = effect.partition(":")[2]
         value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
         return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
-    return effect_class(cause).sentence(values)
+    return effect_class(effect).sentence(values)

@@ -1,54 +1,56 @@
-"""An explanation and what speaks for it."""
+"""A fitted hypothesis, how well it predicts, and what it leaves."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from torch import Tensor
 
-from buggy_rl.estimation.cross_validation import Evidence
-from buggy_rl.estimation.gauss_newton import Fitted
+from buggy_rl.estimation.cross_validation import CrossValidated
+from buggy_rl.estimation.gauss_newton import Fit
 from buggy_rl.estimation.misfit import misfit, typical
 
+Effects = tuple[str, ...]
+"""Names of a hypothesis, sorted."""
 
-@dataclass
+
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """An explanation, fitted, with what speaks for it."""
+    """A fitted hypothesis with its cross-validation."""
 
-    fitted: Fitted
-    evidence: Evidence
+    fit: Fit
+    cross_validated: CrossValidated
 
     @property
-    def causes(self) -> tuple[str, ...]:
-        """What it explains the drives by."""
-        return self.fitted.causes
+    def effects(self) -> Effects:
+        """Of the hypothesis."""
+        return self.fit.effects
+
+    @property
+    def key(self) -> Effects:
+        """The effects, sorted."""
+        return tuple(sorted(self.fit.effects))
 
     @property
     def held_out(self) -> Tensor:
-        """[N] mean square of each stretch when its block was held out, over noise."""
-        return self.evidence.square / self.fitted.white.shape[-1]
+        """Mean squared standardised residual [N] of each segment when its block was held out."""
+        return self.cross_validated.square / self.fit.whitened.shape[-1]
 
     @property
     def typical(self) -> float:
-        """What is usual among them."""
+        """Median of `held_out`."""
         return typical(self.held_out)
 
 
-def size(candidate: Candidate, null: Candidate) -> float:
-    """Excess of gaps on what was held out over the noise's, beside those of nothing at all."""
+def excess_misfit(candidate: Candidate, null: Candidate) -> float:
+    """Excess misfit on what was held out, compared with the simulator as given."""
     return misfit(candidate.held_out, null.held_out) - 1
 
 
-def in_its_place(
-    tried: Mapping[tuple[str, ...], Candidate], others: frozenset[str]
-) -> dict[str, Candidate]:
-    """Explanations by these causes and one more, by the one; none more under the empty name."""
+def substitutes(tried: Mapping[Effects, Candidate], others: frozenset[str]) -> dict[str, Candidate]:
+    """Hypotheses of `others` and one more effect, by that one; `others` alone under ""."""
     result = {}
-    for causes, candidate in tried.items():
-        more = frozenset(causes) - others
-        if (
-            others <= frozenset(causes)
-            and len(more) <= 1
-            and len(causes) == len(others) + len(more)
-        ):
+    for effects, candidate in tried.items():
+        more = frozenset(effects) - others
+        if others <= frozenset(effects) and len(more) <= 1:
             result[next(iter(more), "")] = candidate
     return result

@@ -1,66 +1,72 @@
-"""A question cut into what is computed with."""
+"""Recordings and a simulator, ready to be compared."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.misfit import Usual
-from buggy_rl.estimation.noise_model import Likelihood, likelihood
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches, stretches
+from buggy_rl.estimation.noise_model import noise_model
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.recordings import Recording
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Case:
-    """Drives and simulator of a question, ready to be compared."""
+    """What a diagnosis computes with."""
 
-    player: Player
-    cut: Stretches
-    likelihood: Likelihood
-    library: Library
-    names: list[str]
+    problem: Problem
+    criteria: Criteria
     recordings: Sequence[Recording]
-    usual: Usual = field(default_factory=Usual)
-    """Excess over the noise that is no sign of anything."""
-    retuned_from: Player | None = None
-    """Plays into the simulator as it was given, where it has been re-tuned since."""
+    retuned_from: Simulation | None = None
+    """Of the simulator as it was given, where it has been re-tuned since."""
 
     @property
-    def given(self) -> Player:
-        """Plays into the simulator as it was given."""
-        return self.retuned_from or self.player
+    def names(self) -> list[str]:
+        """Of the recordings."""
+        return [recording.name for recording in self.recordings]
+
+    @property
+    def given(self) -> Simulation:
+        """Of the simulator as it was given."""
+        return self.retuned_from or self.problem.simulation
 
     @property
     def as_given(self) -> Library:
-        """Causes, with what the simulator as given has of each."""
+        """The library, with what the simulator as given has of each parameter."""
         if self.retuned_from is None:
-            return self.library
+            return self.problem.library
         declared = getattr(self.retuned_from.make(1), "declared", {})
-        return Library(self.library.effects, declared)
+        return Library(self.problem.library.effects, declared)
 
 
 def prepared(
-    player: Player,
+    simulation: Simulation,
     recordings: Sequence[Recording],
     library: Library,
     config: DiagnosisConfig,
     extra: Tensor | None = None,
 ) -> Case:
-    """Cuts drives and weighs their noise."""
-    cut = stretches_of(recordings, config)
-    weighed = likelihood(player, cut, extra=extra)
-    return Case(player, cut, weighed, library, [r.name for r in recordings], recordings)
+    """Cuts recordings and linearises their noise model.
+
+    Args:
+        simulation: Of the simulator.
+        recordings: What it should have predicted.
+        library: Effects to choose from.
+        config: Length and number of the segments, and thresholds.
+        extra: [D, D] covariance of what the simulator gets wrong on its baseline.
+    """
+    segments = segments_of(recordings, config)
+    noise = noise_model(simulation, segments, extra=extra)
+    problem = Problem(simulation, segments, noise, library)
+    return Case(problem, Criteria(blocks(segments), rules=config.selection), recordings)
 
 
-def stretches_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Stretches:
-    """As many stretches of drives as are asked for, spread evenly."""
-    cut = stretches(recordings, config.seconds, config.seconds)
-    if len(cut) > config.stretches:
-        rows = torch.linspace(0, len(cut) - 1, config.stretches).round().long()
-        cut = cut[rows]
-    return cut
+def segments_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Segments:
+    """As many segments as are asked for, spread evenly."""
+    return cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)

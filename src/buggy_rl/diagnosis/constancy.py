@@ -1,9 +1,8 @@
-"""Is the number of a named cause one number? That of a lookalike changes with how one drives.
+"""Parameter constancy: that of a misspecified effect changes with how the car is driven.
 
 What the library has no equation for is closed in part by one that resembles it: a servo that sticks
-passes for play, a car that steers by leaning for a steering gain. But the number that fits best is
-then another at another speed. Structural change of a regression's
-coefficients is an old test of its form (Chow 1960; Brown, Durbin, Evans 1975).
+passes for play. But the number that fits best is then another at another speed. Structural change
+of regression coefficients is an old test of form (Chow 1960; Brown, Durbin, Evans 1975).
 """
 
 from dataclasses import dataclass
@@ -13,51 +12,51 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.localisation import features
-from buggy_rl.estimation.gauss_newton import Fitter
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.misfit import misfit
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.segments import Segments
 
-MOST = 3.0  # standard deviations from the median, as which a stretch's condition counts at most
-VARIATION = 1.0  # sd of how a number may vary with a condition's sd, in units of its size
-EVEN = 1e-6  # of the largest value: what differs by less was the same in all stretches
-SIGNED = ("steering", "lateral_acceleration")  # conditions of which the amount is another one
-WORDS = {
+MOST = 3.0  # [standard deviations] from the median, as which a condition counts at most
+EVEN = 1e-6  # [-] of the largest value: a condition that differs by less was the same everywhere
+SIGNED = ("steering", "lateral_acceleration")  # conditions whose magnitude is another one
+WORDS = {  # condition -> as it is said
     "vx": "speed",
-    "acceleration": "speeding up and slowing down",
+    "acceleration": "longitudinal acceleration",
     "throttle": "throttle",
     "steering": "the side that is steered to",
-    "abs_steering": "how far is steered",
+    "abs_steering": "the magnitude of the steering command",
     "steering_rate": "how fast the steering moves",
-    "lateral_acceleration": "the side that is leant to",
-    "abs_lateral_acceleration": "sideways acceleration",
+    "lateral_acceleration": "the side of the lateral acceleration",
+    "abs_lateral_acceleration": "lateral acceleration",
     "heading_x": "heading",
     "heading_y": "heading",
     "elapsed": "time since the start",
-    "x": "place",
-    "y": "place",
+    "x": "position",
+    "y": "position",
 }
 
 
 @dataclass(frozen=True)
-class Varying:
-    """How much better a cause would do if its numbers were not the same in all stretches."""
+class Variation:
+    """How much better an effect would do if its parameters were not the same in all segments."""
 
     condition: str = ""
-    """With what they change most tellingly."""
+    """With which they change most significantly."""
     closes: float = 0.0
-    """Excess over the noise that is closed more, on what was held out."""
+    """Excess misfit that is closed more, on what was held out."""
     nats: float = 0.0
     """By which it does better there."""
 
 
-def conditions(cut: Stretches, instants: Tensor) -> dict[str, Tensor]:
-    """How each stretch was driven: name -> [N], about its median, in standard deviations.
+def conditions(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
+    """How each segment was driven: name -> [N], about its median, in standard deviations.
 
     Args:
-        cut: N stretches.
+        segments: N segments.
         instants: Rows [K] after the start that are read.
     """
-    seen = features(cut, instants)
+    seen = features(segments, instants)
     heading = seen.pop("heading")
     seen |= {"heading_x": torch.cos(heading), "heading_y": torch.sin(heading)}
     seen |= {f"abs_{name}": seen[name].abs() for name in SIGNED}
@@ -71,49 +70,54 @@ def conditions(cut: Stretches, instants: Tensor) -> dict[str, Tensor]:
     }
 
 
-def varying(fitter: Fitter, best: Candidate, null: Candidate, group: Tensor, cause: str) -> Varying:
-    """Lets a cause's numbers change with one condition at a time, to first order.
+def variation(
+    criteria: Criteria, problem: Problem, best: Candidate, null: Candidate, effect: str
+) -> Variation:
+    """Lets an effect's parameters change with one condition at a time, to first order.
 
-    Blocks are held out one at a time, with all numbers fitted anew beside the change.
+    theta_n = theta + u c_n with the condition c_n of a segment and u ~ N(0, variation_prior^2);
+    blocks are held out one at a time, with all parameters fitted anew beside u.
 
     Args:
-        fitter: To all stretches; not asked to roll out anything.
-        best: The explanation, with its slopes.
+        criteria: Blocks and priors.
+        problem: Of all segments; nothing is rolled out.
+        best: The hypothesis, with its derivatives.
         null: The simulator as given.
-        group: [N] blocks that are held out together.
-        cause: One of the best's.
+        effect: One of the best's.
     """
-    fitted = best.fitted
-    assert fitted.slopes is not None
-    own = [i for i, unknown in enumerate(fitted.unknowns) if unknown.cause == cause]
-    none = fitted.slopes[..., :0]
-    loss, same = fitter.likelihood.loss, _held_out(fitter, best, group, none)
-    found = Varying()
-    for name, value in conditions(fitter.cut, fitter.player.instants(fitter.cut)).items():
-        other = _held_out(fitter, best, group, fitted.slopes[..., own] * value[:, None, None])
-        nats = float((loss(same, fitter.temper) - loss(other, fitter.temper)).sum())
+    fit = best.fit
+    assert fit.jacobian is not None
+    own = [i for i, coordinate in enumerate(fit.coordinates) if coordinate.effect == effect]
+    constant = _held_out(criteria, problem, best, fit.jacobian[..., :0])
+    found = Variation()
+    instants = problem.simulation.instants(problem.segments)
+    for name, value in conditions(problem.segments, instants).items():
+        columns = fit.jacobian[..., own] * value[:, None, None]
+        varied = _held_out(criteria, problem, best, columns)
+        lost = [problem.noise.loss(s, problem.dispersion) for s in (constant, varied)]
+        nats = float((lost[0] - lost[1]).sum())
         if nats > found.nats:
-            readings = fitted.white.shape[-1]
-            first, last = (misfit(s / readings, null.held_out) for s in (same, other))
-            found = Varying(name, first - last, nats)
+            size = fit.whitened.shape[-1]
+            first, last = (misfit(s / size, null.held_out) for s in (constant, varied))
+            found = Variation(name, first - last, nats)
     return found
 
 
-def _held_out(fitter: Fitter, best: Candidate, group: Tensor, more: Tensor) -> Tensor:
-    """[N] |W e|^2 with further columns [N, D, Q], when a stretch's block was held out."""
-    fitted = best.fitted
-    assert fitted.slopes is not None
-    columns = torch.cat([fitted.slopes, more], -1)
-    weight = fitter.likelihood.weight(fitted.square, fitter.temper) / fitter.temper
+def _held_out(criteria: Criteria, problem: Problem, best: Candidate, more: Tensor) -> Tensor:
+    """|W e|^2 [N] with further columns [N, D, Q], when a segment's block was held out."""
+    fit, dispersion = best.fit, problem.dispersion
+    assert fit.jacobian is not None
+    columns = torch.cat([fit.jacobian, more], -1)
+    weight = problem.noise.weight(fit.square, dispersion) / dispersion
     curve = torch.einsum("ndp,ndq,n->npq", columns, columns, weight)
-    score = torch.einsum("ndp,nd,n->np", columns, fitted.white, weight)
-    wide = [u.prior for u in fitted.unknowns] + [VARIATION] * more.shape[-1]
-    prior = torch.tensor(wide, dtype=torch.float64)
-    place = torch.cat([fitted.place, torch.zeros(more.shape[-1], dtype=torch.float64)])
-    hessian, gradient = curve.sum(0) + torch.diag(prior**-2), score.sum(0) + place / prior**2
-    square = torch.empty(len(group), dtype=torch.float64)
-    for block in group.unique():
-        out = group == block
+    score = torch.einsum("ndp,nd,n->np", columns, fit.whitened, weight)
+    varying = torch.full((more.shape[-1],), criteria.rules.variation_prior, dtype=torch.float64)
+    prior = torch.cat([fit.prior, varying])
+    vector = torch.cat([fit.vector, torch.zeros_like(varying)])
+    hessian, gradient = curve.sum(0) + torch.diag(prior**-2), score.sum(0) + vector / prior**2
+    square = torch.empty(len(criteria.group), dtype=torch.float64)
+    for block in criteria.group.unique():
+        out = criteria.group == block
         step = torch.linalg.solve(hessian - curve[out].sum(0), gradient - score[out].sum(0))
-        square[out] = (fitted.white[out] - columns[out] @ step).square().sum(-1)
+        square[out] = (fit.whitened[out] - columns[out] @ step).square().sum(-1)
     return square

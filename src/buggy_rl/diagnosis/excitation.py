@@ -1,21 +1,21 @@
-"""What the drives never showed, and which effects that hides."""
+"""Excitation: conditions that were hardly driven, and effects that they would show."""
 
 import torch
 
-from buggy_rl.estimation.segments import WARM_UP, Stretches
+from buggy_rl.estimation.segments import WARM_UP, Segments
 from buggy_rl.vehicle import wrap_angle
 
-SHOWN = 0.03  # share of the time that counts as having been driven
-HEADINGS = 8
+SHOWN = 0.03  # [-] share of the time from which a condition counts as driven
+HEADINGS = 8  # sectors of the heading
 
 
-def weak(cut: Stretches) -> list[str]:
-    """What was never, or hardly, driven, and what that hides; in plain words."""
+def weak(segments: Segments) -> list[str]:
+    """A line for each condition that was hardly or never driven, with the effects that it hides."""
     rows = slice(WARM_UP, None)
-    vx, yaw_rate = cut.smooth_velocity[:, rows, 0], cut.smooth_velocity[:, rows, 2]
-    throttle, steering = cut.action[:, rows].unbind(-1)
+    vx, yaw_rate = segments.smooth_velocity[:, rows, 0], segments.smooth_velocity[:, rows, 2]
+    throttle, steering = segments.action[:, rows].unbind(-1)
     drive, lateral = (throttle + 1) / 2, (vx * yaw_rate).abs()
-    yaw = wrap_angle(cut.smooth_pose[:, rows, 2])
+    yaw = wrap_angle(segments.smooth_pose[:, rows, 2])
     heading = ((yaw + torch.pi) / (2 * torch.pi) * HEADINGS).long().clamp(0, HEADINGS - 1)
     seen = torch.bincount(heading.flatten(), minlength=HEADINGS) / heading.numel()
     checks = (
@@ -32,7 +32,7 @@ def weak(cut: Stretches) -> list[str]:
         ("bends near the limit of grip (5 m/s^2)", lateral > 5.0, "tire_grip, grip_balance"),
         (
             "quick steering",
-            cut.action[:, WARM_UP:, 1].diff(dim=1).abs() > 0.05,
+            segments.action[:, WARM_UP:, 1].diff(dim=1).abs() > 0.05,
             "steering_dead_time from steering_lag, steering_rate_limit, steering_backlash",
         ),
         ("going straight", (steering.abs() < 0.1) & (vx > 0.5), "steering_offset"),
@@ -44,6 +44,6 @@ def weak(cut: Stretches) -> list[str]:
     ]
     if int((seen > 0.02).sum()) < HEADINGS:
         found.append("not all directions driven: hides floor_slope, wind")
-    if float(cut.elapsed.max()) < 30.0:
-        found.append("less than 30 s at a stretch: hides battery_sag")
+    if float(segments.elapsed.max()) < 30.0:
+        found.append("less than 30 s of one recording: hides battery_sag")
     return found

@@ -1,7 +1,7 @@
-"""Whether a simulator's integration step is fine enough for drives, before physics is missed.
+"""Whether a simulator's integration step is fine enough for the recordings.
 
-What a coarse step makes of a simulator's equations passes for other tyres. Solving them with half
-the step tells one from the other: verification comes before validation (Oberkampf & Roy 2010,
+The error of a coarse step resembles other tyres. Solving the equations with half the step tells
+one from the other: verification comes before validation (Oberkampf & Roy 2010,
 Verification and Validation in Scientific Computing).
 """
 
@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from buggy_rl.estimation.misfit import misfit
-from buggy_rl.estimation.noise_model import likelihood
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.noise_model import noise_model
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments
 
-CLOSER = 0.1  # times the noise, by which half the step must come closer to the drives
-HALVINGS = 3  # at most: each takes twice the time
+HALVINGS = 3  # at most; each takes twice the time
 
 
 @dataclass(frozen=True)
@@ -27,27 +26,30 @@ class Step:
     note: str = ""
 
 
-def fine_enough(player: Callable[[Mapping[str, Any]], Player], cut: Stretches) -> Step:
-    """Halves a simulator's step as long as that brings it closer to the drives.
+def fine_enough(
+    simulation: Callable[[Mapping[str, Any]], Simulation], segments: Segments, least_gain: float
+) -> Step:
+    """Halves a simulator's step as long as that brings it closer to the recordings.
 
     A simulator that was fitted with a coarse step is right with it, and keeps it.
 
     Args:
-        player: Into the simulator with further options; none plays into it as it was given.
-        cut: Of the drives.
+        simulation: Of the simulator with further options; with none, as it was given.
+        segments: Of the recordings.
+        least_gain: By which half the step must come closer [noise].
     """
-    own = player({})
+    own = simulation({})
     finer = _halved(own)
     if not finer:
         return Step()
-    weighed = likelihood(own, cut)
-    given = weighed.white(own.play(cut, {}))[0].square().mean(-1)
+    noise = noise_model(own, segments)
+    given = noise.whiten(own.residuals(segments))[0].square().mean(-1)
     first = last = misfit(given, given)
     chosen: dict[str, Any] = {}
     for _ in range(HALVINGS):
-        half = player(finer)
-        off = misfit(weighed.white(half.play(cut, {}))[0].square().mean(-1), given)
-        if last - off < CLOSER:
+        half = simulation(finer)
+        off = misfit(noise.whiten(half.residuals(segments))[0].square().mean(-1), given)
+        if last - off < least_gain:
             break
         chosen, last, finer = finer, off, _halved(half)
     if not chosen:
@@ -61,6 +63,6 @@ def fine_enough(player: Callable[[Mapping[str, Any]], Player], cut: Stretches) -
     )
 
 
-def _halved(player: Player) -> dict[str, Any]:
-    """Options with half the step of the simulator that is played into, if it has one."""
-    return getattr(player.make(1), "half_step", {})
+def _halved(simulation: Simulation) -> dict[str, Any]:
+    """Options with half the step of a simulator, if it has one."""
+    return getattr(simulation.make(1), "half_step", {})

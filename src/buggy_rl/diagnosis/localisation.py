@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import CHANNELS, WARM_UP, Stretches
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import CHANNELS, WARM_UP, Segments
 
 SHORT = 0.3  # [s] within which an error stays where it began
-LARGE = 50.0  # times the noise, as which a change of a gap counts at most
+LARGE = 50.0  # times the noise, as which a change of a residual counts at most
 BINS = 6  # of each feature, with equal shares of the data
 OVERDUE = 1.6  # a region's share of the error over its share of the data, to be worth a mention
 ENOUGH = 0.04  # share of the data that a region must hold
@@ -31,7 +31,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Interval:
-    """A stretch of time of one drive."""
+    """A segment of time of one drive."""
 
     recording: str
     begin: float
@@ -64,67 +64,73 @@ FEATURES = (
 )
 
 
-def features(cut: Stretches, instants: Tensor) -> dict[str, Tensor]:
+def features(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
     """What was driven at the instants [N, K], from smoothed measurements."""
     rows = WARM_UP + instants
-    pose, velocity, action = cut.smooth_pose[:, rows], cut.smooth_velocity[:, rows], cut.action
+    pose, velocity, action = (
+        segments.smooth_pose[:, rows],
+        segments.smooth_velocity[:, rows],
+        segments.action,
+    )
     past = action[:, rows - min(10, WARM_UP)]
     return {
         "vx": velocity[..., 0],
         "steering": action[:, rows, 1],
         "throttle": action[:, rows, 0],
-        "steering_rate": (action[:, rows, 1] - past[..., 1]) / (10 * cut.dt),
+        "steering_rate": (action[:, rows, 1] - past[..., 1]) / (10 * segments.dt),
         "lateral_acceleration": velocity[..., 0] * velocity[..., 2],
         "heading": torch.atan2(torch.sin(pose[..., 2]), torch.cos(pose[..., 2])),
-        "elapsed": cut.elapsed[:, None] + rows * cut.dt,
+        "elapsed": segments.elapsed[:, None] + rows * segments.dt,
         "x": pose[..., 0],
         "y": pose[..., 1],
     }
 
 
-def charged(player: Player, cut: Stretches, noise: Tensor) -> tuple[Tensor, Tensor]:
+def charged(simulation: Simulation, segments: Segments, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Errors of short rollouts, each instant charged its own.
 
-    How far a velocity's gap changed since the instant before, in units of the noise: so an error
-    is charged where it arises, not where it has grown to.
+    How far a velocity's residual changed since the instant before, in noise standard deviations:
+    an error is charged where it arises, not where it has grown to.
 
     Args:
-        player: Plays into the simulator.
-        cut: Stretches of drives.
+        simulation: Plays into the simulator.
+        segments: Segments of drives.
         noise: [6] of a reading.
 
     Returns:
         Changes [N, K, 3] of vx, vy and yaw_rate, and the rows [K] after the start they are at.
     """
-    fine = replace(player, every=max(1, round(SHORT / cut.dt / 3)))
-    gap = fine.play(cut, {})[0].double()[..., 3:]  # (N, K, 3)
-    change = torch.cat([torch.zeros_like(gap[:, :1]), gap], 1).diff(dim=1) / noise[3:]
-    return change.nan_to_num(LARGE).clamp(-LARGE, LARGE), fine.instants(cut)
+    fine = replace(simulation, every=max(1, round(SHORT / segments.dt / 3)))
+    residual = fine.residuals(segments)[0].double()[..., 3:]  # (N, K, 3)
+    change = torch.cat([torch.zeros_like(residual[:, :1]), residual], 1).diff(dim=1) / noise[3:]
+    return change.nan_to_num(LARGE).clamp(-LARGE, LARGE), fine.instants(segments)
 
 
-def locate(player: Player, cut: Stretches, noise: Tensor, names: Sequence[str]) -> Located:
+def locate(
+    simulation: Simulation, segments: Segments, noise: Tensor, names: Sequence[str]
+) -> Located:
     """Looks for the excess error of short rollouts.
 
     Error of a channel is the square of what `charged` tells, less what noise alone makes.
 
     Args:
-        player: Plays into the simulator.
-        cut: Stretches of drives.
+        simulation: Plays into the simulator.
+        segments: Segments of drives.
         noise: [6] of a reading.
         names: Of the drives.
     """
-    change, instants = charged(player, cut, noise)
+    change, instants = charged(simulation, segments, noise)
     excess = (change.square() - 2.0).clamp_min(0.0)  # two readings' noise
     of_channel = (excess.mean((0, 1)) - LEFT_BY_NOISE).clamp_min(0.0)  # (3,)
     total = float(of_channel.sum()) or 1.0
     share = {c: float(of_channel[i]) / total for i, c in enumerate(CHANNELS)}
     of_row = excess.sum(-1)  # (N, K)
-    seen = features(cut, instants)
+    seen = features(segments, instants)
     return Located(
         channel_share=share,
         regions=_regions(seen, of_row),
-        intervals=_intervals(cut, instants, of_row, names),
-        lags=_lags(cut, instants, change),
+        intervals=_intervals(segments, instants, of_row, names),
+        lags=_lags(segments, instants, change),
     )
 
 
@@ -167,8 +173,8 @@ def _region(where, inside, weight, total) -> Region:
     return Region(where, float(weight[inside].sum() / total), float(inside.mean()))
 
 
-def _intervals(cut, instants, error, names) -> list[Interval]:
-    """Runs of stretches whose error stands out of their drive's, by time."""
+def _intervals(segments, instants, error, names) -> list[Interval]:
+    """Runs of segments whose error stands out of their drive's, by time."""
     left = LEFT_BY_NOISE * len(CHANNELS) * error.shape[1]
     per = (error.sum(1) - left).clamp_min(0.0)  # (N,)
     total = float(per.sum()) or 1.0
@@ -177,9 +183,9 @@ def _intervals(cut, instants, error, names) -> list[Interval]:
     for index in per.argsort(descending=True)[:12].tolist():
         if float(per[index]) <= limit:
             break
-        begin = float(cut.elapsed[index]) + WARM_UP * cut.dt
-        end = begin + float(instants[-1]) * cut.dt
-        drive = names[int(cut.drive[index])]
+        begin = float(segments.elapsed[index]) + WARM_UP * segments.dt
+        end = begin + float(instants[-1]) * segments.dt
+        drive = names[int(segments.recording[index])]
         found.append(Interval(drive, begin, end, float(per[index]) / total))
     found.sort(key=lambda i: (i.recording, i.begin))
     merged: list[Interval] = []
@@ -193,14 +199,14 @@ def _intervals(cut, instants, error, names) -> list[Interval]:
     return sorted(merged, key=lambda i: -i.error_share)
 
 
-def _lags(cut: Stretches, instants: Tensor, change: Tensor) -> dict[str, dict[str, float]]:
+def _lags(segments: Segments, instants: Tensor, change: Tensor) -> dict[str, dict[str, float]]:
     """When errors follow changes of a command: the largest correlation at a positive lag.
 
     Commands are differenced first (prewhitened): a held command is like itself at any lag.
     """
-    step = cut.action.diff(dim=1, prepend=cut.action[:, :1])  # (N, L, 2)
+    step = segments.action.diff(dim=1, prepend=segments.action[:, :1])  # (N, L, 2)
     rows = WARM_UP + instants
-    most = min(round(MOST_LAG / cut.dt), int(rows[0]))
+    most = min(round(MOST_LAG / segments.dt), int(rows[0]))
     result: dict[str, dict[str, float]] = {}
     for command, name in enumerate(("throttle", "steering")):
         result[name] = {}
@@ -213,6 +219,6 @@ def _lags(cut: Stretches, instants: Tensor, change: Tensor) -> dict[str, dict[st
                 scale = float((x.square().mean() * y.square().mean()).sqrt())
                 r = abs(float((x * y).mean())) / scale if scale > 0 else 0.0
                 if r > max(best, 4 / len(y) ** 0.5):
-                    best, at = r, lag * cut.dt
+                    best, at = r, lag * segments.dt
             result[name][label] = at
     return result

@@ -6,22 +6,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-STAND = 0.5  # [s] at rest before each, which is when hidden states settle
-ROLL = 1.0  # [s] without drive after it
+STAND = 0.5  # [s] at rest before each: latent states settle
+ROLL = 1.0  # [s] without drive after each
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Something to drive, said to a person and to a simulator."""
+    """Words for a driver, and commands for a simulator."""
 
     name: str
     words: str
     seconds: float
     command: Callable[[Tensor], tuple[Tensor, Tensor]]
-    """Times [T] s -> drive in 0..1 and steering in -1..1, [T] each."""
+    """Times [T] [s] -> drive in 0..1 and steering in -1..1, [T] each."""
 
     def actions(self, dt: float) -> Tensor:
-        """Commands [T, 2]: standing first, rolling at last."""
+        """Commands [T, 2]: at rest, the manoeuvre, then rolling without drive."""
         before, after = round(STAND / dt), round(ROLL / dt)
         time = torch.arange(round(self.seconds / dt)) * dt
         drive, steering = self.command(time)

@@ -9,7 +9,7 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.diagnosis.preflight_simulator import FASTEST
 from buggy_rl.estimation.cross_validation import BLOCK, blocks
-from buggy_rl.estimation.segments import WARM_UP, Stretches
+from buggy_rl.estimation.segments import WARM_UP, Segments
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.windows import window_starts
 from buggy_rl.vehicle import CONTROL_PERIOD
@@ -18,37 +18,37 @@ STANDING = (0.05, 0.1)  # [m] and [rad] within which a car has not moved
 CONSTANT = 1e-3  # command
 LOST = 0.02  # share of dropped frames that is worth a word
 LATE = 0.015  # [s] by which clocks may differ without a word
-MOST_BAD = 0.5  # share of stretches that may be no numbers
+MOST_BAD = 0.5  # share of segments that may be no numbers
 
 
-def check_gaps(
-    gap: Tensor, cut: Stretches, instants: Tensor, drives: Sequence[str], name: str
+def check_residuals(
+    residuals: Tensor, segments: Segments, instants: Tensor, drives: Sequence[str], name: str
 ) -> list[str]:
     """Whether rollouts of a simulator are numbers that a car could show.
 
     Args:
-        gap: [N, K, 6] readings minus measurements.
-        cut: N stretches.
+        residuals: [N, K, 6] readings minus measurements.
+        segments: N segments.
         instants: [K] rows after their start.
         drives: Their names.
         name: What the user calls the simulator.
 
     Raises:
-        ValueError: More than half of the stretches are none.
+        ValueError: More than half of the segments are none.
     """
-    wrong = ~(gap.abs() < FASTEST).all(-1)  # (N, K); NaN is not below anything either
-    stretch = wrong.any(1)
-    if not bool(stretch.any()):
+    wrong = ~(residuals.abs() < FASTEST).all(-1)  # (N, K); NaN is not below anything either
+    segment = wrong.any(1)
+    if not bool(segment.any()):
         return []
-    first = int(stretch.int().argmax())
+    first = int(segment.int().argmax())
     row = int(wrong[first].int().argmax())
-    time = float(cut.elapsed[first]) + (WARM_UP + int(instants[row])) * cut.dt
-    what = "runs away" if bool(gap[first, row].isfinite().all()) else "returns NaN"
+    time = float(segments.elapsed[first]) + (WARM_UP + int(instants[row])) * segments.dt
+    what = "runs away" if bool(residuals[first, row].isfinite().all()) else "returns NaN"
     message = (
-        f"simulator {name} {what} in {int(stretch.sum())} of {len(gap)} stretches, first in drive "
-        f"{drives[int(cut.drive[first])]} at {time:.2f} s"
+        f"simulator {name} {what} in {int(segment.sum())} of {len(residuals)} segments, first in "
+        f"drive {drives[int(segments.recording[first])]} at {time:.2f} s"
     )
-    if float(stretch.double().mean()) > MOST_BAD:
+    if float(segment.double().mean()) > MOST_BAD:
         raise ValueError(
             f"{message}; play the commands of that second into it from the pose and velocity "
             "measured there, and mend it"
@@ -68,7 +68,7 @@ def check_drives(recordings: Sequence[Recording], seconds: float) -> list[str]:
 
     Raises:
         ValueError: There are none, their control periods differ from the simulator's, they hold
-            what is no number, none covers a stretch, or none moves.
+            what is no number, none covers a segment, or none moves.
     """
     if not recordings:
         raise ValueError("no drive to compare with: give recordings=[file or folder, ...]")
@@ -85,9 +85,9 @@ def check_drives(recordings: Sequence[Recording], seconds: float) -> list[str]:
     return notes
 
 
-def check_blocks(cut: Stretches) -> list[str]:
-    """Whether stretches can be held out by turns at all."""
-    count = len(blocks(cut).unique())
+def check_blocks(segments: Segments) -> list[str]:
+    """Whether segments can be held out by turns at all."""
+    count = len(blocks(segments).unique())
     if count > 1:
         return []
     return [
@@ -107,9 +107,9 @@ def check_clock(offset: float) -> list[str]:
     ]
 
 
-def check_latency(causes: Collection[str]) -> list[str]:
+def check_latency(effects: Collection[str]) -> list[str]:
     """Says what else a late sensor could be."""
-    if "sensor_latency" not in causes:
+    if "sensor_latency" not in effects:
         return []
     return [
         "a sensor that is late and commands that are stamped too early by as much are the same to "
@@ -139,7 +139,7 @@ def _covered(recordings: Sequence[Recording], length: int) -> list[str]:
         longest = ", ".join(f"{r.name} has {_longest(r):.2f} s" for r in without)
         raise ValueError(f"no drive covers {need} ({longest}): drive longer, or set seconds= lower")
     return [
-        f"drive {r.name} is left out: it covers {_longest(r):.2f} s at a stretch, not {need}"
+        f"drive {r.name} is left out: its longest part is {_longest(r):.2f} s, not {need}"
         for r in without
     ]
 

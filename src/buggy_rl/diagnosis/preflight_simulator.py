@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl import keys
+from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
@@ -46,7 +47,7 @@ def blaming(name: str) -> Iterator[None]:
     """Names the simulator where one of its own steps or resets fails; other errors pass.
 
     Raises:
-        ValueError: It raised; the error it raised is the cause.
+        ValueError: It raised; that error is its `__cause__`.
     """
     try:
         yield
@@ -190,7 +191,7 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]
     if all(alike):
         raise ValueError(
             f"simulator {name} moves alike whatever the commands: neither 'action' changes its "
-            "velocity within a second; nothing can be said of a simulator that does not listen"
+            "velocity within a second; a simulator that ignores its actions cannot be diagnosed"
         )
     return [
         f"simulator {name} moves alike whatever the {command}: effects on it cannot be told"
@@ -208,9 +209,12 @@ def _reset(env: EnvBase, name: str, given: TensorDictBase) -> TensorDictBase:
         ) from error
 
 
-@torch.no_grad()
 def _step(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> TensorDictBase:
+    def act(_: int, now: TensorDictBase) -> TensorDictBase:
+        return now.set(keys.ACTION, action.clone())
+
     try:
-        return env.step(state.clone().set(keys.ACTION, action.clone()))["next"]
+        _, after = trajectory(env, state.clone(), act, 1)
+        return after
     except Exception as error:
         raise ValueError(f"simulator {name}: a step raised {_words(error)}") from error

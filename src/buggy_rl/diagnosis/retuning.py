@@ -1,102 +1,110 @@
-"""The other null: the simulator with all its own parameters fitted, before physics is missed."""
+"""The other null hypothesis: the simulator with all its own parameters fitted."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
-from buggy_rl.diagnosis.answer import NORMAL, Named, Value, sentence
+from buggy_rl.diagnosis.answer import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import CEILING
-from buggy_rl.diagnosis.search import EAGER
-from buggy_rl.estimation.cross_validation import blocks, evidence
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-from buggy_rl.estimation.hypothesis import OWN
+from buggy_rl.diagnosis.config import SelectionConfig
+from buggy_rl.estimation.cross_validation import cross_validated
+from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 
-ROUNDS, ITERATIONS = 3, 4  # of the fit: between them it learns how much a nat counts
-MOVED = 0.1  # of its typical size, by which a parameter must have moved to be wrong,
-CERTAIN = 2.0  # and standard deviations of it: one in twenty that is right is called wrong
+ROUNDS, ITERATIONS = 3, 4  # of the fit; between rounds the dispersion is estimated anew
 
 
 @dataclass(frozen=True)
 class Retuned:
-    """A simulator whose own parameters were fitted to the drives."""
+    """A simulator whose own parameters were fitted to the recordings."""
 
     values: dict[str, float]
     """All of them."""
-    wrong: list[Named]
+    wrong: list[NamedEffect]
     """Those that have certainly moved, the farthest first; their gain is still open."""
 
 
 def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Retuned:
-    """Fits all parameters that the simulator declares, about what they are."""
-    progress(f"re-tuning {len(case.library.parameters)} parameters of the simulator's own")
-    fitter = Fitter(case.player, case.cut, case.likelihood, case.library)
-    own = [OWN + name for name in case.library.parameters]
-    best = fitter.fit([fitter.start(own)], 0)[0]
-    for _ in range(ROUNDS):
-        square = best.square / case.likelihood.readings
-        fitter.temper = max(1.0, EAGER * float(square.median()))
-        best = fitter.fit([best], ITERATIONS)[0]
-    candidate = Candidate(best, evidence(fitter, best, blocks(case.cut)))
-    values = {n: v for cause, ps in best.values().items() if cause for n, v in ps.items()}
-    return Retuned(values, _wrong(candidate))
+    """Fits all parameters that the simulator declares, from what they are."""
+    problem, rules = case.problem, case.criteria.rules
+    progress(f"re-tuning {len(problem.library.parameters)} parameters of the simulator's own")
+    problem, best = tuned(problem, ROUNDS, ITERATIONS, rules.expected_left)
+    [known] = cross_validated(problem, [best], case.criteria.group)
+    values = {n: v for effect, ps in best.values().items() if effect for n, v in ps.items()}
+    return Retuned(values, _wrong(Candidate(best, known), rules))
 
 
-def with_own(case: Case, best: Fitted) -> Fitted:
-    """An explanation of the re-tuned simulator, as one of the simulator as it was given."""
-    own = [OWN + name for name in case.library.parameters]
-    unknowns = case.as_given.unknowns((*best.causes, *own))
-    tuned = {p.name: p.value for p in case.library.parameters.values()}
+def tuned(
+    problem: Problem, rounds: int, iterations: int, expected_left: float
+) -> tuple[Problem, Fit]:
+    """Fits all declared parameters, the dispersion estimated anew before each round."""
+    own = [OWN + name for name in problem.library.parameters]
+    [best] = fitted(problem, [problem.library.hypothesis(own)], 0)
+    for _ in range(rounds):
+        typical = float((best.square / problem.noise.dimension).median())
+        problem = replace(problem, dispersion=max(1.0, expected_left * typical))
+        [best] = fitted(problem, [best], iterations)
+    return problem, best
+
+
+def with_own(case: Case, best: Hypothesis) -> Hypothesis:
+    """A hypothesis about the re-tuned simulator, as one about the simulator as it was given."""
+    library = case.problem.library
+    own = [OWN + name for name in library.parameters]
+    start = case.as_given.hypothesis((*best.effects, *own))
+    tuned = {p.name: p.value for p in library.parameters.values()}
     moved = [
-        float(u.parameter.coordinate(tuned[u.parameter.name])) for u in unknowns if u.cause in own
+        float(c.parameter.coordinate(tuned[c.parameter.name]))
+        for c in start.coordinates
+        if c.effect in own
     ]
-    place = torch.cat([best.place[:-1], best.place.new_tensor(moved), best.place[-1:]])
-    return Fitted((*best.causes, *own), unknowns, place, best.white)
+    vector = torch.cat([best.vector[:-1], best.vector.new_tensor(moved), best.vector[-1:]])
+    return replace(start, vector=vector)
 
 
-def _wrong(candidate: Candidate) -> list[Named]:
+def _wrong(candidate: Candidate, rules: SelectionConfig) -> list[NamedEffect]:
     """Parameters that have certainly moved, by themselves or apart from their other side's."""
-    fitted = candidate.fitted
-    spread = candidate.evidence.covariance.diagonal().clamp_min(0.0).sqrt()
-    apart = _apart(candidate)
-    found: list[tuple[float, Named]] = []
-    places = zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True)
-    for index, (unknown, z, sd) in enumerate(places):
-        moved = abs(z) >= max(MOVED, CERTAIN * sd)
-        if not unknown.cause or not (moved or index in apart):
+    fit = candidate.fit
+    spread = candidate.cross_validated.covariance.diagonal().clamp_min(0.0).sqrt()
+    apart = _apart(candidate, rules)
+    found: list[tuple[float, NamedEffect]] = []
+    numbers = zip(fit.coordinates, fit.vector.tolist(), spread.tolist(), strict=True)
+    for index, (coordinate, z, sd) in enumerate(numbers):
+        moved = abs(z) >= max(rules.moved, rules.certain * sd)
+        if not coordinate.effect or not (moved or index in apart):
             continue
-        p = unknown.parameter
+        p = coordinate.parameter
         low, value, high = (float(p.value_at(z + k * NORMAL * sd)) for k in (-1, 0, 1))
-        words = sentence(unknown.cause, {p.name: value}, p.unit, float(p.value))
-        named = Named(
-            name=unknown.cause,
+        words = sentence(coordinate.effect, {p.name: value}, p.unit, float(p.value))
+        named = NamedEffect(
+            name=coordinate.effect,
             kind="parameter",
             equation="",
             sentence=words if moved else f"{words}: left and right certainly differ",
             parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
-            confidence=CEILING,
+            confidence=rules.most_confident,
             held_out_gain=0.0,
         )
         found.append((abs(z), named))
     return [named for _, named in sorted(found, key=lambda item: -item[0])]
 
 
-def _apart(candidate: Candidate) -> set[int]:
+def _apart(candidate: Candidate, rules: SelectionConfig) -> set[int]:
     """Indices of parameters of a left and a right side of which one has certainly moved.
 
     What turns a car as much to both sides, such as its mass, leaves each side's number open, but
     not the difference of the two.
     """
-    fitted, covariance = candidate.fitted, candidate.evidence.covariance
-    place = {u.parameter.name: i for i, u in enumerate(fitted.unknowns) if u.cause}
+    fit, covariance = candidate.fit, candidate.cross_validated.covariance
+    index = {c.parameter.name: i for i, c in enumerate(fit.coordinates) if c.effect}
     found: set[int] = set()
-    for name, left in place.items():
-        right = place.get(name.replace("left", "right"), left)
-        way = float(fitted.place[left] - fitted.place[right])
+    for name, left in index.items():
+        right = index.get(name.replace("left", "right"), left)
+        way = float(fit.vector[left] - fit.vector[right])
         variance = covariance[left, left] + covariance[right, right] - 2 * covariance[left, right]
         sd = float(variance.clamp_min(0.0).sqrt())
-        if right != left and abs(way) >= max(MOVED, CERTAIN * sd):
+        if right != left and abs(way) >= max(rules.moved, rules.certain * sd):
             found |= {left, right}
     return found

@@ -1,4 +1,4 @@
-"""What a cause must do on what it was not fitted to, to be named."""
+"""Selection: what an effect must do on held-out blocks to be accepted."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -6,139 +6,133 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.candidate import Candidate, size
+from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
+from buggy_rl.diagnosis.config import DEFAULTS, SelectionConfig
 from buggy_rl.estimation.cross_validation import advantage
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-from buggy_rl.estimation.misfit import Usual
-
-NATS = 6.0  # by which it must help at least, for each of its parameters
-LOST = 0.3  # of the nats won in some blocks that may be lost in others
-FAINT = 0.1  # of its typical size: what is smaller is no cause
-MATTERS = 0.01  # of the noise: what closes less of the gap does not matter,
-SHARE = 0.05  # nor what closes less of the gap that there was at first,
-TYPICAL = 0.5  # size above which a further cause need close less of it, by the size's square,
-LIGHT = 0.1  # down to this part;
-TWINS = 0.1  # and as much more if it does the same as the others: see `Merit.likeness`
-UNASKED = 0.5  # and half of it, where the simulator is as right as it ever was: nobody asked,
-ENOUGH = 0.15  # or a quarter, if that is more than this: twice what any cause closed of 66 cars
-# with nothing wrong
-LIKEWISE = 0.2  # of what a cause wins, that it may win on drives from before the change
+from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.misfit import NO_BASELINE, BaselineMisfit
 
 
-@dataclass(frozen=True)
-class Merit:
-    """By what causes are judged.
+@dataclass(frozen=True, eq=False)
+class Criteria:
+    """By what effects are accepted."""
+
+    group: Tensor
+    """[N] blocks of segments that are held out together."""
+    usual: BaselineMisfit = NO_BASELINE
+    baseline: Problem | None = None
+    """On segments on which the simulator counts as right."""
+    rules: SelectionConfig = DEFAULTS
+
+
+def accepted(
+    criteria: Criteria, problem: Problem, more: Candidate, less: Candidate, null: Candidate
+) -> bool:
+    """Whether further effects earn their place on what they were not fitted to.
 
     Args:
-        fitter: Fits to all stretches.
-        group: [N] Blocks of stretches that are held out together.
-        usual: Excess of drives on which the simulator counts as right.
-        baseline: Fits to stretches of those.
+        criteria: The thresholds.
+        problem: What both were fitted to.
+        more: With the further effects,
+        less: and without.
+        null: The simulator as given.
     """
+    rules = criteria.rules
+    dispersion = max(1.0, more.typical)
+    gain = advantage(
+        problem.noise, dispersion, more.cross_validated, less.cross_validated, criteria.group
+    )
+    added = len(more.fit.coordinates) - len(less.fit.coordinates)
+    size = largest_size(problem, more.fit, less.effects)
+    required = required_gain(
+        criteria,
+        excess_misfit(null, null),
+        overlap(problem, more.fit, set(less.effects)),
+        size if less.effects else 0.0,
+    )
+    return (
+        size > rules.min_size
+        and gain.without_best > rules.min_nats * added
+        and gain.lost < rules.max_lost * gain.won
+        and excess_misfit(less, null) - excess_misfit(more, null) > required
+        and not mends_baseline(criteria, problem, more, less)
+    )
 
-    fitter: Fitter
-    group: Tensor
-    usual: Usual
-    baseline: Fitter | None = None
 
-    def helps(self, more: Candidate, less: Candidate, null: Candidate) -> bool:
-        """Whether causes earn their place on what they were not fitted to.
+def largest_size(problem: Problem, fit: Fit, others: Collection[str]) -> float:
+    """Size of the further effects of a hypothesis [prior scales], the largest of them."""
+    numbers = zip(fit.coordinates, fit.vector.tolist(), strict=True)
+    further = ((c, abs(z)) for c, z in numbers if c.effect and c.effect not in others)
+    deciding = problem.library.deciding
+    return max((z for c, z in further if c.parameter.name in deciding(c.effect)), default=0.0)
 
-        They must help by enough nats, whichever block of the drives is left out; lose little where
-        they do not help; and close a part of the gap that was there at first that matters.
-        """
-        gain = advantage(
-            self.fitter.likelihood,
-            max(1.0, more.typical),
-            more.evidence,
-            less.evidence,
-            self.group,
-        )
-        added = len(more.fitted.unknowns) - len(less.fitted.unknowns)
-        large = self.largest(more.fitted, less.causes)
-        least = self.least(
-            size(null, null),
-            self.likeness(more.fitted, set(less.causes)),
-            large if less.causes else 0.0,
-        )
-        return (
-            large > FAINT
-            and gain.without_best > NATS * added
-            and gain.lost < LOST * gain.won
-            and size(less, null) - size(more, null) > least
-            and not self.stands(more, less)
-        )
 
-    def largest(self, fitted: Fitted, others: Collection[str]) -> float:
-        """How large the further causes of an explanation are, in units of their typical sizes."""
-        numbers = zip(fitted.unknowns, fitted.place.tolist(), strict=True)
-        further = ((u, abs(z)) for u, z in numbers if u.cause and u.cause not in others)
-        deciding = self.fitter.library.deciding
-        return max((z for u, z in further if u.parameter.name in deciding(u.cause)), default=0.0)
+def required_gain(
+    criteria: Criteria, first: float, overlapping: float = 0.0, size: float = 0.0
+) -> float:
+    """Excess misfit that an effect must close.
 
-    def least(self, gap: float, likeness: float = 0.0, large: float = 0.0) -> float:
-        """What a cause must close at least, as an excess over the noise.
+    max(min_gain, standard error of the baseline, (s + collinear_share R^2) first) with the share
+    s = min_share, less for a large further effect: a misspecified equation leaves a residual that
+    small numbers of others close a little. Where the simulator is as right as on its baseline,
+    half the excess, or a quarter that exceeds what any effect closes of nothing.
 
-        What does much the same as the other causes must close more: an equation that is nearly
-        right leaves a gap that resembles what it describes, and a lag that is not quite of first
-        order is not a lag and a dead time. What is as large as faults of its kind are need close
-        less: small numbers make up for what an equation that is nearly right leaves. Where the
-        simulator is as right as on its baseline, half of what gap there is, or a quarter that is
-        more than what any cause closes of nothing.
+    Args:
+        criteria: The thresholds.
+        first: Excess misfit of the simulator as given.
+        overlapping: See `overlap`.
+        size: See `largest_size`.
+    """
+    rules, usual = criteria.rules, criteria.usual
+    large = (rules.typical_size / max(size, rules.min_size)) ** 2
+    share = rules.min_share * max(rules.least_share, min(1.0, large))
+    required = max(
+        rules.min_gain, usual.error, (share + rules.collinear_share * overlapping) * first
+    )
+    if first < usual.most:
+        half = rules.as_baseline_share * first
+        required = max(required, min(half, max(rules.as_baseline_gain, half / 2)))
+    return required
 
-        Args:
-            gap: Excess of the simulator as given.
-            likeness: See there.
-            large: See `largest`.
-        """
-        share = SHARE * max(LIGHT, min(1.0, (TYPICAL / max(large, FAINT)) ** 2))
-        least = max(MATTERS, self.usual.error, (share + TWINS * likeness) * gap)
-        if gap < self.usual.most:
-            least = max(least, min(UNASKED * gap, max(ENOUGH, UNASKED / 2 * gap)))
-        return least
 
-    def stands(self, more: Candidate, less: Candidate) -> bool:
-        """Whether causes mend the baseline likewise: then they are nothing that has changed.
+def mends_baseline(criteria: Criteria, problem: Problem, more: Candidate, less: Candidate) -> bool:
+    """Whether further effects gain on the baseline likewise: then they are nothing that changed.
 
-        There they are looked at alone: whatever else was found has not happened yet.
-        """
-        if self.baseline is None:
-            return False
-        fitted = more.fitted
-        kept = {
-            (u.cause, u.parameter.name): float(z)
-            for u, z in zip(fitted.unknowns, fitted.place, strict=True)
-            if u.cause and u.cause not in less.causes
-        }
-        alone = self.baseline.start(tuple(c for c in more.causes if c not in less.causes))
-        place = [kept.get((u.cause, u.parameter.name), 0.0) for u in alone.unknowns]
-        loss = self.baseline.likelihood.loss
-        rows = [(alone, torch.zeros_like(alone.place)), (alone, torch.tensor(place).double())]
-        before, after = (w.square().sum(-1) for w in self.baseline.evaluate(rows))
-        there = float((loss(before) - loss(after)).mean())
-        loss = self.fitter.likelihood.loss
-        here = float((loss(less.evidence.square) - loss(more.evidence.square)).mean())
-        return there > LIKEWISE * here
+    On the baseline they are looked at alone: the other effects have not happened yet.
+    """
+    if criteria.baseline is None:
+        return False
+    baseline = criteria.baseline
+    further = tuple(e for e in more.effects if e not in less.effects)
+    alone = baseline.library.at(further, more.fit.named() | {("", "clock_offset"): 0.0})
+    rows = [(alone, torch.zeros_like(alone.vector)), (alone, alone.vector)]
+    before, after = (w.square().sum(-1) for w in baseline.whitened(rows))
+    loss = baseline.noise.loss
+    there = float((loss(before) - loss(after)).mean())
+    loss = problem.noise.loss
+    gain = loss(less.cross_validated.square) - loss(more.cross_validated.square)
+    return there > criteria.rules.max_baseline_gain * float(gain.mean())
 
-    def likeness(self, fitted: Fitted, others: Collection[str]) -> float:
-        """Share of what the further causes of an explanation do that `others` of it do likewise.
 
-        R^2 of the whitened gaps that they close, to first order, over those that each other cause
-        closes.
-        """
-        assert fitted.slopes is not None
-        root = self.fitter.likelihood.weight(fitted.square, self.fitter.temper).sqrt()
-        done = fitted.slopes * fitted.place * root[:, None, None]  # (N, D, P)
-        parts: dict[str, Tensor] = {}
-        for index, unknown in enumerate(fitted.unknowns):
-            if unknown.cause:
-                name = unknown.cause if unknown.cause in others else ""
-                part = done[..., index].flatten()
-                parts[name] = parts[name] + part if name in parts else part
-        added = parts.pop("", None)
-        if added is None or not parts:
-            return 0.0
-        columns = torch.stack(list(parts.values()), -1)
-        share = torch.linalg.lstsq(columns, added.unsqueeze(-1), driver="gelsd").solution
-        explained = (columns @ share).square().sum() / added.square().sum().clamp_min(1e-12)
-        return float(explained.clamp(0.0, 1.0))
+def overlap(problem: Problem, fit: Fit, others: set[str]) -> float:
+    """Share of what the further effects of a hypothesis close that `others` of it close likewise.
+
+    R^2 of the whitened residuals J z that they close, to first order, on those of each other
+    effect.
+    """
+    assert fit.jacobian is not None
+    root = problem.noise.weight(fit.square, problem.dispersion).sqrt()
+    closed = fit.jacobian * fit.vector * root[:, None, None]  # (N, D, P)
+    parts: dict[str, Tensor] = {}
+    for index, coordinate in enumerate(fit.coordinates):
+        if coordinate.effect:
+            name = coordinate.effect if coordinate.effect in others else ""
+            part = closed[..., index].flatten()
+            parts[name] = parts[name] + part if name in parts else part
+    added = parts.pop("", None)
+    if added is None or not parts:
+        return 0.0
+    columns = torch.stack(list(parts.values()), -1)
+    share = torch.linalg.lstsq(columns, added.unsqueeze(-1), driver="gelsd").solution
+    explained = (columns @ share).square().sum() / added.square().sum().clamp_min(1e-12)
+    return float(explained.clamp(0.0, 1.0))

@@ -9,6 +9,7 @@ from typing import TypeVar
 import torch
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.files import save_torch
 from buggy_rl.recordings import Recording
 
 FOLDER = "stages"  # in the folder of the answer
@@ -42,10 +43,7 @@ class Stages:
             # Written by this very code, in a folder of the user's own.
             return torch.load(file, weights_only=False)
         result = compute()
-        self.folder.mkdir(parents=True, exist_ok=True)
-        part = file.with_suffix(".part")
-        torch.save(result, part)
-        part.replace(file)  # whole or not at all
+        save_torch(file, result)
         return result
 
 

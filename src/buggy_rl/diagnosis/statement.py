@@ -1,160 +1,192 @@
-"""What is said of what was found."""
+"""The answer: what is said of what the search found, and what speaks for it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.answer import NORMAL, Answer, Named, Proof, Tried, Value, sentence
-from buggy_rl.diagnosis.candidate import size
+from buggy_rl.diagnosis.answer import (
+    NORMAL,
+    Alternative,
+    Answer,
+    NamedEffect,
+    Proof,
+    Value,
+    sentence,
+)
+from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import Confidence, confidences, soundness
-from buggy_rl.diagnosis.constancy import varying
+from buggy_rl.diagnosis.confidence import Confidence, Doubts, confidences, soundness
+from buggy_rl.diagnosis.constancy import variation
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import suggestions
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.retuning import with_own
-from buggy_rl.diagnosis.search import Found, Search
-from buggy_rl.diagnosis.unexplained import remaining
-from buggy_rl.diagnosis.validation import Errors, folds, prove
+from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.unexplained import unexplained
+from buggy_rl.diagnosis.validation import Errors, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.estimation.misfit import NOTHING, misfit
 
-TOLD = 24  # explanations that are written down
-MOST_RIVALS = 4  # that a manoeuvre is looked for to decide between
+WRITTEN = 24  # hypotheses that are written down
+MOST_ALTERNATIVES = 4  # that a manoeuvre is looked for to decide between
 
 
-def stated(
+def answered(
     case: Case,
-    search: Search,
-    found: Found,
+    found: SearchResult,
     progress: Callable[[str], None] = lambda _: None,
-    wrong: Sequence[Named] = (),
+    wrong: Sequence[NamedEffect] = (),
 ) -> Answer:
     """The answer, with what speaks for it.
 
     Args:
-        case: Drives and simulator.
-        search: That has come to what was found.
+        case: Recordings and simulator, with the noise model that the search came to.
         found: What it found.
-        progress: Told in plain words what is being done.
+        progress: Told what is being done.
         wrong: Parameters that the simulator was re-tuned by.
     """
+    problem, criteria, rules = case.problem, case.criteria, case.criteria.rules
     progress("locating the error")
-    located = locate(case.given, case.cut, case.likelihood.noise, case.names)
-    instants = case.player.instants(case.cut)
-    before = found.null.fitted.white
+    located = locate(case.given, problem.segments, problem.noise.sd, case.names)
+    before = found.null.fit.whitened
     if case.retuned_from is not None:
-        before = case.likelihood.white(case.given.play(case.cut, {}))[0]
-    rest = remaining(case.cut, instants, before, found.best.fitted.white, case.usual)
+        before = problem.noise.whiten(case.given.residuals(problem.segments))[0]
+    after = found.best.fit.whitened
+    rest = unexplained(problem, before, after, rules.depends_share, criteria.usual)
     given = before.square().mean(-1)
-    first = misfit(given, given) - 1
-    closed = {c: found.closed(c) / max(first, 1e-9) for c in found.best.causes}
-    varies = {c: varying(search.fitter, found.best, found.null, search.group, c) for c in closed}
-    at_end = {c for c in closed if case.library.deciding(c) <= {*found.best.fitted.at_bound(c)}}
-    sure = confidences(search, found, closed, rest.unclosed, varies, at_end)
+    sure = confidences(found, _doubts(case, found, given, rest.unclosed), rules)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
-    named = [_named(case, found, c, sure[c]) for c in found.best.causes]
-    named += _retuned(found, given, wrong, rest.unclosed)
+    named = [_named(case, found, e, sure[e]) for e in found.best.effects]
+    named += _retuned(case, found, given, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
-    verdict = verdict_of(size(found.null, found.null), rest, named, case.usual)
+    progress("looking for what to drive next")
+    return Answer(
+        verdict=verdict_of(excess_misfit(found.null, found.null), rest, named, criteria),
+        located=located,
+        effects=named,
+        remaining=rest,
+        proof=proof,
+        weak=weak(problem.segments),
+        suggest=suggestions(problem, found.best, _undecided(found, named), rules.deciding_nats),
+        tried=_tried(found),
+    )
+
+
+def _doubts(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> Doubts:
+    first, fit = misfit(given, given) - 1, found.best.fit
+    deciding, problem = case.problem.library.deciding, case.problem
+    return Doubts(
+        closed={e: found.closed(e) / max(first, 1e-9) for e in fit.effects},
+        unclosed=unclosed,
+        varies={
+            e: variation(case.criteria, problem, found.best, found.null, e) for e in fit.effects
+        },
+        at_bound={e for e in fit.effects if deciding(e) <= {*fit.at_bound(e)}},
+    )
+
+
+def _undecided(found: SearchResult, named: Sequence[NamedEffect]) -> list[Candidate]:
+    """Alternatives that the data do not tell from the best hypothesis, the closest first."""
     undecided = []
     for item in named:
-        for rival in item.confused_with:
-            others = tuple(sorted({*found.best.causes} - {item.name} | {rival}))
-            if others in found.tried:
-                undecided.append(found.tried[others])
-    progress("looking for what to drive next")
-    suggest = suggestions(search.fitter, found.best, undecided[:MOST_RIVALS])
-    tried = _tried(search, found)
-    return Answer(verdict, located, named, rest, proof, weak(case.cut), suggest, tried)
+        for other in item.confused_with:
+            key = tuple(sorted({*found.best.effects} - {item.name} | {other}))
+            if key in found.tried:
+                undecided.append(found.tried[key])
+    return undecided[:MOST_ALTERNATIVES]
 
 
-def _named(case: Case, found: Found, cause: str, sure: Confidence) -> Named:
-    fitted = found.best.fitted
-    by_chance = found.best.evidence.covariance.diagonal().clamp_min(0.0)
-    spread = (by_chance + (_mistaken(case, found, cause) * fitted.place).square()).sqrt()
+def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
+    fit = found.best.fit
+    by_chance = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
+    spread = (by_chance + (_mistaken(case, found, effect) * fit.vector).square()).sqrt()
     values: dict[str, Value] = {}
-    for unknown, z, sd in zip(fitted.unknowns, fitted.place.tolist(), spread.tolist(), strict=True):
-        if unknown.cause != cause:
+    for c, z, sd in zip(fit.coordinates, fit.vector.tolist(), spread.tolist(), strict=True):
+        if c.effect != effect:
             continue
-        p = unknown.parameter
+        p = c.parameter
         values[p.name] = Value(float(p.value_at(z)), *interval(p, z, sd), p.unit)
     numbers = {name: v.value for name, v in values.items()}
-    own = cause.startswith(OWN)
-    kind = "parameter" if own else effect_class(cause).kind
-    p = case.library.numbers(cause)[0]
-    return Named(
-        name=cause,
+    own = effect.startswith(OWN)
+    kind = "parameter" if own else effect_class(effect).kind
+    p = case.problem.library.numbers(effect)[0]
+    return NamedEffect(
+        name=effect,
         kind=kind,
-        equation="" if own else effect_class(cause).equation,
-        sentence=sentence(cause, numbers, p.unit, p.value),
+        equation="" if own else effect_class(effect).equation,
+        sentence=sentence(effect, numbers, p.unit, p.value),
         parameters=values,
-        confidence=sure.sure,
-        held_out_gain=found.closed(cause) / max(found.without(cause), 1e-9),
-        confused_with=sure.rivals,
-        at_bound=fitted.at_bound(cause),
+        confidence=sure.probability,
+        held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
+        confused_with=sure.alternatives,
+        at_bound=fit.at_bound(effect),
         varies_with=sure.varies,
     )
 
 
-def interval(parameter: EffectParameter, place: float, sd: float) -> tuple[float, float]:
-    """Bounds of a number's 95 % interval, neither beyond the parameter's own.
+def interval(parameter: EffectParameter, z: float, sd: float) -> tuple[float, float]:
+    """95 % interval of a parameter's value, neither end beyond the parameter's own bounds.
 
-    A rate's would turn over there: what is as little as no limit at all has no upper bound.
+    A reciprocal parameter's would turn over there: a rate limit near none has no upper bound.
 
     Args:
-        parameter: The number's.
-        place: Its coordinate,
-        sd: and standard deviation.
+        parameter: The parameter.
+        z: Its coordinate,
+        sd: and that coordinate's standard deviation.
     """
     first, last = sorted(parameter.coordinate(b) for b in (parameter.lower, parameter.upper))
-    reached = (min(max(place + side * NORMAL * sd, first), last) for side in (-1, 1))
+    reached = (min(max(z + side * NORMAL * sd, first), last) for side in (-1, 1))
     low, high = sorted(parameter.value_at(end) for end in reached)
     return float(low), float(high)
 
 
-def _tried(search: Search, found: Found) -> list[Tried]:
-    own = search.loss(found.best)
-    weighed = [
-        Tried(causes, search.loss(candidate) - own, size(candidate, found.null))
-        for causes, candidate in found.tried.items()
+def _tried(found: SearchResult) -> list[Alternative]:
+    own = found.loss(found.best)
+    alternatives = [
+        Alternative(effects, found.loss(c) - own, excess_misfit(c, found.null))
+        for effects, c in found.tried.items()
     ]
-    return sorted(weighed, key=lambda t: t.nats)[:TOLD]
+    return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]
 
 
-def _mistaken(case: Case, found: Found, cause: str) -> float:
-    """Share by which a cause's numbers may be off because an equation is not the car's own.
+def _mistaken(case: Case, found: SearchResult, effect: str) -> float:
+    """Share by which an effect's numbers may be off because its equation is not the car's own.
 
-    If all that remains beyond the usual, and what drives differ by themselves, were more of this
-    cause, or less, its numbers would be off by that over what the cause closes: it counts as one
-    standard deviation (taken as two, 86 % of 92 intervals of development cases held the truth).
+    If all that remains beyond the baseline were more of this effect, or less, its numbers would be
+    off by that over what the effect closes: it counts as one standard deviation (taken as two,
+    86 % of 92 intervals of development cases held the truth).
     """
-    rest = max(0.0, size(found.best, found.null) - case.usual.mean) + 2 * case.usual.error
-    return min(1.0, max(rest, NOTHING) / max(found.closed(cause), 1e-9))
+    usual = case.criteria.usual
+    rest = max(0.0, excess_misfit(found.best, found.null) - usual.mean) + 2 * usual.error
+    return min(1.0, max(rest, NOTHING) / max(found.closed(effect), 1e-9))
 
 
-def _retuned(found: Found, given: Tensor, wrong: Sequence[Named], remains: float) -> list[Named]:
+def _retuned(
+    case: Case, found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect], remains: float
+) -> list[NamedEffect]:
     """Parameters that were off, with what all of them close together."""
-    left = found.null.fitted.white.square().mean(-1)
+    left = found.null.fit.whitened.square().mean(-1)
     first, last = (misfit(square, given) - 1 for square in (given, left))
     gain = max(0.0, first - last) / max(first, 1e-9)
-    sound = soundness(gain, remains)
+    sound = soundness(gain, remains, case.criteria.rules)
     return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
 
 
-def _proof(case: Case, found: Found, given: Tensor) -> Proof:
-    player, best = case.player, found.best.fitted
+def _proof(case: Case, found: SearchResult, given: Tensor) -> Proof:
+    problem, best = case.problem, found.best.fit
     if case.retuned_from is not None:
-        # Its numbers have seen all drives: they are fitted anew with the causes', from the
+        # Its parameters have seen all recordings: they are fitted anew with the effects', from the
         # simulator as given, on what is not held out.
-        player, best = replace(player, make=case.given.make), with_own(case, best)
-    errors = prove(player, case.recordings, case.cut, case.likelihood, case.as_given, best)
-    floor = 2 * float(case.likelihood.noise[:2].square().sum())
+        simulation = replace(problem.simulation, make=case.given.make)
+        problem, best = replace(problem, simulation=simulation), with_own(case, best)
+    problem = replace(problem, library=case.as_given, dispersion=1.0)
+    errors = validated(problem, best, case.recordings)
+    floor = 2 * float(problem.noise.sd[:2].square().sum())
     before, none = errors["before"].mean_square, Errors()
     return Proof(
         before=before,
@@ -164,6 +196,6 @@ def _proof(case: Case, found: Found, given: Tensor) -> Proof:
         black_box=errors["black_box"].mean_square,
         median={name: e.median for name, e in errors.items()},
         misfit_before=misfit(given, given),
-        misfit_after=misfit(errors["after"].white, given),
-        held_out=len(folds(case.cut).unique()) > 1,
+        misfit_after=misfit(errors["after"].square, given),
+        held_out=len(folds(problem.segments).unique()) > 1,
     )

@@ -1,59 +1,56 @@
-"""Rivals of a cause that were never tried beside what else is missing."""
+"""Swap step: alternatives of an effect that were never tried beside the other effects."""
 
 from collections.abc import Mapping
 from math import inf
 
-from buggy_rl.diagnosis.candidate import Candidate, in_its_place, size
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-
-NEAR = 0.15  # of the first gap: a rival that left so much more is not tried again
-EACH = 2  # rivals of a cause that are
+from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit, substitutes
+from buggy_rl.diagnosis.config import SelectionConfig
+from buggy_rl.estimation.hypothesis import Hypothesis, Library
 
 
-def exchanges(
-    fitter: Fitter,
-    best: Candidate,
-    tried: Mapping[tuple[str, ...], Candidate],
-    null: Candidate,
-) -> list[Fitted]:
-    """The best explanation with one cause in another's place, where each would begin.
+def swap_starts(
+    library: Library, best: Candidate, tried: Mapping[Effects, Candidate], rules: SelectionConfig
+) -> list[Hypothesis]:
+    """The best hypothesis with one effect replaced, where each would begin.
 
-    A cause is chosen before it is known what else is missing: wind or a sloped floor, by what they
-    close alone. Beside the rest its rival may close as much, or more.
+    An effect is selected before the others are known: wind or a sloped floor, by what they close
+    alone. Beside the others its alternative may close as much, or more.
 
     Args:
-        fitter: Fits them.
-        best: Explanation by several causes; of fewer there are none.
-        tried: All explanations by their causes, sorted.
-        null: That of nothing at all.
+        library: Of the effects.
+        best: Hypothesis of several effects; of fewer there are no swaps.
+        tried: All hypotheses by their effects.
+        rules: `swap_near`, `swap_each`.
     """
-    gap = size(null, null)
+    first = excess_misfit(tried[()], tried[()])
     starts = []
-    for cause in best.causes:
-        others = frozenset(best.causes) - {cause}
-        beside = frozenset(in_its_place(tried, others))
-        worse: dict[str, float] = {}
-        came: dict[str, Candidate] = {}
-        for causes, candidate in tried.items():
-            fewer = frozenset(causes) - {cause}
-            if cause not in causes or not fewer < others:
-                continue
-            for rival, other in in_its_place(tried, fewer).items():
-                more = size(other, null) - size(candidate, null)
-                if rival not in {"", *others, *beside} and more < worse.get(rival, inf):
-                    worse[rival], came[rival] = more, other
-        near = sorted((r for r in worse if worse[r] < NEAR * gap), key=lambda r: worse[r])
-        for rival in near[:EACH]:
-            starts.append(_begun(fitter, best.fitted, came[rival].fitted, (*others, rival)))
+    for effect in best.effects:
+        others = frozenset(best.effects) - {effect}
+        worse = _worse(best, tried, effect)
+        near = sorted(
+            (a for a in worse if worse[a][0] < rules.swap_near * first), key=lambda a: worse[a][0]
+        )
+        for alternative in near[: rules.swap_each]:
+            # At the best's numbers; what it has none for, where the alternative was fitted.
+            known = worse[alternative][1].fit.named() | best.fit.named()
+            starts.append(library.at(sorted((*others, alternative)), known))
     return starts
 
 
-def _begun(fitter: Fitter, best: Fitted, rival: Fitted, causes: tuple[str, ...]) -> Fitted:
-    """Causes at the best's numbers, and what it has none for at those that the rival came to."""
-    start = fitter.start(sorted(causes))
-    known = {
-        (u.cause, u.parameter.name): z
-        for fitted in (rival, best)
-        for u, z in zip(fitted.unknowns, fitted.place.tolist(), strict=True)
-    }
-    return fitter.start(start.causes, [known[u.cause, u.parameter.name] for u in start.unknowns])
+def _worse(
+    best: Candidate, tried: Mapping[Effects, Candidate], effect: str
+) -> dict[str, tuple[float, Candidate]]:
+    """Alternative of an effect -> excess by which it was worse beside fewer others, and where."""
+    null, others = tried[()], frozenset(best.effects) - {effect}
+    beside = frozenset(substitutes(tried, others))
+    worse: dict[str, tuple[float, Candidate]] = {}
+    for effects, candidate in tried.items():
+        fewer = frozenset(effects) - {effect}
+        if effect not in effects or not fewer < others:
+            continue
+        for alternative, other in substitutes(tried, fewer).items():
+            more = excess_misfit(other, null) - excess_misfit(candidate, null)
+            known = alternative in {"", *others, *beside}
+            if not known and more < worse.get(alternative, (inf, other))[0]:
+                worse[alternative] = more, other
+    return worse

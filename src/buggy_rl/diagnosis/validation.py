@@ -1,4 +1,4 @@
-"""How far rollouts are from what was held out: as given, repaired, and mended in other ways."""
+"""Validation: how far rollouts are from recordings that nothing was fitted to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,17 +8,16 @@ from torch import Tensor
 
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.residual import ResidualAcceleration
-from buggy_rl.estimation.baseline import lacking_acceleration, trained
 from buggy_rl.estimation.cross_validation import BLOCK, blocks
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-from buggy_rl.estimation.hypothesis import OWN, Library
-from buggy_rl.estimation.noise_model import Likelihood
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import HORIZONS, Stretches, stretches
+from buggy_rl.estimation.gauss_newton import Problem, fitted
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
+from buggy_rl.estimation.residual_network import lacking_acceleration, trained
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import HORIZONS, Segments, cut_segments
 from buggy_rl.recordings import Recording
 
 FOLDS = 2
-ITERATIONS = 2  # of a fit to a part of the drives, from the one to all of them
+ITERATIONS = 2  # of a fit to a part of the recordings, from the one to all of them
 TRIMS = ("throttle_gain", "throttle_offset", "steering_gain", "steering_offset")
 """What anyone would turn at to make a simulator fit that has no parameters of its own."""
 
@@ -28,150 +27,136 @@ class Errors:
     """Distances of rollouts from what was measured, by horizon [s]."""
 
     mean_square: dict[float, float] = field(default_factory=dict)
-    """Over stretches and over time up to the horizon [m^2], the original's equation 5.2."""
+    """Over segments and over time up to the horizon [m^2], the original's equation 5.2."""
     median: dict[float, float] = field(default_factory=dict)
-    """Over stretches, of the root of each one's own mean square [m]."""
-    white: Tensor = field(default_factory=lambda: torch.empty(0))
-    """[N] |W e|^2 / D of the stretches that are fitted to, each when it was held out."""
+    """Over segments, of the root of each one's own mean square [m]."""
+    square: Tensor = field(default_factory=lambda: torch.empty(0))
+    """|W e|^2 / D [N] of the segments that are fitted to, each when it was held out."""
 
     def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
         """Counts squared distances [N, K] at all horizons that they reach.
 
-        One stretch in which a car spins outweighs a hundred others in a mean square; in the median
+        One segment in which a car spins outweighs a hundred others in a mean square; in the median
         it does not.
         """
         for horizon in HORIZONS:
             within = instants <= round(horizon / dt)
             if int(instants[-1]) >= round(horizon / dt) and len(square):
-                of_stretch = square[:, within].mean(1)
-                self.mean_square[horizon] = float(of_stretch.mean())
-                self.median[horizon] = float(of_stretch.sqrt().median())
+                of_segment = square[:, within].mean(1)
+                self.mean_square[horizon] = float(of_segment.mean())
+                self.median[horizon] = float(of_segment.sqrt().median())
 
 
-def prove(
-    player: Player,
-    recordings: Sequence[Recording],
-    cut: Stretches,
-    likelihood: Likelihood,
-    library: Library,
-    best: Fitted,
+def validated(
+    problem: Problem, best: Hypothesis, recordings: Sequence[Recording]
 ) -> dict[str, Errors]:
-    """Errors of rollouts over drives, or blocks of drives, that nothing was fitted to.
+    """Errors of rollouts over recordings, or blocks of them, that nothing was fitted to.
 
     Args:
-        player: Plays into the simulator.
-        recordings: That `cut` was cut from.
-        cut: Stretches that `best` was fitted to.
-        likelihood: Of their gaps.
-        library: Of the causes.
-        best: The explanation; fitted anew for each part that is held out.
+        problem: What `best` was fitted to.
+        best: The hypothesis; fitted anew for each fold that is held out.
+        recordings: That the segments were cut from.
 
     Returns:
-        `before`: as given. `after`: with the causes. `retuned`: with the simulator's own
+        `before`: as given. `after`: with the effects. `retuned`: with the simulator's own
         parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a network
         instead that was trained on the accelerations it lacks.
     """
-    cuts = [cut]
-    for seconds in HORIZONS:
-        if seconds > cut.horizon * cut.dt:
-            try:
-                cuts.append(stretches(recordings, seconds, seconds))
-            except ValueError:
-                continue  # no stretch is that long
-    fold = folds(cut)
-    number = int(fold.max()) + 1
-    aside = [torch.nonzero(fold == n).flatten() for n in range(number)]
-    own = tuple(OWN + name for name in library.parameters if library.own)
-    retuned = own or tuple(
-        name for name in TRIMS if name in library.effects and effect_class(name).declared
-    )
-    sets = {"after": _refits(player, cut, likelihood, library, best, aside)}
-    if retuned:
-        numbers = zip(best.unknowns, best.place.tolist(), strict=True)
-        known = {(u.cause, u.parameter.name): z for u, z in numbers}
-        unknowns = library.unknowns(retuned)
-        place = [known.get((u.cause, u.parameter.name), 0.0) for u in unknowns]
-        begin = Fitter(player, cut, likelihood, library).start(retuned, place)
-        sets["retuned"] = _refits(player, cut, likelihood, library, begin, aside)
+    fold = folds(problem.segments)
+    aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
+    sets = {"after": _refits(problem, best, aside)}
+    own = _retunable(problem.library)
+    if own:
+        start = problem.library.at(own, best.named())
+        sets["retuned"] = _refits(problem, start, aside)
+    networks = _networks(problem, aside)
     result = {name: Errors() for name in ("before", *sets, "black_box")}
-    networks = _networks(player, cut, aside)
-    for part in cuts:
-        owner, part_of_fit = _owners(part, cut, fold), part is cut
+    for part in _lengths(problem.segments, recordings):
+        owner, fitted_to = _owners(part, problem.segments, fold), part is problem.segments
         part, owner = part[owner >= 0], owner[owner >= 0]
-        instants = player.instants(part)
-        square = player.play(part, {})[0, ..., :2].square().sum(-1)  # (N, K)
-        result["before"].add(square, instants, part.dt)
-        # Each stretch at the place of the fit that it was held out of.
-        places = [torch.stack([f.place for f in fits])[owner] for fits in sets.values()]
-        unknowns = [fits[0].unknowns for fits in sets.values()]
-        settings = library.settings(list(zip(unknowns, places, strict=True)))
-        gaps = player.play(part, *settings)  # (C, N, K, 6)
-        for name, gap in zip(sets, gaps, strict=True):
-            result[name].add(gap[..., :2].square().sum(-1), instants, part.dt)
-            if part_of_fit:
-                result[name].white = likelihood.white(gap.unsqueeze(0))[0].square().mean(-1)
-        held_out = torch.cat(
-            [
-                network.play(part[owner == n], {})[0, ..., :2].square().sum(-1)
-                for n, network in enumerate(networks)
-                if bool((owner == n).any())
-            ]
-        )
-        result["black_box"].add(held_out, instants, part.dt)
+        instants = problem.simulation.instants(part)
+        given = problem.simulation.residuals(part)[0]
+        result["before"].add(_distance(given), instants, part.dt)
+        # Each segment at the vector of the fit that it was held out of.
+        rows = [(fits[0], torch.stack([f.vector for f in fits])[owner]) for fits in sets.values()]
+        residuals = problem.simulation.residuals(part, problem.library.settings(rows))
+        for name, residual in zip(sets, residuals, strict=True):
+            result[name].add(_distance(residual), instants, part.dt)
+            if fitted_to:
+                whitened = problem.noise.whiten(residual.unsqueeze(0))[0]
+                result[name].square = whitened.square().mean(-1)
+        held_out = [
+            _distance(network.residuals(part[owner == n])[0])
+            for n, network in enumerate(networks)
+            if bool((owner == n).any())
+        ]
+        result["black_box"].add(torch.cat(held_out), instants, part.dt)
     return result
 
 
-def folds(cut: Stretches) -> Tensor:
-    """Fold [N] of each stretch: whole drives where there are several, else blocks in turn."""
-    drives = cut.drive.unique()
-    if len(drives) >= FOLDS:
-        rank = {int(d): i % FOLDS for i, d in enumerate(drives)}
-        return torch.tensor([rank[int(d)] for d in cut.drive])
-    return blocks(cut) % FOLDS
+def folds(segments: Segments) -> Tensor:
+    """Fold [N] of each segment: whole recordings where there are several, else blocks in turn."""
+    recordings = segments.recording.unique()
+    if len(recordings) >= FOLDS:
+        rank = {int(r): i % FOLDS for i, r in enumerate(recordings)}
+        return torch.tensor([rank[int(r)] for r in segments.recording])
+    return blocks(segments) % FOLDS
 
 
-def _refits(
-    player: Player,
-    cut: Stretches,
-    likelihood: Likelihood,
-    library: Library,
-    fitted: Fitted,
-    aside: Sequence[Tensor],
-) -> list[Fitted]:
-    """The explanation fitted anew to all that is not held out, for each part that is."""
-    result = []
-    for rows in aside:
-        rest = _rest(cut, rows)
-        fitter = Fitter(player, cut[rest], likelihood[rest], library)
-        start = fitter.start(fitted.causes, fitted.place.tolist())
-        result.append(fitter.fit([start], ITERATIONS)[0])
+def _distance(residuals: Tensor) -> Tensor:
+    """Squared distances [N, K] of residuals [N, K, 6]."""
+    return residuals[..., :2].square().sum(-1)
+
+
+def _retunable(library: Library) -> tuple[str, ...]:
+    own = tuple(OWN + name for name in library.parameters if library.own)
+    return own or tuple(n for n in TRIMS if n in library.effects and effect_class(n).declared)
+
+
+def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segments]:
+    """The segments, and longer ones for the horizons beyond them."""
+    result = [segments]
+    for seconds in HORIZONS:
+        if seconds > segments.horizon * segments.dt:
+            try:
+                result.append(cut_segments(recordings, seconds, seconds))
+            except ValueError:
+                continue  # no gap-free part is that long
     return result
 
 
-def _networks(player: Player, cut: Stretches, aside: Sequence[Tensor]) -> list[Player]:
-    """For each part that is held out, the simulator with a network that learned from the rest."""
-    inputs, lacking = lacking_acceleration(player, cut)
+def _refits(problem: Problem, start: Hypothesis, aside: Sequence[Tensor]) -> list[Hypothesis]:
+    """The hypothesis fitted anew to all that is not held out, for each fold that is."""
+    return [
+        fitted(problem[_rest(problem.segments, rows)], [start], ITERATIONS)[0] for rows in aside
+    ]
+
+
+def _networks(problem: Problem, aside: Sequence[Tensor]) -> list[Simulation]:
+    """For each fold that is held out, the simulator with a network that learned from the rest."""
+    simulation = problem.simulation
+    inputs, lacking = lacking_acceleration(simulation, problem.segments)
     result = []
     for rows in aside:
-        rest = _rest(cut, rows)
+        rest = _rest(problem.segments, rows)
         effect = ResidualAcceleration(model=trained(inputs[rest], lacking[rest], 0), strength=1.0)
-        result.append(replace(player, standing=(*player.standing, effect)))
+        result.append(replace(simulation, standing=(*simulation.standing, effect)))
     return result
 
 
-def _rest(cut: Stretches, aside: Tensor) -> Tensor:
-    """Rows that are not set aside; of a single block, which is no proof, all."""
-    kept = torch.ones(len(cut), dtype=torch.bool)
+def _rest(segments: Segments, aside: Tensor) -> Tensor:
+    """Rows that are not set aside; of a single block, which proves nothing, all."""
+    kept = torch.ones(len(segments), dtype=torch.bool)
     kept[aside] = False
     return torch.nonzero(kept if bool(kept.any()) else ~kept).flatten()
 
 
-def _owners(part: Stretches, cut: Stretches, fold: Tensor) -> Tensor:
-    """Fold [N] of stretches of another length; -1 where their block has none."""
-    owner = dict(zip(_places(cut), fold.tolist(), strict=True))
-    return torch.tensor([owner.get(place, -1) for place in _places(part)])
+def _owners(part: Segments, segments: Segments, fold: Tensor) -> Tensor:
+    """Fold [N] of segments of another length; -1 where their block has none."""
+    owner = dict(zip(_blocks(segments), fold.tolist(), strict=True))
+    return torch.tensor([owner.get(block, -1) for block in _blocks(part)])
 
 
-def _places(cut: Stretches) -> list[tuple[int, int]]:
-    block = (cut.row.double() * cut.dt / BLOCK).long()
-    return list(zip(cut.drive.tolist(), block.tolist(), strict=True))
+def _blocks(segments: Segments) -> list[tuple[int, int]]:
+    block = (segments.row.double() * segments.dt / BLOCK).long()
+    return list(zip(segments.recording.tolist(), block.tolist(), strict=True))

@@ -8,9 +8,9 @@ from buggy_rl.config import load_named
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from buggy_rl.effects.base import Effect
 
-# From the engine outwards, the order in which they stand in a stack. Commands pass it from the far
-# end: radio, then servo, then linkage; controller, then motor, then battery. What reads the
-# engine's own forces stands before what adds to them. A sensor's delays come before its mounting.
+# In the order of a stack, from the engine outwards. Commands pass it from the far end: radio,
+# servo, linkage; speed controller, motor, battery. Effects that read the engine's forces stand
+# before those that add to them. A sensor's delays stand before its mounting.
 EFFECTS = {
     "battery_sag": "buggy_rl.effects.actuation.throttle:BatterySag",
     "throttle_gain": "buggy_rl.effects.actuation.throttle:ThrottleGain",
@@ -46,11 +46,9 @@ EFFECTS = {
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
 }
-CORRECTIONS = {  # part of a simulator, not of what it may lack: no diagnosis chooses from them
+CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
-ORDER = tuple(EFFECTS)
-LAST_OF_KIND = {"actuation": "steering_dead_time", "motion": "yaw_damping", "sensing": "gyro_bias"}
 
 
 def effect_class(name: str) -> type["Effect"]:
@@ -101,10 +99,22 @@ def in_order(effects: Mapping[str, "Effect"] | Iterable[str]) -> list[str]:
     names = list(effects)
 
     def place(name: str) -> tuple[int, int]:
-        if name in CORRECTIONS:  # next to the engine that it corrects
-            return -1, names.index(name)
-        if name in EFFECTS:
-            return ORDER.index(name), 0
-        return ORDER.index(LAST_OF_KIND[effect_class(name).kind]), 1 + names.index(name)
+        if name in EFFECTS or name in CORRECTIONS:
+            return position(name), 0
+        return position(name, effect_class(name).kind), 1 + names.index(name)
 
     return sorted(names, key=place)
+
+
+def position(name: str, kind: str = "") -> int:
+    """Position of an effect in a stack, from the engine outwards; corrections stand next to it.
+
+    Args:
+        name: In `EFFECTS` or `CORRECTIONS`, or any other with its kind.
+        kind: Of a user's own effect, which stands behind the last one of its kind.
+    """
+    if name in CORRECTIONS:
+        return -1
+    if name in EFFECTS:
+        return list(EFFECTS).index(name)
+    return max(i for i, other in enumerate(EFFECTS) if effect_class(other).kind == kind)

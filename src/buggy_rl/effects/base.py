@@ -1,9 +1,10 @@
-"""What every effect has in common: parameters, neutrality row by row, memory in the TensorDict.
+"""What every effect has in common: parameters, neutral rows of a batch, state in the TensorDict.
 
-An effect is physics that a simulator leaves out, as a transform between engine and task. Its
-parameters may differ from car to car, so that a column of finite differences is a row of the
-batch. Cars whose parameters are neutral are not touched at all: only the others are gathered,
-computed and put back, so that dozens of effects can be stacked of which each car feels one.
+An effect is physics that a simulator lacks, as a TorchRL transform between engine and task.
+Its parameters may differ between the environments of a batch, so that one rollout holds all finite
+differences of a fit. Environments whose parameters are neutral are left as they are, to the last
+bit: only the others are gathered, computed and scattered back, so dozens of effects can be stacked
+of which each environment has one.
 """
 
 import numbers
@@ -28,15 +29,15 @@ Number = TypeVar("Number", float, Tensor)
 
 @dataclass(frozen=True)
 class EffectParameter(Parameter):
-    """One number of an effect; `value` is the neutral one, at which nothing is changed."""
+    """One parameter of an effect; `value` is the neutral one, at which nothing is changed."""
 
     size: float
-    """What is typical where this is the fault: one standard deviation of the prior. The distance
-    from neutral, in the parameter's unit; for a reciprocal parameter the value itself."""
+    """Prior scale: one standard deviation of the prior where this is the fault. A distance from
+    neutral in the parameter's unit; for a reciprocal parameter a value."""
     probe: float
-    """Step from neutral for a finite difference."""
+    """Step from neutral for a finite difference, in the parameter's unit."""
     reciprocal: bool = False
-    """The fault is 1 / value: neutral is so far away that it is never reached."""
+    """The prior is on 1 / value; neutral is so large that no limit is ever reached."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -44,12 +45,12 @@ class EffectParameter(Parameter):
             raise ValueError(f"parameter {self.name!r}: size {self.size} must be above 0")
         if self.probe == 0 or not self.lower <= self.value + self.probe <= self.upper:
             raise ValueError(
-                f"parameter {self.name!r}: a probe of {self.probe} {self.unit} leads nowhere or "
+                f"parameter {self.name!r}: a probe of {self.probe} {self.unit} is zero or leads "
                 f"out of [{self.lower}, {self.upper}]"
             )
 
     def coordinate(self, value: Number) -> Number:
-        """The value in units of `size`: 0 is neutral, 1 a typical fault."""
+        """The normalised value: distance from neutral over the prior scale."""
         if self.reciprocal:
             return self.size / value - self.size / self.value
         return (value - self.value) / self.size
@@ -62,37 +63,43 @@ class EffectParameter(Parameter):
 
 
 class Effect(Transform):
-    """Missing physics with a name, an equation and parameters.
+    """Missing physics with a name, an equation, a source and parameters.
 
     Args:
         dt: Control period [s].
-        values: Parameters that are not neutral, by name.
+        values: Parameters that are not neutral and options, by name.
 
     Raises:
-        ValueError: A name is not a parameter of the effect, or a value is outside its bounds.
+        ValueError: A name is neither a parameter nor an option of the effect, or a value is outside
+            its bounds.
     """
 
     name: ClassVar[str]
     kind: ClassVar[Literal["actuation", "motion", "sensing"]]
     equation: ClassVar[str]
-    source: ClassVar[str] = ""
-    """Where the equation is from, where that is known."""
+    source: ClassVar[str]
+    """Textbook or paper of the equation: author, year, chapter or equation."""
     declared: ClassVar[tuple[EffectParameter, ...]]  # type: ignore[assignment]
     deciding: ClassVar[tuple[str, ...]] = ()
-    """Parameters that make it neutral whatever the others are; none where all have to agree."""
-
+    """Parameters each of which makes the effect neutral by itself; empty: all must be neutral."""
     alternatives: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are another reading of the same physics: a fit leaves them neutral."""
+    """Parameters that describe the same physics in another way: a fit leaves them neutral."""
+    option_names: ClassVar[tuple[str, ...]] = ()
+    """Properties of the simulator that the equation needs: numbers or pairs of numbers, whose
+    defaults are the class attributes of the same names."""
 
     active: bool
-    """Whether any car feels it."""
+    """Whether a parameter of any environment is not neutral."""
 
-    def __init__(self, *, dt: float = CONTROL_PERIOD, **values: float) -> None:
+    def __init__(self, *, dt: float = CONTROL_PERIOD, **values: Any) -> None:
         super().__init__()
         self.dt = dt
+        for name in self.option_names:
+            if name in values:
+                setattr(self, name, self._option(name, values.pop(name)))
         self._refuse_unknown(values)
-        chosen = {p.name: self._sensible(p, values.get(p.name, p.value)) for p in self.declared}
-        self._adopt({name: torch.tensor(value) for name, value in chosen.items()})
+        chosen = {p.name: self._checked(p, values.get(p.name, p.value)) for p in self.declared}
+        self._set_values({name: torch.tensor(value) for name, value in chosen.items()})
 
     @classmethod
     @abstractmethod
@@ -102,17 +109,29 @@ class Effect(Transform):
     @property
     def values(self) -> dict[str, Tensor]:
         """Parameter values in use, each of shape () or of the batch's shape."""
-        return {p.name: self._kept("value_" + p.name) for p in self.declared}
+        return {p.name: self._tensor("value_" + p.name) for p in self.declared}
 
     @property
     def options(self) -> dict[str, Any]:
-        """Arguments of the constructor beside the parameters, those that differ from its own."""
-        return {} if self.dt == CONTROL_PERIOD else {"dt": self.dt}
+        """Arguments of the constructor beside the parameters that differ from their defaults."""
+        changed: dict[str, Any] = {} if self.dt == CONTROL_PERIOD else {"dt": self.dt}
+        for name in self.option_names:
+            value = getattr(self, name)
+            if value != getattr(type(self), name):
+                changed[name] = list(value) if isinstance(value, tuple) else value
+        return changed
+
+    def _option(self, name: str, value: Any) -> Any:
+        """An option as a float or a pair of floats, like its default."""
+        if isinstance(getattr(type(self), name), tuple):
+            first, second = value
+            return float(first), float(second)
+        return float(value)
 
     def with_parameters(self, values: TensorDictBase) -> Self:
-        """The same effect, in no environment, with other values, one set a car.
+        """The same effect, in no environment, with other values, one set per environment.
 
-        Values are taken as they are: a fit may step out of the bounds.
+        Values are not checked against the bounds: a fit may step out of them.
 
         Args:
             values: Parameter name -> value of the batch's shape. Parameters that are not named
@@ -124,11 +143,11 @@ class Effect(Transform):
         self._refuse_unknown(values.keys())
         effect = self.clone()
         given = {name: value.to(torch.float32) for name, value in values.items()}
-        effect._adopt({**self.values, **given})
+        effect._set_values({**self.values, **given})
         return effect
 
     def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        """Best estimate of the motion that a measured record shows; the same, if not a sensing one.
+        """Estimates the true motion from a measured one; the same unless the effect is a sensor's.
 
         Args:
             pose: [*, T, 3] measured, yaw not wrapped.
@@ -136,69 +155,90 @@ class Effect(Transform):
             dt: Time between rows [s].
 
         Returns:
-            Both as they really were, same shapes.
+            True pose and velocity, same shapes.
         """
         return pose, velocity
 
-    def _adopt(self, values: Mapping[str, Tensor]) -> None:
-        """Takes values, and finds out which cars feel anything."""
+    def _set_values(self, values: Mapping[str, Tensor]) -> None:
+        """Takes values and finds the rows of the flattened batch in which one is not neutral."""
         shape = torch.broadcast_shapes(*(value.shape for value in values.values()))
-        felt = self._felt(values).expand(shape)
-        cars = None
-        if felt.device.type == "meta":  # what has no content may not be neutral
+        changed = self._not_neutral(values).expand(shape)
+        rows = None
+        if changed.device.type == "meta":  # without content any value may be other than neutral
             self.active = True
         else:
-            self.active = bool(felt.any())
-            if self.active and not bool(felt.all()):
-                cars = felt.reshape(-1).nonzero().squeeze(-1)
+            self.active = bool(changed.any())
+            if self.active and not bool(changed.all()):
+                rows = changed.reshape(-1).nonzero().squeeze(-1)
         self._batch = shape
-        self.register_buffer("cars", cars, persistent=False)
+        self.register_buffer("active_rows", rows, persistent=False)
         for name, value in values.items():
             self.register_buffer("value_" + name, value, persistent=False)
-            here = value if cars is None or not value.dim() else value.reshape(-1)[cars]
-            self.register_buffer("here_" + name, here, persistent=False)
+            used = value if rows is None or not value.dim() else value.reshape(-1)[rows]
+            self.register_buffer("active_value_" + name, used, persistent=False)
         self._values_changed()
 
-    def _felt(self, values: Mapping[str, Tensor]) -> Tensor:
+    def _not_neutral(self, values: Mapping[str, Tensor]) -> Tensor:
         differs = [
             values[p.name] != torch.tensor(p.value, device=values[p.name].device)
             for p in self.declared
             if p.name in (self.deciding or values)
         ]
-        felt = differs[0]
+        result = differs[0]
         for other in differs[1:]:
-            felt = felt | other
-        return felt
+            result = result | other
+        return result
 
     def _values_changed(self) -> None:
-        """Called after values were taken, for effects that keep something derived."""
+        """Called after values were set, for effects that derive tensors from them."""
 
-    def _here(self, name: str) -> Tensor:
-        """Values [n] of the cars that feel the effect, or () for one that all share."""
-        return self._kept("here_" + name)
+    def _value(self, name: str) -> Tensor:
+        """Values [n] of a parameter in the active rows, or () for one that all rows share."""
+        return self._tensor("active_value_" + name)
 
-    def _keep(self, **derived: Tensor) -> None:
-        """Keeps what was derived from the values, and moves with them to another device."""
+    def _store(self, **derived: Tensor) -> None:
+        """Stores tensors that were derived from the values; they follow the effect's device."""
         for name, value in derived.items():
             self.register_buffer(name, value, persistent=False)
 
-    def _kept(self, name: str) -> Tensor:
+    def _tensor(self, name: str) -> Tensor:
         return self._buffers[name]  # type: ignore[return-value]
 
-    def _take(self, tensor: Tensor, sizes: int = 1) -> Tensor:
-        """The cars that feel the effect [n, ...] of a tensor [*batch, ...] of so many sizes."""
-        cars = self._buffers["cars"]
-        if cars is None:
-            return tensor
-        return tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :]).index_select(0, cars)
+    def _gather(self, tensor: Tensor, sizes: int = 1) -> Tensor:
+        """Active rows [n, ...] of a tensor [*batch, ...] with `sizes` dimensions behind the batch.
 
-    def _put(self, tensor: Tensor, part: Tensor, sizes: int = 1) -> Tensor:
-        """A copy of `tensor` in which the cars that feel the effect are replaced by `part`."""
-        cars = self._buffers["cars"]
-        if cars is None:
+        All of it, in its own shape, where every row is active.
+        """
+        rows = self._buffers["active_rows"]
+        if rows is None:
+            return tensor
+        return tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :]).index_select(0, rows)
+
+    def _scatter(self, tensor: Tensor, part: Tensor, sizes: int = 1) -> Tensor:
+        """A copy of `tensor` with its active rows replaced by `part`; inverse of `_gather`."""
+        rows = self._buffers["active_rows"]
+        if rows is None:
             return part
         flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
-        return flat.index_copy(0, cars, part.to(tensor.dtype)).reshape(tensor.shape)
+        return flat.index_copy(0, rows, part.to(tensor.dtype)).reshape(tensor.shape)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        if self.active:
+            self._write_reset(tensordict, tensordict_reset)
+        return tensordict_reset
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        if self.active:
+            self._write_step(tensordict, next_tensordict)
+        return next_tensordict
+
+    def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
+        """Writes into `state`, as the engine reset it from `given`; nothing by default."""
+
+    def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
+        """Writes into `after`, the engine's state one step from `before`; nothing by default."""
 
     @property
     def memory(self) -> str:
@@ -208,7 +248,7 @@ class Effect(Transform):
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None
     ) -> dict[str, TensorSpec]:
-        """Specs of what the effect carries from step to step; none by default."""
+        """Specs of the effect's latent state; none by default."""
         return {}
 
     def _reading_specs(
@@ -221,7 +261,7 @@ class Effect(Transform):
         shape, device = observation_spec.shape, observation_spec.device
         if len(self._batch) and self._batch != shape:
             raise ValueError(
-                f"effect {self.name!r} has values for cars of shape {list(self._batch)}, the "
+                f"effect {self.name!r} has values of batch shape {list(self._batch)}, the "
                 f"environment has {list(shape)}: give with_parameters a TensorDict of that shape"
             )
         if self.active:
@@ -229,8 +269,8 @@ class Effect(Transform):
             twice = sorted(set(state) & set(observation_spec.keys()))
             if twice:
                 raise ValueError(
-                    f"effect {self.name!r} stands twice in the stack ({', '.join(twice)} is "
-                    "already there): put both into one"
+                    f"effect {self.name!r} is in the stack twice (key {', '.join(twice)} is "
+                    "already there): merge the two into one"
                 )
             observation_spec.update({**state, **self._reading_specs(shape, device)})
         return observation_spec
@@ -252,13 +292,13 @@ class Effect(Transform):
             )
 
     @classmethod
-    def _sensible(cls, parameter: EffectParameter, value: float) -> float:
+    def _checked(cls, parameter: EffectParameter, value: float) -> float:
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise ValueError(f"effect {cls.name!r}: {parameter.name} is {value!r}, not a number")
         if not parameter.lower <= value <= parameter.upper:
             raise ValueError(
-                f"effect {cls.name!r}: {parameter.name} is {value} {parameter.unit}, outside what "
-                f"makes sense, [{parameter.lower}, {parameter.upper}]; neutral is {parameter.value}"
+                f"effect {cls.name!r}: {parameter.name} is {value} {parameter.unit}, outside its "
+                f"range [{parameter.lower}, {parameter.upper}]; neutral is {parameter.value}"
             )
         return float(value)
 
@@ -268,7 +308,7 @@ def numbers_spec(shape: torch.Size, *sizes: int, device: DEVICE_TYPING | None) -
     return Unbounded(torch.Size((*shape, *sizes)), device=device)
 
 
-def one_in(value: float) -> str:
+def more_or_less(ratio: float) -> str:
     """A ratio in words: 7 % more, 20 % less."""
-    percent = abs(value - 1) * 100
-    return f"{percent:.3g} % {'more' if value >= 1 else 'less'}"
+    percent = abs(ratio - 1) * 100
+    return f"{percent:.3g} % {'more' if ratio >= 1 else 'less'}"

@@ -1,4 +1,4 @@
-"""What a simulator gets wrong where nothing has changed, learned; it names nothing."""
+"""A learned correction of a simulator's error on baseline recordings; it names no cause."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,16 +15,16 @@ FORMAT = "buggy_rl residual acceleration 1"
 
 
 class ResidualNetwork(nn.Module):
-    """a = bound tanh(network(inputs)): an acceleration that stays within what was seen.
+    """a = bound tanh(network(inputs)): an acceleration within the range of the training data.
 
-    Inputs are normalised and limited to `REACH` standard deviations, so that far from the drives
-    it was trained on it goes on as at their edge.
+    Inputs are normalised and clamped to `REACH`, so that beyond the training data the output is
+    that at its edge.
 
     Args:
         width: Of both hidden layers.
     """
 
-    REACH = 3.0
+    REACH = 3.0  # [-] standard deviations of the training data; chosen
 
     mean: Tensor
     scale: Tensor
@@ -75,7 +75,7 @@ class ResidualNetwork(nn.Module):
 
 
 class ResidualAcceleration(MotionEffect):
-    """A learned correction of a simulator, with no claim to say what it stands for.
+    """A learned correction of a simulator, without a physical meaning.
 
     Args:
         model: File of a `ResidualNetwork`, or one.
@@ -87,9 +87,8 @@ class ResidualAcceleration(MotionEffect):
 
     name = "residual_acceleration"
     equation = "d(vx, vy, yaw_rate)/dt = strength network(v, command, engine's accelerations)"
-    declared = (
-        EffectParameter("strength", 0.0, 0.0, 2.0, "-", "1 is as it was trained.", 0.5, 0.05),
-    )
+    source = "none: a neural network, trained by buggy_rl.estimation.baseline"
+    declared = (EffectParameter("strength", 0.0, 0.0, 2.0, "-", "1 is as trained.", 0.5, 0.05),)
 
     def __init__(self, *, model: Path | str | ResidualNetwork, **rest: Any) -> None:
         self._file = None if isinstance(model, ResidualNetwork) else str(model)
@@ -111,10 +110,10 @@ class ResidualAcceleration(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         acceleration = self.network(residual_inputs(motion))
-        return self._here("strength").unsqueeze(-1) * acceleration * self.dt
+        return self._value("strength").unsqueeze(-1) * acceleration * self.dt
 
 
 def residual_inputs(motion: Motion) -> Tensor:
-    """What the correction looks at [n, 8]."""
+    """Inputs of the network [n, 8]."""
     own = torch.stack(motion.acceleration, -1)
     return torch.cat([motion.before, motion.action, own], -1)

@@ -34,7 +34,7 @@ def make_engine(
         simulator: A name in `ENGINES`; a `.yaml` file with `engine`, `parameters` and `options`;
             a learned model's `.pt` file; or a user's own as `path/to/file.py:factory` or
             `package.module:factory` with `factory(batch_size, device) -> EnvBase`.
-        batch_size: Number of cars or a shape.
+        batch_size: Number of environments or a shape.
         device: Where the state lives.
         parameters: Physical parameters that differ from the engine's own.
         options: Further arguments of the engine's class.
@@ -64,15 +64,17 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     """A simulator from outside this package: the contract gives it two arguments, no more."""
     if options:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
-    engine = load_named(name)(batch_size, device)
+    import torch
+    from tensordict import TensorDict
+
+    from buggy_rl.engines.single_precision import in_single_precision
+
+    engine = in_single_precision(load_named(name)(batch_size, device))
     if not parameters:
         return engine
     with_parameters = getattr(engine, "with_parameters", None)
     if not callable(with_parameters):
         raise ValueError(f"{name} takes no parameters (it has no with_parameters)")
-    import torch
-    from tensordict import TensorDict
-
     shape = engine.batch_size
     values = {key: torch.full(shape, float(value)) for key, value in parameters.items()}
     return with_parameters(TensorDict(values, shape))

@@ -1,6 +1,6 @@
 """From commands to road-wheel angle and wheel force: what the two bicycle engines share.
 
-A command waits for its dead time, passes a first-order lag and then acts through a static map.
+A command passes a dead time, a first-order lag and a static map.
 """
 
 import importlib.resources
@@ -8,27 +8,27 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any
 
 import torch
 import yaml
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions, integrate_pose, shift_velocity
+from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 
-COMMANDS = "commands"  # [K, 2] past commands, newest first: throttle, steering in [-1, 1]
-ACTUATOR = "actuator"  # [2] what of throttle and steering has passed dead time and lag
+COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest first
+ACTUATOR = "actuator"  # [2] throttle and steering behind dead time and lag
 
-LONGEST_DEAD_TIME = 0.25  # [s] what `commands` has room for; DART's longest is 0.14 s
-LEFT_RIGHT_BLEND = 30.0  # steepness of the change-over from right to left, DART's
-STEERING_DRAG_ONSET = 0.3  # [m/s] DART's
-STEERING_DRAG_STEEPNESS = 20.0  # [s/m] DART's
-SLOWEST_LAG = 1e-6  # [s] stands for no lag at all, where its formula divides by zero
+LONGEST_DEAD_TIME = 0.25  # [s] length of the memory `commands`; DART's longest dead time is 0.14 s
+LEFT_RIGHT_BLEND = 30.0  # [-] steepness of the blend from right to left; dart_dynamic_models.py
+STEERING_DRAG_ONSET = 0.3  # [m/s] speed at which steering drag begins; dart_dynamic_models.py
+STEERING_DRAG_STEEPNESS = 20.0  # [s/m] of that onset; dart_dynamic_models.py
+SLOWEST_LAG = 1e-6  # [s] stands for no lag, where the formula divides by the time constant
 
 # name, lower, upper, unit, meaning; values are in presets/*.yaml
 ACTUATION = (
@@ -41,21 +41,21 @@ ACTUATION = (
     ("drive_force_loss", 0.0, 20.0, "N s/m", "Force the motor loses to back-EMF per speed."),
     ("throttle_deadband", 0.0, 0.5, "-", "Drive (0..1) below which the motor does nothing."),
     ("dry_friction", 0.0, 10.0, "N", "Friction that does not depend on speed."),
-    ("dry_friction_steepness", 0.5, 50.0, "s/m", "How fast dry friction builds up from rest."),
+    ("dry_friction_steepness", 0.5, 50.0, "s/m", "Inverse speed at which dry friction is at 76 %."),
     ("viscous_friction", 0.0, 5.0, "N s/m", "Friction that grows with speed."),
     ("quadratic_drag", -0.5, 2.0, "N s^2/m^2", "Resistance that grows with speed squared."),
     ("steering_drag", 0.0, 20.0, "N/rad", "Extra resistance per road-wheel angle."),
     ("steering_drag_speed", 0.0, 10.0, "N s/(m rad)", "Growth of the steering drag with speed."),
     ("steering_drag_free_angle", 0.0, 0.2, "rad", "Road-wheel angle at which that drag begins."),
-    ("left_angle", 0.05, 1.0, "rad", "Road-wheel angle that steering to the left tends to."),
-    ("left_steepness", 0.1, 5.0, "-", "How soon steering to the left gets there."),
-    ("right_angle", 0.05, 1.0, "rad", "Road-wheel angle that steering to the right tends to."),
-    ("right_steepness", 0.1, 5.0, "-", "How soon steering to the right gets there."),
-    ("steering_offset", -0.3, 0.3, "-", "Steering command that the linkage adds by itself."),
-    ("throttle_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the throttle is heard."),
-    ("throttle_lag", 0.0, 1.0, "s", "Time constant with which the throttle then follows."),
-    ("steering_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the steering is heard."),
-    ("steering_lag", 0.0, 1.0, "s", "Time constant with which the steering then follows."),
+    ("left_angle", 0.05, 1.0, "rad", "Asymptote of the road-wheel angle to the left."),
+    ("left_steepness", 0.1, 5.0, "-", "Steepness of the steering map to the left."),
+    ("right_angle", 0.05, 1.0, "rad", "Asymptote of the road-wheel angle to the right."),
+    ("right_steepness", 0.1, 5.0, "-", "Steepness of the steering map to the right."),
+    ("steering_offset", -0.3, 0.3, "-", "Added to the steering command by the linkage."),
+    ("throttle_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the throttle acts."),
+    ("throttle_lag", 0.0, 1.0, "s", "Time constant of the throttle behind that."),
+    ("steering_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the steering acts."),
+    ("steering_lag", 0.0, 1.0, "s", "Time constant of the steering behind that."),
 )
 
 
@@ -103,7 +103,7 @@ def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
 
 
 def lag_decay(time_constant: Tensor, start: float, end: float) -> Tensor:
-    """Mean over start..end [s] of what a first-order lag still has to go.
+    """Mean remaining share of a step over start..end [s] behind a first-order lag.
 
     y(t) = u + (y(0) - u) exp(-t / T), so its mean is u + (y(0) - u) d with
     d = T (exp(-start / T) - exp(-end / T)) / (end - start).
@@ -138,7 +138,7 @@ def road_wheel_angle(command: Tensor, values: Mapping[str, Tensor]) -> Tensor:
 
 
 def steering_command(angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
-    """Steering command [*] in [-1, 1] that comes nearest to a road-wheel angle [*] rad."""
+    """Steering command [*] in [-1, 1] closest to a road-wheel angle [*] rad; inverse of the map."""
     left = angle > 0
     reach = torch.where(left, values["left_angle"], values["right_angle"])
     steepness = torch.where(left, values["left_steepness"], values["right_steepness"])
@@ -159,8 +159,8 @@ def resistance(vx: Tensor, steering_angle: Tensor, values: Mapping[str, Tensor])
     """Force [*] N against the motion, friction and the extra drag of steered wheels.
 
     F = a tanh(b vx) + c vx + d vx |vx| + g(vx) (e + f |vx|) (delta tanh(30 delta) - free angle),
-    with g = 0 at rest and +-1 in motion. It never drives the car: where the sum would, as a
-    negative `quadratic_drag` makes it at high speed, it is zero.
+    with g = 0 at rest and +-1 in motion. Where the sum would drive the car, as with a negative
+    `quadratic_drag` at high speed, the force is 0.
 
     Source: DART, Lyons et al., dart_dynamic_models.py, made odd in vx.
     """
@@ -180,18 +180,15 @@ def resistance(vx: Tensor, steering_angle: Tensor, values: Mapping[str, Tensor])
 
 
 class ActuatedEngine(Engine):
-    """A bicycle behind dead times and lags; a subclass says how it moves with wheels as they are.
+    """A bicycle model behind dead times and lags; a subclass integrates its velocity.
 
-    Within a substep the actuators stand at their mean, which is exact for a steady command and
-    of second order for a moving one.
+    Within a substep the actuators are constant at their mean: exact for a constant command, of
+    second order for a changing one.
 
     Args:
-        batch_size: Number of cars, or a shape.
-        device: Where the state lives.
-        parameters: Values that differ from the preset's, by name.
-        dt: Control period [s].
-        preset: Which car: `buggy`, `dart` or `dart_lag`.
+        preset: Parameter set: `buggy`, `dart` or `dart_lag`.
         substeps: Integration steps in a control period.
+        args, common: As for `Engine`; `parameters` differ from the preset's.
 
     Raises:
         ValueError: The preset is unknown, or `substeps` is not positive.
@@ -199,29 +196,21 @@ class ActuatedEngine(Engine):
     """
 
     own_parameters: tuple = ()
-    """Rows like those of `ACTUATION`, of what a subclass needs beside them."""
+    """Rows like those of `ACTUATION`, of a subclass's further parameters."""
 
-    def __init__(
-        self,
-        batch_size: int | Sequence[int] = (),
-        device: torch.device | str = "cpu",
-        parameters: Mapping[str, float] | None = None,
-        dt: float = CONTROL_PERIOD,
-        preset: str = "buggy",
-        substeps: int = 2,
-    ) -> None:
+    def __init__(self, *args: Any, preset: str = "buggy", substeps: int = 2, **common: Any) -> None:
         if substeps < 1:
             raise ValueError(f"substeps is {substeps}: at least 1 is needed")
         declared = declare(preset, (*self.own_parameters, *ACTUATION))
-        super().__init__(batch_size, device, parameters, dt, declared)
+        super().__init__(*args, declared=declared, **common)
         self.preset, self.substeps = preset, substeps
-        self._remembered = math.ceil(LONGEST_DEAD_TIME / dt)  # past commands kept
+        self._remembered = math.ceil(LONGEST_DEAD_TIME / self.dt)  # past commands kept
         self._finish()
         self._parameters_changed()
 
     @abstractmethod
     def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
-        """Velocity [*, 3] of the centre of gravity `h` seconds on, with steady actuators."""
+        """Velocity [*, 3] of the centre of gravity `h` seconds later, with constant actuators."""
 
     def vehicle(self) -> VehicleDimensions:
         front, rear, ahead = self._named("cg_to_front_axle", "cg_to_rear_axle", "sensor_x").values()
@@ -232,18 +221,16 @@ class ActuatedEngine(Engine):
         return {"substeps": 2 * self.substeps}
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        batch, device = self.batch_size, self.device
-        return {
-            COMMANDS: Unbounded(torch.Size((*batch, self._remembered, 2)), device=device),
-            ACTUATOR: Unbounded(torch.Size((*batch, 2)), device=device),
-        }
+        return self._number_specs({COMMANDS: (self._remembered, 2), ACTUATOR: (2,)})
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        # The car is taken to be driving steadily: throttle against resistance, wheels on the arc.
+        # A steady drive is assumed: throttle balances resistance, road wheels follow the arc.
         v = self.values
         vx, _, yaw_rate = shift_velocity(velocity, -v["sensor_x"], -v["sensor_y"]).unbind(-1)
         wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
-        angle = torch.atan(wheelbase * yaw_rate / vx.clamp_min(0.5))  # an arc needs some speed
+        angle = torch.atan(
+            wheelbase * yaw_rate / vx.clamp_min(0.5)
+        )  # at rest no arc follows from a yaw rate
         needed = resistance(vx, angle, v)
         available = (v["drive_force"] - v["drive_force_loss"] * vx).clamp_min(1e-3)
         drive = (v["throttle_deadband"] + needed / available) * (vx > 0)
@@ -276,8 +263,8 @@ class ActuatedEngine(Engine):
         dead_time = self._both("dead_time")
         if not bool(((dead_time >= 0) & (dead_time <= LONGEST_DEAD_TIME)).all()):
             raise ValueError(
-                f"a dead time is outside 0..{LONGEST_DEAD_TIME} s, which is all the commands "
-                f"remembered reach back: throttle {self.values['throttle_dead_time'].tolist()}, "
+                f"a dead time is outside 0..{LONGEST_DEAD_TIME} s, the length of the memory of "
+                f"commands: throttle {self.values['throttle_dead_time'].tolist()}, "
                 f"steering {self.values['steering_dead_time'].tolist()}"
             )
         weights = dead_time_weights(dead_time, self.dt, self._remembered + 1)  # (*, 2, K + 1)
@@ -295,6 +282,5 @@ class ActuatedEngine(Engine):
         pair = (self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
         return torch.stack(torch.broadcast_tensors(*pair), -1)
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        chosen = {name: p.value for name, p in self.declared.items()}
-        return type(self)(batch_size, self.device, chosen, self.dt, self.preset, self.substeps)
+    def _options(self) -> dict[str, Any]:
+        return {"preset": self.preset, "substeps": self.substeps}

@@ -1,8 +1,8 @@
 """What every engine has in common: keys, specs, resets and declared parameters.
 
-An engine moves the car and knows no task. Its whole state rides in the TensorDict, so that a step
-is a function of what it is given: an edit of `pose` or `velocity` between two steps is honoured,
-and two steps from one TensorDict are equal.
+An engine moves the car and knows no task. Its whole state is in the TensorDict, so that a step is a
+function of its input: an edit of `pose` or `velocity` between two steps takes effect, and two steps
+from one TensorDict are equal.
 """
 
 from abc import abstractmethod
@@ -24,11 +24,11 @@ from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 class Engine(EnvBase):
     """One kind of physics as a TorchRL environment.
 
-    A subclass says what latent state it carries (`_latent_specs`), what that state is for a car
-    that has just been set down (`_rest_latent`), and how one control period passes (`_advance`).
+    A subclass says what latent state it has (`_latent_specs`), its value after a reset
+    (`_rest_latent`), and how one control period passes (`_advance`).
 
     Args:
-        batch_size: Number of cars, or a shape; () for a single car without a batch dimension.
+        batch_size: Number of environments, or a shape; () for one without a batch dimension.
         device: Where the state lives.
         parameters: Values that differ from the declared ones, by name.
         dt: Control period [s].
@@ -37,7 +37,7 @@ class Engine(EnvBase):
 
     batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
     declared: dict[str, Parameter]
-    """Physical parameters by name, with the values in use where all cars share them."""
+    """Physical parameters by name, with the values in use where all environments share them."""
     values: dict[str, Tensor]
     """Parameter values in use, each of shape () or of the batch's shape."""
 
@@ -80,15 +80,23 @@ class Engine(EnvBase):
         self.full_done_spec = Composite(
             {keys.DONE: flag, keys.TERMINATED: flag.clone()}, shape=batch, device=device
         )
-        self._state_keys = tuple(state)
 
     def _shape(self, *sizes: int) -> torch.Size:
-        """Shape of a value [sizes] of each car."""
+        """Shape of a value [sizes] of each environment."""
         return torch.Size((*self.batch_size, *sizes))
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        """Specs of the engine's own state, full shape with the batch; none by default."""
+        """Specs of the engine's latent state, full shape with the batch; none by default."""
         return {}
+
+    def _number_specs(
+        self, shapes: Mapping[str, tuple[int, ...]], dtype: torch.dtype = torch.float32
+    ) -> dict[str, TensorSpec]:
+        """Specs of unbounded numbers of these shapes behind the batch."""
+        return {
+            name: Unbounded(self._shape(*shape), device=self.device, dtype=dtype)
+            for name, shape in shapes.items()
+        }
 
     def _reading_specs(self) -> dict[str, TensorSpec]:
         """Specs of what a step reports beside its state; none by default."""
@@ -96,7 +104,7 @@ class Engine(EnvBase):
 
     @abstractmethod
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        """Best guess of the latent state of a car seen at `pose` [*, 3] with `velocity` [*, 3]."""
+        """Estimate of the latent state of a car at `pose` [*, 3] with `velocity` [*, 3]."""
 
     @abstractmethod
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
@@ -136,7 +144,7 @@ class Engine(EnvBase):
         """Engines are deterministic: noise belongs to the sensing, starts to the task."""
 
     def vehicle(self) -> VehicleDimensions:
-        """The car as the parameters have it, in the mean of the batch."""
+        """The car by its parameters, mean over the batch."""
         own = self._named("mass", "yaw_inertia", "cg_to_front_axle")
         return replace(self._nominal(), **own)
 
@@ -153,12 +161,17 @@ class Engine(EnvBase):
         """Arguments with which this engine integrates in half its step; none if it has no step."""
         return {}
 
-    @abstractmethod
+    def _options(self) -> dict[str, Any]:
+        """Arguments of the constructor beside those of `Engine`; none by default."""
+        return {}
+
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        """The same engine for another number of cars."""
+        """The same engine for another batch size."""
+        values = {name: parameter.value for name, parameter in self.declared.items()}
+        return type(self)(batch_size, self.device, values, self.dt, **self._options())
 
     def with_parameters(self, values: TensorDictBase) -> Self:
-        """The same engine with other parameter values, one set a car.
+        """The same engine with other parameter values, one set per environment.
 
         Args:
             values: Parameter name -> value of the batch's shape; its batch size becomes the

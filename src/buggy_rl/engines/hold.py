@@ -1,7 +1,4 @@
-"""Hold-last: the car keeps the velocity it had. The least a simulator must beat."""
-
-from collections.abc import Sequence
-from typing import Self
+"""Hold-last: constant velocity. The baseline that every simulator must beat."""
 
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -25,6 +22,3 @@ class HoldEngine(Engine):
         velocity = state[keys.VELOCITY]
         pose = integrate_pose(state[keys.POSE], velocity, velocity, self.dt)
         return {keys.POSE: pose, keys.VELOCITY: velocity.clone()}
-
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        return type(self)(batch_size, self.device, dt=self.dt)

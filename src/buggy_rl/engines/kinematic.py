@@ -1,4 +1,4 @@
-"""The kinematic bicycle: wheels roll exactly where they point. The baseline without tyres."""
+"""The kinematic bicycle: no slip angles. The baseline without tyres."""
 
 import torch
 from torch import Tensor

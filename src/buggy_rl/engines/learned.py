@@ -1,55 +1,45 @@
 """The learned engine: a dynamics model, its memory, and the pose that follows from velocity."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, TensorSpec, Unbounded
+from torchrl.data import Binary, TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.models.base import INPUTS, DynamicsModel
 from buggy_rl.models.factory import load_model
-from buggy_rl.vehicle import CONTROL_PERIOD, integrate_pose
+from buggy_rl.vehicle import integrate_pose
 
 
 class LearnedEngine(Engine):
-    """Steps a `DynamicsModel`; what it remembers is state, so a step stays a function of its input.
+    """Steps a `DynamicsModel`, whose history is part of the state.
 
     `history` [rows - 1, 5] holds velocity and action of the steps before this one, oldest first.
-    `out_of_range` [1] says that a step was asked outside what the model was trained on.
+    `out_of_range` [1]: the input is outside the model's training range.
 
     Args:
-        batch_size, device, parameters, dt: As for `Engine`; there are no parameters.
         model: A model, or the file of one.
+        args, common: As for `Engine`; there are no parameters.
     """
 
-    def __init__(
-        self,
-        batch_size: int | Sequence[int] = (),
-        device: torch.device | str = "cpu",
-        parameters: Mapping[str, float] | None = None,
-        dt: float = CONTROL_PERIOD,
-        *,
-        model: DynamicsModel | str | Path,
-    ) -> None:
-        super().__init__(batch_size, device, parameters, dt)
+    def __init__(self, *args: Any, model: DynamicsModel | str | Path, **common: Any) -> None:
+        super().__init__(*args, **common)
         if isinstance(model, (str, Path)):
             model, about = load_model(model)
-            if about.get("dt", dt) != dt:
+            if about.get("dt", self.dt) != self.dt:
                 raise ValueError(
-                    f"the model was trained at a step of {about['dt']} s, the engine runs at {dt} s"
+                    f"the model was trained at a step of {about['dt']} s, the engine runs at "
+                    f"{self.dt} s"
                 )
         self.model = model.to(self.device).eval().requires_grad_(False)
         self._finish()
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        return {
-            keys.HISTORY: Unbounded(self._shape(self.model.rows - 1, INPUTS), device=self.device)
-        }
+        return self._number_specs({keys.HISTORY: (self.model.rows - 1, INPUTS)})
 
     def _reading_specs(self) -> dict[str, TensorSpec]:
         return {
@@ -57,7 +47,7 @@ class LearnedEngine(Engine):
         }
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        # Best guess of an unknown past: the same velocity, without drive and steering.
+        # The past is unknown: the same velocity, without drive and steering.
         idle = torch.tensor([-1.0, 0.0], device=self.device).expand(*self.batch_size, 2)
         row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
@@ -74,5 +64,5 @@ class LearnedEngine(Engine):
             keys.OUT_OF_RANGE: self.model.envelope.outside(row),
         }
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        return type(self)(batch_size, self.device, dt=self.dt, model=self.model)
+    def _options(self) -> dict[str, Any]:
+        return {"model": self.model}

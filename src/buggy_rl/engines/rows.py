@@ -9,7 +9,7 @@ from buggy_rl.engines.base import Engine
 
 
 class RowsEngine(Engine):
-    """An engine whose cars are the rows of NumPy arrays, on the CPU."""
+    """An engine whose environments are the rows of NumPy arrays, on the CPU."""
 
     def _rows(self, tensor: Tensor) -> NDArray:
         """A tensor [*batch, ...] as float64 rows [n, ...]."""

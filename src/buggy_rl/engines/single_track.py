@@ -8,18 +8,24 @@ from torch import Tensor
 from buggy_rl.engines.actuation import ActuatedEngine, motor_force, resistance
 from buggy_rl.vehicle import GRAVITY
 
-SLIP_SPEED = 0.3  # [m/s] below it slip angles are computed with a larger rolling speed
-GAMMA = 1 - 1 / math.sqrt(2)  # of the two-stage Rosenbrock method, which makes it L-stable
+SLIP_SPEED = 0.3  # [m/s] rolling speed below which slip angles are softened; chosen
+GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method ROS2, L-stable with it; Verwer et al. 1999
 
 TYRES = (
     ("yaw_inertia", 0.0005, 0.1, "kg m^2", "Inertia about the vertical axis through the cg."),
-    ("front_drive_share", 0.0, 1.0, "-", "Share of the wheel force that the front axle passes."),
+    ("front_drive_share", 0.0, 1.0, "-", "Share of the wheel force at the front axle."),
     ("front_grip", 0.05, 3.0, "-", "D, largest lateral force of the front axle over its load."),
-    ("front_shape", 0.3, 2.5, "-", "C, how the front axle's force falls off past its peak."),
-    ("front_stiffness", 0.5, 60.0, "1/rad", "B, how soon the front axle gets to its peak."),
+    ("front_shape", 0.3, 2.5, "-", "C, shape factor of the front axle's magic formula."),
+    (
+        "front_stiffness",
+        0.5,
+        60.0,
+        "1/rad",
+        "B, stiffness factor of the front axle's magic formula.",
+    ),
     ("rear_grip", 0.05, 3.0, "-", "D, largest lateral force of the rear axle over its load."),
-    ("rear_shape", 0.3, 2.5, "-", "C, how the rear axle's force falls off past its peak."),
-    ("rear_stiffness", 0.5, 60.0, "1/rad", "B, how soon the rear axle gets to its peak."),
+    ("rear_shape", 0.3, 2.5, "-", "C, shape factor of the rear axle's magic formula."),
+    ("rear_stiffness", 0.5, 60.0, "1/rad", "B, stiffness factor of the rear axle's magic formula."),
 )
 
 
@@ -27,8 +33,8 @@ def rolling_speed(along: Tensor) -> Tensor:
     """Speed a slip angle is taken against: |v|, but smoothly no less than half of `SLIP_SPEED`.
 
     Above `SLIP_SPEED` v0 it is exact; below, (v^2 + v0^2) / (2 v0), of the same value and slope at
-    v0. So lateral force becomes a plain damping of lateral slip at rest: a car that stands makes
-    no force however it is steered, and one that crawls rolls as its wheels point.
+    v0. So at rest the lateral force is a linear damping of the lateral slip speed: no force without
+    motion, and at a crawl the car rolls in the direction of its wheels.
 
     Args:
         along: [*] velocity along the wheel [m/s].
@@ -48,8 +54,8 @@ class SingleTrackEngine(ActuatedEngine):
     and X the motor's force less the resistance, shared between the axles.
 
     Each substep is one step of the two-stage Rosenbrock W-method ROS2, second order and L-stable.
-    Its matrix holds the tyres' damping of lateral slip, the one stiff thing at low speed, at its
-    value without slip: an upper bound, so that no tyre makes the car chatter.
+    Its matrix holds the tyres' damping of the lateral slip speed, the only stiff term at low speed,
+    at its value at zero slip angle: an upper bound, which keeps the method stable.
 
     Source: of the force laws and the presets, DART, Lyons et al., dart_dynamic_models.py.
     """
@@ -95,7 +101,7 @@ class SingleTrackEngine(ActuatedEngine):
         """Solves (1 + step M^-1 N K N^T) k = rate, with K = diag(damping) [*, 2].
 
         The columns of N turn velocity into the lateral slip of an axle, (-sin, cos, lf cos) and
-        (0, 1, -lr), so that only two unknowns are left (Woodbury).
+        (0, 1, -lr), so two unknowns remain (Woodbury identity).
         """
         mass, inertia = self.values["mass"], self.values["yaw_inertia"]
         lf, lr = self.values["cg_to_front_axle"], self.values["cg_to_rear_axle"]

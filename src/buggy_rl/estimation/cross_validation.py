@@ -1,4 +1,4 @@
-"""What speaks for one explanation over another on drives that neither was fitted to."""
+"""Blocked cross-validation: how well a fit predicts blocks of a recording that were held out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,68 +6,77 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-from buggy_rl.estimation.hypothesis import bounded
-from buggy_rl.estimation.noise_model import Likelihood
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.gauss_newton import Fit, Problem, normal_equations
+from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.segments import Segments
 
-BLOCK = 8.0  # [s] stretches closer than this are held out together
+BLOCK = 8.0  # [s] segments of a recording closer than this are held out together
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """How well an explanation foretells what it was not fitted to."""
+@dataclass(frozen=True, eq=False)
+class CrossValidated:
+    """How well a hypothesis predicts what it was not fitted to."""
 
     square: Tensor
-    """[N] |W e|^2 of each stretch when its block was held out."""
+    """|W e|^2 [N] of each segment when its block was held out."""
     covariance: Tensor
-    """[P, P] of the place, by leaving out one block at a time."""
+    """[P, P] of the vector, by leaving out one block at a time."""
 
 
-def blocks(cut: Stretches, seconds: float = BLOCK) -> Tensor:
-    """Number [N] of the block that each stretch belongs to: neighbours of one drive."""
-    place = (cut.row.double() * cut.dt / seconds).long()
-    _, number = (cut.drive * 100_000 + place).unique(return_inverse=True)
+def blocks(segments: Segments, seconds: float = BLOCK) -> Tensor:
+    """Number [N] of the block of each segment: neighbours of one recording."""
+    position = (segments.row.double() * segments.dt / seconds).long()
+    _, number = (segments.recording * 100_000 + position).unique(return_inverse=True)
     return number
 
 
-def evidences(fitter: Fitter, explanations: Sequence[Fitted], group: Tensor) -> list[Evidence]:
-    """Holds out one block at a time.
-
-    Without block g the solution moves, to first order, by d_g = (H - H_g)^-1 s_g, with H and s the
-    curvature and the score of the loss; the gaps of that block are those of a rollout there.
-    Covariance: (G - 1) / G sum_g d_g d_g^T, and what the prior alone holds counts as unknown.
-    """
-    moved = [_moved(fitter, fitted, group) for fitted in explanations]
-    places = [
-        (fitted, bounded(fitted.unknowns, fitted.place + move))
-        for fitted, (move, _) in zip(explanations, moved, strict=True)
+def cross_validated(problem: Problem, fits: Sequence[Fit], group: Tensor) -> list[CrossValidated]:
+    """Holds out one block [N] at a time; residuals there are those of a rollout anew."""
+    parts = []
+    for fit in fits:
+        curvature, score = normal_equations(problem, fit)
+        parts.append(jackknife(curvature, score, fit.prior**-2, group))
+    rows = [
+        (fit, fit.bounded(fit.vector + moves)) for fit, (moves, _) in zip(fits, parts, strict=True)
     ]
-    whites = fitter.evaluate(places)
     return [
-        Evidence(white.square().sum(-1), covariance)
-        for white, (_, covariance) in zip(whites, moved, strict=True)
+        CrossValidated(whitened.square().sum(-1), covariance)
+        for whitened, (_, covariance) in zip(problem.whitened(rows), parts, strict=True)
     ]
 
 
-def evidence(fitter: Fitter, fitted: Fitted, group: Tensor) -> Evidence:
-    """Of one explanation."""
-    return evidences(fitter, [fitted], group)[0]
+def jackknife(
+    curvature: Tensor,
+    score: Tensor,
+    precision: Tensor,
+    group: Tensor,
+    information: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """How far the solution moves without each block, and its covariance from that.
 
+    To first order d_g = (H - H_g)^-1 s_g without block g, H with the prior's curvature;
+    covariance H^-1 L H^-1 + (G - 1) / G sum_g d_g d_g^T: what the prior alone holds is not known.
+    Unlike a sandwich it stays honest where a few blocks decide.
 
-def _moved(fitter: Fitter, fitted: Fitted, group: Tensor) -> tuple[Tensor, Tensor]:
-    """By how much [N, P] the place moves without each stretch's block, and its covariance."""
-    assert fitted.slopes is not None
-    curve, score = fitter.normal(fitted)
-    prior = torch.tensor([u.prior for u in fitted.unknowns], dtype=torch.float64)
-    hessian = curve.sum(0) + torch.diag(prior**-2)
+    Args:
+        curvature: [N, P, P] of each segment.
+        score: [N, P] likewise.
+        precision: [P] curvature of the prior's loss.
+        group: [N] int, blocks.
+        information: [P] L of the prior, that counts as unknown; by default its curvature.
+
+    Returns:
+        Moves [N, P] of each segment's block, and the covariance [P, P].
+    """
+    hessian = curvature.sum(0) + torch.diag(precision)
     inverse = torch.linalg.inv(hessian)
-    covariance = inverse @ torch.diag(prior**-2) @ inverse
-    moves = torch.zeros(len(group), len(fitted.place), dtype=torch.float64)
+    information = precision if information is None else information
+    covariance = inverse @ torch.diag(information) @ inverse
+    moves = torch.zeros(len(group), len(precision), dtype=torch.float64)
     names = group.unique()
     for name in names:
         rows = group == name
-        move = torch.linalg.solve(hessian - curve[rows].sum(0), score[rows].sum(0))
+        move = torch.linalg.solve(hessian - curvature[rows].sum(0), score[rows].sum(0))
         moves[rows] = move
         covariance += (len(names) - 1) / len(names) * torch.outer(move, move)
     return moves, covariance
@@ -75,7 +84,7 @@ def _moved(fitter: Fitter, fitted: Fitted, group: Tensor) -> tuple[Tensor, Tenso
 
 @dataclass(frozen=True)
 class Advantage:
-    """Of one explanation over another, on what was held out [nats]."""
+    """Of one hypothesis over another, on what was held out [nats]."""
 
     won: float
     """In the blocks in which it is better."""
@@ -86,10 +95,14 @@ class Advantage:
 
 
 def advantage(
-    likelihood: Likelihood, temper: float, better: Evidence, worse: Evidence, group: Tensor
+    noise: NoiseModel,
+    dispersion: float,
+    better: CrossValidated,
+    worse: CrossValidated,
+    group: Tensor,
 ) -> Advantage:
-    """Of `better` over `worse`."""
-    gain = likelihood.loss(worse.square, temper) - likelihood.loss(better.square, temper)
+    """Of `better` over `worse`, by blocks [N]."""
+    gain = noise.loss(worse.square, dispersion) - noise.loss(better.square, dispersion)
     sums = torch.zeros(int(group.max()) + 1, dtype=gain.dtype).index_add_(0, group, gain)
     won, lost = sums.clamp_min(0.0), -sums.clamp_max(0.0)
     return Advantage(float(won.sum()), float(lost.sum()), float(sums.sum() - sums.max()))

@@ -1,46 +1,104 @@
-"""What may be missing or wrong: effects by name, and the simulator's own parameters."""
+"""Hypotheses: sets of effects and wrong parameters, and their numbers as one normalised vector."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.rollout import Settings
+from buggy_rl.estimation.segments import Segments
 from buggy_rl.parameters import Parameter
 
-PRIOR = 3.0  # sd of a parameter in units of its size: wide, a fit is not to be pulled
-# Later by a sample and a half at most: by more, a clock is no other than a sensor that is late.
+PRIOR = 3.0  # [prior scales] standard deviation of a parameter: wide, so that data decide
+# Later by a sample and a half at most: beyond, a clock is no other than a sensor that is late.
 CLOCK = EffectParameter(
     "clock_offset", 0.0, -0.1, 0.015, "s", "Commands act later than stamped.", 0.01, 0.002
 )
-CLOCK_PRIOR = 0.5  # in units of its size: a stamp is off by a sample at most
+CLOCK_PRIOR = 0.5  # [prior scales of 0.01 s] a stamp is off by a sample at most
 OWN = "parameter:"  # begins the name of a parameter of the simulator's own
-SIZES = (0.4, 1.5)  # typical sizes at which an effect is tried before it is fitted
-PATCHES = (0.1, 0.37, 0.63, 0.9)  # of the range driven, along x and y: where a patch is tried
+TRIAL_SIZES = (0.4, 1.5)  # [prior scales] at which an effect is screened
+PATCH_GRID = (0.1, 0.37, 0.63, 0.9)  # [-] of the driven range along x and y: patches screened
+AT_BOUND = 1e-6  # [prior scales] distance from a bound within which a value lies at it
 
 
 @dataclass(frozen=True)
-class Unknown:
-    """One number of an explanation."""
+class Coordinate:
+    """One number of a hypothesis."""
 
-    cause: str
+    effect: str
     """An effect, a parameter of the simulator (`parameter:friction`), or empty for the clock."""
     parameter: EffectParameter
     prior: float
-    """Standard deviation about neutral, in units of its size."""
+    """Standard deviation about neutral, in prior scales of the parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Effects with numbers: z_p = (value_p - neutral_p) / scale_p, the clock's offset last."""
+
+    effects: tuple[str, ...]
+    """Effects, and parameters of the simulator's own as `parameter:NAME`."""
+    coordinates: tuple[Coordinate, ...]
+    vector: Tensor
+    """[P] float64 normalised parameters z; 0 is neutral."""
+
+    @property
+    def prior(self) -> Tensor:
+        """Standard deviations [P] of the coordinates."""
+        return torch.tensor([c.prior for c in self.coordinates], dtype=torch.float64)
+
+    def penalty(self, vector: Tensor | None = None) -> Tensor:
+        """Negative log prior density, up to a constant [nats]."""
+        vector = self.vector if vector is None else vector
+        return 0.5 * (vector / self.prior).square().sum(-1)
+
+    def at(self, vector: Tensor) -> "Hypothesis":
+        """The same effects with other numbers [P], brought within their bounds."""
+        return replace(self, vector=self.bounded(vector))
+
+    def bounded(self, vector: Tensor) -> Tensor:
+        """A vector [P] within the parameters' bounds."""
+        ends = [
+            sorted(c.parameter.coordinate(b) for b in (c.parameter.lower, c.parameter.upper))
+            for c in self.coordinates
+        ]
+        low, high = torch.tensor(ends, dtype=vector.dtype).unbind(-1)
+        return torch.minimum(torch.maximum(vector, low), high)
+
+    def named(self) -> dict[tuple[str, str], float]:
+        """(effect, parameter) -> coordinate."""
+        numbers = zip(self.coordinates, self.vector.tolist(), strict=True)
+        return {(c.effect, c.parameter.name): z for c, z in numbers}
+
+    def values(self) -> dict[str, dict[str, float]]:
+        """Effect -> parameter -> value; the clock under the empty name."""
+        result: dict[str, dict[str, float]] = {}
+        for c, z in zip(self.coordinates, self.vector.tolist(), strict=True):
+            result.setdefault(c.effect, {})[c.parameter.name] = float(c.parameter.value_at(z))
+        return result
+
+    def at_bound(self, effect: str) -> tuple[str, ...]:
+        """Parameters of an effect that lie at an end of their range."""
+        values = self.values()[effect]
+        numbers = {c.parameter.name: c.parameter for c in self.coordinates if c.effect == effect}
+        return tuple(
+            name
+            for name, p in numbers.items()
+            if min(abs(values[name] - p.lower), abs(values[name] - p.upper)) < AT_BOUND * p.size
+        )
 
 
 class Library:
-    """Causes to choose from.
+    """Effects and parameters to choose from.
 
     Args:
-        effects: Names, also one's own as file.py:Class; all of `EFFECTS` by default.
+        effects: Names, also a user's own as file.py:Class; all of `EFFECTS` by default.
         parameters: What the simulator declares.
-        own: Whether those may be a cause.
+        own: Whether those may be wrong.
     """
 
     def __init__(
@@ -54,67 +112,68 @@ class Library:
         self.parameters = {name: _own(p) for name, p in (parameters or {}).items()}
 
     @property
-    def causes(self) -> list[str]:
-        """All names."""
+    def names(self) -> list[str]:
+        """All that a hypothesis may hold."""
         return [*self.effects, *(OWN + name for name in self.parameters if self.own)]
 
-    def numbers(self, cause: str) -> tuple[EffectParameter, ...]:
-        """What is unknown of a cause."""
-        if cause.startswith(OWN):
-            return (self.parameters[cause.removeprefix(OWN)],)
-        kind = effect_class(cause)
+    def numbers(self, effect: str) -> tuple[EffectParameter, ...]:
+        """Free parameters of an effect."""
+        if effect.startswith(OWN):
+            return (self.parameters[effect.removeprefix(OWN)],)
+        kind = effect_class(effect)
         return tuple(p for p in kind.declared if p.name not in kind.alternatives)
 
-    def deciding(self, cause: str) -> frozenset[str]:
-        """Numbers of a cause that say how much of it there is; the others say where, or how."""
-        own = () if cause.startswith(OWN) else effect_class(cause).deciding
-        return frozenset(own or (p.name for p in self.numbers(cause)))
+    def deciding(self, effect: str) -> frozenset[str]:
+        """Parameters that say how much of an effect there is; the others say where, or how."""
+        own = () if effect.startswith(OWN) else effect_class(effect).deciding
+        return frozenset(own or (p.name for p in self.numbers(effect)))
 
-    def unknowns(self, causes: Sequence[str]) -> tuple[Unknown, ...]:
-        """Numbers of an explanation; the commands' clock is always one of them, the last."""
-        own = [Unknown(c, p, PRIOR) for c in causes for p in self.numbers(c)]
-        return (*own, Unknown("", CLOCK, CLOCK_PRIOR))
+    def hypothesis(self, effects: Sequence[str], vector: Sequence[float] = ()) -> Hypothesis:
+        """Effects at normalised parameters, at neutral by default; the clock's is the last."""
+        own = [Coordinate(e, p, PRIOR) for e in effects for p in self.numbers(e)]
+        coordinates = (*own, Coordinate("", CLOCK, CLOCK_PRIOR))
+        begin = list(vector) or [0.0] * len(coordinates)
+        return Hypothesis(tuple(effects), coordinates, torch.tensor(begin, dtype=torch.float64))
 
-    def settings(
-        self, rows: Sequence[tuple[tuple[Unknown, ...], Tensor]]
-    ) -> tuple[dict[str, dict[str, Tensor]], dict[str, Tensor], Tensor]:
-        """Values of explanations, one a row, as `Player.play` takes them.
+    def at(self, effects: Sequence[str], known: Mapping[tuple[str, str], float]) -> Hypothesis:
+        """Effects at coordinates by (effect, parameter); at neutral where none is known."""
+        start = self.hypothesis(effects)
+        keys = [(c.effect, c.parameter.name) for c in start.coordinates]
+        return self.hypothesis(effects, [known.get(key, 0.0) for key in keys])
+
+    def settings(self, rows: Sequence[tuple[Hypothesis, Tensor]]) -> Settings:
+        """Values of C hypotheses for a rollout.
 
         Args:
-            rows: Unknowns of each and their coordinates [P], or [N, P] of each stretch.
-
-        Returns:
-            Effects, the simulator's parameters, and the clock's offset; [C] or [C, N] each.
+            rows: Each with its vector [P], or [N, P] with one for each segment.
         """
         shape = (len(rows), *rows[0][1].shape[:-1])
         effects: dict[str, dict[str, Tensor]] = {}
         parameters: dict[str, Tensor] = {}
         offset = torch.zeros(shape)
-        for row, (own, place) in enumerate(rows):
-            for unknown, z in zip(own, place.unbind(-1), strict=True):
-                value, name = unknown.parameter.value_at(z).float(), unknown.parameter.name
-                if not unknown.cause:
+        for row, (hypothesis, vector) in enumerate(rows):
+            for c, z in zip(hypothesis.coordinates, vector.unbind(-1), strict=True):
+                value, name = c.parameter.value_at(z).float(), c.parameter.name
+                if not c.effect:
                     offset[row] = value
-                elif unknown.cause.startswith(OWN):
+                elif c.effect.startswith(OWN):
                     neutral = self.parameters[name].value
                     parameters.setdefault(name, torch.full(shape, neutral))[row] = value
                 else:
-                    if unknown.cause not in effects:
-                        effects[unknown.cause] = {
-                            p.name: torch.full(shape, p.value)
-                            for p in effect_class(unknown.cause).declared
-                        }
-                    effects[unknown.cause][name][row] = value
-        return effects, parameters, offset
+                    if c.effect not in effects:
+                        declared = effect_class(c.effect).declared
+                        effects[c.effect] = {p.name: torch.full(shape, p.value) for p in declared}
+                    effects[c.effect][name][row] = value
+        return Settings(effects, parameters, offset)
 
-    def trials(self, cause: str, cut: Stretches) -> list[list[float]]:
-        """Places at which a cause is tried before it is fitted; both signs where it has two."""
-        numbers = self.numbers(cause)
+    def trials(self, effect: str, segments: Segments) -> list[list[float]]:
+        """Coordinates at which an effect is screened; both signs where it has two."""
+        numbers = self.numbers(effect)
         if {"x", "y", "radius"} <= {p.name for p in numbers}:
-            return _patches(numbers, cut)
+            return _patches(numbers, segments)
         result = []
         both_ways = all(p.lower < p.value < p.upper for p in numbers)
-        for size in SIZES:
+        for size in TRIAL_SIZES:
             if len(numbers) == 2 and both_ways:  # the parts of a vector
                 result += [[size, 0.0], [-size, 0.0], [0.0, size], [0.0, -size]]
                 continue
@@ -125,18 +184,8 @@ class Library:
         return result
 
 
-def bounded(unknowns: Sequence[Unknown], place: Tensor) -> Tensor:
-    """A place [P] within the parameters' bounds."""
-    ends = [
-        sorted(u.parameter.coordinate(b) for b in (u.parameter.lower, u.parameter.upper))
-        for u in unknowns
-    ]
-    low, high = torch.tensor(ends, dtype=place.dtype).unbind(-1)
-    return torch.minimum(torch.maximum(place, low), high)
-
-
 def _own(parameter: Parameter) -> EffectParameter:
-    """A parameter of the simulator: a fifth of its value, or of its range, is a typical fault."""
+    """A simulator's own parameter: its prior scale is a fifth of its value, or of its range."""
     size = 0.2 * abs(parameter.value) or 0.1 * (parameter.upper - parameter.lower)
     size = min(size, 0.5 * (parameter.upper - parameter.lower))
     upward = parameter.value + 0.1 * size <= parameter.upper
@@ -152,13 +201,13 @@ def _own(parameter: Parameter) -> EffectParameter:
     )
 
 
-def _patches(numbers: Sequence[EffectParameter], cut: Stretches) -> list[list[float]]:
-    """Half the grip within 1 m of a grid of places over what was driven."""
-    driven = cut.pose[..., :2].flatten(0, 1)
+def _patches(numbers: Sequence[EffectParameter], segments: Segments) -> list[list[float]]:
+    """Half the grip within 1 m of a grid of positions over what was driven."""
+    driven = segments.pose[..., :2].flatten(0, 1)
     low, high = torch.quantile(driven[::7], torch.tensor([0.1, 0.9]), 0).unbind(0)
     result = []
-    for a in PATCHES:
-        for b in PATCHES:
+    for a in PATCH_GRID:
+        for b in PATCH_GRID:
             x, y = (low + torch.tensor([a, b]) * (high - low)).tolist()
             own = {"radius": 1.0, "grip": 0.5, "x": x, "y": y}
             result.append([float(p.coordinate(own[p.name])) for p in numbers])

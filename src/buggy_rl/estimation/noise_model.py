@@ -1,94 +1,96 @@
-"""How likely drives are, given what a simulator says of them."""
+"""Noise model: how residuals of a right simulator are distributed, and what they cost."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from buggy_rl.estimation.rollout import Player, Values
-from buggy_rl.estimation.segments import Stretches, sensor_noise, start_noise
+from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
+from buggy_rl.estimation.segments import Segments
+from buggy_rl.estimation.sensor_noise import sensor_noise, start_noise
 
-Settings = tuple[Values, Mapping[str, Tensor], Tensor]
-HEAVY = 4.0  # a stretch this many times worse than expected begins to count for less
+HEAVY = 4.0  # [-] mean squared standardised residual at which a segment begins to count for less
+FAR = 1e3  # [m, rad, m/s, rad/s] residual of a rollout that is not finite
+STEEPEST = 10.0  # [-] change of a reading over a standard deviation of the start, at most
 
 
-@dataclass(frozen=True)
-class Likelihood:
-    """Gaussian errors of a stretch, correlated by its start, with heavy tails over stretches.
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Gaussian residuals of a segment, correlated by its start error, heavy-tailed over segments.
 
-    The readings of a stretch differ from a right simulator's by e = A b + n, with n the sensor's
-    noise and b the error of the start, A its effect. So e ~ N(0, C), C = D + A S A^T; W C W^T = I.
-    Of a stretch that is far worse than that, such as one in which the car spins, counts
+    e = A b + n with n ~ N(0, D) the sensor's noise and b ~ N(0, S) the start error, A its effect:
+    e ~ N(0, C), C = D + A S A^T + E, with E what the simulator gets wrong on its baseline;
+    W C W^T = I. The loss of a segment grows with the logarithm where a car spins:
 
-    loss = h/2 log(1 + |W e|^2 / h),  h = HEAVY times the number of readings.
+    loss = h/2 log(1 + |W e|^2 / (phi h)),  h = HEAVY D, phi the dispersion.
     """
 
     whitening: Tensor
-    """[N, D, D] float64, lower triangular; D = K * 6."""
-    noise: Tensor
-    """[6] of a reading."""
+    """[N, D, D] float64 W, lower triangular; D = K * 6."""
+    sd: Tensor
+    """[6] standard deviation of a reading."""
     extra: Tensor | None = None
-    """[D, D] covariance of what the simulator gets wrong where it counts as right."""
+    """[D, D] E."""
 
     @property
-    def readings(self) -> int:
-        """Numbers in a stretch (D)."""
+    def dimension(self) -> int:
+        """Numbers of a segment (D)."""
         return self.whitening.shape[-1]
 
-    def __getitem__(self, index: Tensor) -> "Likelihood":
-        return Likelihood(self.whitening[index], self.noise, self.extra)
+    def __getitem__(self, index: Tensor) -> "NoiseModel":
+        return NoiseModel(self.whitening[index], self.sd, self.extra)
 
-    def white(self, gap: Tensor) -> Tensor:
-        """W e [C, N, D] of gaps [C, N, K, 6]; what is not finite becomes large."""
-        flat = gap.flatten(2).double().nan_to_num(1e3, 1e3, -1e3).clamp(-1e3, 1e3)
+    def whiten(self, residuals: Tensor) -> Tensor:
+        """W e [C, N, D] of residuals [C, N, K, 6]; what is not finite becomes large."""
+        flat = residuals.flatten(2).double().nan_to_num(FAR, FAR, -FAR).clamp(-FAR, FAR)
         return torch.einsum("nij,cnj->cni", self.whitening, flat)
 
-    def instead_of(self, other: "Likelihood") -> Tensor:
-        """[N, D, D] that whitens anew what the other one has whitened: W W_other^-1."""
+    def change_from(self, other: "NoiseModel") -> Tensor:
+        """[N, D, D] W W_other^-1: re-whitens what the other one has whitened."""
         return torch.linalg.solve_triangular(other.whitening.mT, self.whitening.mT, upper=True).mT
 
-    def loss(self, square: Tensor, temper: float = 1.0) -> Tensor:
-        """Of stretches with |W e|^2 = `square` [*], in nats."""
-        heavy = HEAVY * self.readings
-        return 0.5 * heavy * torch.log1p(square / temper / heavy)
+    def loss(self, square: Tensor, dispersion: float = 1.0) -> Tensor:
+        """[nats] of segments with |W e|^2 = `square` [*]."""
+        heavy = HEAVY * self.dimension
+        return 0.5 * heavy * torch.log1p(square / dispersion / heavy)
 
-    def weight(self, square: Tensor, temper: float = 1.0) -> Tensor:
-        """Derivative of twice the loss by the square, times the temper."""
-        return 1 / (1 + square / temper / (HEAVY * self.readings))
+    def weight(self, square: Tensor, dispersion: float = 1.0) -> Tensor:
+        """Derivative of twice the loss by the square, times the dispersion."""
+        return 1 / (1 + square / dispersion / (HEAVY * self.dimension))
 
 
-def likelihood(
-    player: Player,
-    cut: Stretches,
-    settings: Settings | None = None,
+def noise_model(
+    simulation: Simulation,
+    segments: Segments,
+    settings: Settings = AS_GIVEN,
     extra: Tensor | None = None,
-    seen: Stretches | None = None,
-) -> Likelihood:
-    """Whitening of stretches about a simulator.
+    noise_from: Segments | None = None,
+) -> NoiseModel:
+    """The noise model of segments, linearised about a simulator.
 
     Args:
-        player: Plays into the simulator.
-        cut: The stretches.
-        settings: Effects, parameters and offset of the simulator, as `Player.play` takes them, of
-            one set; none by default.
-        extra: [D, D] covariance of what the simulator gets wrong where it is right.
-        seen: Stretches that tell how noisy the sensor is; None for `cut` itself.
+        simulation: Of the simulator.
+        segments: The segments.
+        settings: One parameter set about which start errors are propagated.
+        extra: [D, D] covariance of what the simulator gets wrong on its baseline.
+        noise_from: Segments that tell how noisy the sensor is; None for `segments` itself.
     """
-    seen = cut if seen is None else seen
-    noise = sensor_noise(seen)
-    shift = torch.cat([torch.zeros(1, 6), torch.diag(start_noise(seen))])
-    effects, parameters, offset = settings or ({}, {}, torch.zeros(1))
-    many = {e: {p: v.expand(7) for p, v in ps.items()} for e, ps in effects.items()}
-    own = {name: v.expand(7) for name, v in parameters.items()}
-    gap = player.play(cut, many, own, offset.expand(7), shift).double()  # (7, N, K, 6)
-    slopes = (gap[1:] - gap[:1]).flatten(2).movedim(0, -1)  # (N, D, 6)
-    slopes = slopes.nan_to_num(0.0).clamp(-10, 10)
-    readings = gap.shape[2]
-    diagonal = torch.diag(noise.double().square().repeat(readings))
-    covariance = diagonal + slopes @ slopes.mT
+    seen = segments if noise_from is None else noise_from
+    slopes, readings = start_sensitivity(simulation, segments, start_noise(seen), settings)
+    sd = sensor_noise(seen)
+    covariance = torch.diag(sd.double().square().repeat(readings)) + slopes @ slopes.mT
     if extra is not None:
         covariance = covariance + extra
     factor = torch.linalg.cholesky(covariance)
     eye = torch.eye(covariance.shape[-1], dtype=torch.float64).expand_as(covariance)
-    return Likelihood(torch.linalg.solve_triangular(factor, eye, upper=False), noise, extra)
+    return NoiseModel(torch.linalg.solve_triangular(factor, eye, upper=False), sd, extra)
+
+
+def start_sensitivity(
+    simulation: Simulation, segments: Segments, start_sd: Tensor, settings: Settings = AS_GIVEN
+) -> tuple[Tensor, int]:
+    """A sqrt(S) [N, D, 6], by one rollout a channel of the start; and the number of readings K."""
+    error = torch.cat([torch.zeros(1, 6), torch.diag(start_sd)])
+    residuals = simulation.residuals(segments, settings, error).double()  # (7, N, K, 6)
+    slopes = (residuals[1:] - residuals[:1]).flatten(2).movedim(0, -1)  # (N, D, 6)
+    return slopes.nan_to_num(0.0).clamp(-STEEPEST, STEEPEST), residuals.shape[2]

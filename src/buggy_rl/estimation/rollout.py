@@ -1,254 +1,240 @@
-"""What a simulator with effects says the sensor would have shown: many parameter sets at once."""
+"""Rollouts of a simulator along segments: many parameter sets at once, each a part of the batch."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import pairwise
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.effects import CORRECTIONS, LAST_OF_KIND, ORDER, make_effect
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import Effect
-from buggy_rl.estimation.segments import AHEAD, WARM_UP, Stretches
+from buggy_rl.estimation.segments import AHEAD, WARM_UP, Segments
+from buggy_rl.stepping import trajectory
+from buggy_rl.task.augment import Options, Values, augmented
 from buggy_rl.vehicle import rotate
 
-MOST_CARS = 12_000  # rolled out at once, to bound memory
-
-Values = Mapping[str, Mapping[str, Tensor]]
-"""Effect -> parameter -> values [C], one a parameter set, or [C, N], one a stretch of each."""
-Options = Mapping[str, Mapping[str, Any]]
-"""Effect -> option -> value, as `measured_options` finds them."""
+MOST_ENVIRONMENTS = 12_000  # stepped at once; bounds memory to about 1 GB
 
 
 @dataclass(frozen=True)
-class Player:
-    """Plays the commands of stretches into a simulator and reads its sensor.
+class Settings:
+    """Numbers of C parameter sets, of shape [C], or [C, N] with one for each segment."""
 
-    Args:
-        make: Builds the simulator for a number of cars.
-        every: Rows between two readings.
-        standing: Effects that are in every rollout, nearer to the engine than those on trial,
-            with one value for all cars.
-        options: Of effects on trial, by name: what they must know of this simulator.
-    """
+    effects: Values = field(default_factory=dict)
+    """Effect -> parameter -> values."""
+    parameters: Mapping[str, Tensor] = field(default_factory=dict)
+    """The simulator's own, by name."""
+    clock_offset: Tensor = field(default_factory=lambda: torch.zeros(1))
+    """[s] by which commands act later than they are stamped."""
+
+    def __len__(self) -> int:
+        """Number of sets (C)."""
+        values = [v for parameters in self.effects.values() for v in parameters.values()]
+        return len(next(iter((*values, *self.parameters.values(), self.clock_offset))))
+
+    def map(self, change: Callable[[Tensor], Tensor]) -> "Settings":
+        """The same with every tensor changed."""
+        return Settings(
+            {e: {p: change(v) for p, v in values.items()} for e, values in self.effects.items()},
+            {name: change(v) for name, v in self.parameters.items()},
+            change(self.clock_offset),
+        )
+
+
+AS_GIVEN = Settings()
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Rolls a simulator out along segments and reads its sensor."""
 
     make: Callable[[int], EnvBase]
+    """Builds the simulator for a number of environments."""
     every: int = 10
+    """Rows between two readings."""
     standing: Sequence[Effect] = ()
+    """Effects in every rollout, with one value for all environments."""
     options: Options = field(default_factory=dict)
+    """Of effects under test: what they must know of this simulator."""
 
-    def instants(self, cut: Stretches) -> Tensor:
+    def instants(self, segments: Segments) -> Tensor:
         """Rows [K] after the start that are read."""
-        return torch.arange(self.every, cut.horizon + 1, self.every)
+        return torch.arange(self.every, segments.horizon + 1, self.every)
 
-    @torch.no_grad()
-    def play(
-        self,
-        cut: Stretches,
-        effects: Values,
-        parameters: Mapping[str, Tensor] | None = None,
-        offset: Tensor | None = None,
-        shift: Tensor | None = None,
+    def residuals(
+        self, segments: Segments, settings: Settings = AS_GIVEN, start_error: Tensor | None = None
     ) -> Tensor:
-        """Readings minus measurements.
+        """Readings minus measurements, positions along and across the heading at the start.
 
         Args:
-            cut: N stretches.
-            effects: Values of C parameter sets.
-            parameters: The simulator's own, name -> [C] or [C, N].
-            offset: [C] or [C, N] commands took effect this much later than they are stamped [s].
-            shift: [C, 6] error of the start's pose (in the body frame) and velocity.
+            segments: N of them.
+            settings: C parameter sets.
+            start_error: [C, 6] error of the start's pose (in the body frame) and velocity.
 
         Returns:
-            [C, N, K, 6]: x, y [m] along and across the heading at the start, yaw [rad],
-            vx, vy [m/s], yaw_rate [rad/s].
+            [C, N, K, 6]: x, y [m], yaw [rad], vx, vy [m/s], yaw_rate [rad/s].
         """
-        sets = _count(effects, parameters, offset, shift)
-        per = max(1, MOST_CARS // len(cut))
+        read = self.readings(segments, settings, start_error)
+        residual = read - segments.measured[:, WARM_UP + self.instants(segments)]
+        heading = segments.smooth_pose[:, WARM_UP, 2].view(1, -1, 1)
+        position = rotate(residual[..., :2], -heading.expand(residual.shape[:-1]))
+        return torch.cat([position, residual[..., 2:]], -1)
+
+    def readings(
+        self, segments: Segments, settings: Settings = AS_GIVEN, start_error: Tensor | None = None
+    ) -> Tensor:
+        """What the sensor shows at the instants, [C, N, K, 6] pose (world) and velocity."""
+        sets = len(settings) if start_error is None else len(start_error)
+        settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
+        per = max(1, MOST_ENVIRONMENTS // len(segments))
         parts = []
         for first in range(0, sets, per):
-            rows = slice(first, min(first + per, sets))
-            parts.append(
-                self._play(
-                    cut,
-                    {e: {p: v[rows] for p, v in ps.items()} for e, ps in effects.items()},
-                    {p: v[rows] for p, v in (parameters or {}).items()},
-                    None if offset is None else offset[rows],
-                    None if shift is None else shift[rows],
-                    rows.stop - rows.start,
-                )
-            )
+            rows = slice(first, first + per)
+            error = None if start_error is None else start_error[rows]
+            parts.append(self._readings(segments, settings.map(lambda v: v[rows]), error))  # noqa: B023
         return torch.cat(parts)
 
-    def _play(self, cut, effects, parameters, offset, shift, sets) -> Tensor:
-        count = len(cut)
-        cars = sets * count
-        env, stack = self._environment(effects, parameters, cars, count)
-        pose, velocity = _started(cut, stack, sets, shift)
-        action = _commanded(cut, offset, sets)
-        start = TensorDict({keys.POSE: pose[:, 0], keys.VELOCITY: velocity[:, 0]}, [cars])
-        state = env.reset(start)
+    @torch.no_grad()
+    def _readings(self, segments, settings: Settings, start_error: Tensor | None) -> Tensor:
+        sets, count = len(settings), len(segments)
+        env, stack = self._environment(settings, count)
+        pose, velocity = _start(segments, stack, sets, start_error)
+        action = _commands(segments, settings.clock_offset)
+
+        def act(row: int, state: TensorDictBase) -> TensorDictBase:
+            if row <= WARM_UP:
+                _impose(state, pose[:, row], velocity[:, row])
+            return state.set(keys.ACTION, action[:, row])
+
+        state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
+        wanted = set((self.instants(segments) + WARM_UP).tolist())
+        states = trajectory(env, state, act, action.shape[1] - 1)
+        seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
+        return torch.stack(seen, 1).view(sets, count, len(seen), 6)
+
+    def single_steps(
+        self, segments: Segments, settings: Settings = AS_GIVEN
+    ) -> Iterator[tuple[int, Tensor, Tensor]]:
+        """Steps from the measured motion, imposed at every row, so that latent states follow it.
+
+        Yields:
+            Row k, the motion [C * N, 6] that is imposed there, and that a step later, as the
+            engine has it; rows from WARM_UP to the last but one.
+        """
+        sets = len(settings)
+        env, stack = self._environment(settings, len(segments))
+        pose, velocity = (
+            x.repeat(sets, 1, 1) for x in (segments.smooth_pose, segments.smooth_velocity)
+        )
+        for effect in reversed(stack):
+            pose, velocity = effect.unsensed(pose, velocity, segments.dt)
+        action = segments.action.repeat(sets, 1, 1)
+
+        def act(row: int, state: TensorDictBase) -> TensorDictBase:
+            _impose(state, pose[:, row], velocity[:, row])
+            return state.set(keys.ACTION, action[:, row])
+
+        state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
+        states = trajectory(env, state, act, action.shape[1] - 1)
+        for row, (_, after) in enumerate(pairwise(states)):
+            if row >= WARM_UP:
+                yield row, torch.cat([pose[:, row], velocity[:, row]], -1), _motion(after)
+
+    def drive(
+        self, actions: Tensor, settings: Settings, start: TensorDictBase
+    ) -> Iterator[TensorDictBase]:
+        """Yields the states [B] of B environments under actions [B, T, 2], T of them.
+
+        Args:
+            actions: Commands.
+            settings: One parameter set.
+            start: `pose` and `velocity` [B, 3].
+        """
+        env, _ = self._environment(settings, len(actions))
+        states = trajectory(
+            env,
+            env.reset(start),
+            lambda row, state: state.set(keys.ACTION, actions[:, row]),
+            actions.shape[1] - 1,
+        )
+        yield from states
+
+    def _environment(self, settings: Settings, count: int):
+        """One environment for each set and segment."""
+        each = settings.map(lambda v: _each(v, count))
+        simulator = self.make(len(settings) * count)
+        return augmented(simulator, each.effects, each.parameters, self.standing, self.options)
+
+    def _reset(self, env, stack, segments: Segments, pose: Tensor, velocity: Tensor):
+        """State at row 0, latent states of effects as the commands before it left them."""
+        sets = len(pose) // len(segments)
+        state = env.reset(TensorDict({keys.POSE: pose, keys.VELOCITY: velocity}, [len(pose)]))
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
-            state[keys.ELAPSED] = cut.elapsed.repeat(sets).unsqueeze(-1)
+            state[keys.ELAPSED] = segments.elapsed.repeat(sets).unsqueeze(-1)
         for effect in stack:
             if isinstance(effect, RememberingCommand) and effect.lasting and effect.active:
-                told = cut.earlier[..., effect.channel].repeat(sets, 1)
-                state[effect.memory] = effect.remembered(state[effect.memory], told)
-        wanted = set((self.instants(cut) + WARM_UP).tolist())
-        seen = []
-        for row in range(cut.pose.shape[1]):
-            if row <= WARM_UP:
-                state[keys.POSE], state[keys.VELOCITY] = pose[:, row], velocity[:, row]
-            if row in wanted:
-                seen.append(reading(state))
-            if row < cut.pose.shape[1] - 1:
-                state[keys.ACTION] = action[:, row]
-                state = env.step(state)["next"]
-        read = torch.stack(seen, 1).view(sets, count, len(seen), 6)
-        return _compared(read, cut, self.instants(cut))
-
-    def _environment(self, effects, parameters, cars, count):
-        each = {e: {p: _each(v, count) for p, v in ps.items()} for e, ps in effects.items()}
-        own = {name: _each(v, count) for name, v in parameters.items()}
-        return explained(self.make(cars), each, own, self.standing, self.options)
+                given = segments.earlier[..., effect.channel].repeat(sets, 1)
+                state[effect.memory] = effect.remembered(state[effect.memory], given)
+        return state
 
 
-def _each(values: Tensor, count: int) -> Tensor:
-    """Values [C] or [C, N] of each car [C * N]."""
-    return values.repeat_interleave(count) if values.dim() == 1 else values.flatten()
-
-
-def explained(
-    simulator: EnvBase,
-    effects: Values,
-    parameters: Mapping[str, Tensor],
-    standing: Sequence[Effect] = (),
-    options: Options | None = None,
-) -> tuple[TransformedEnv, list[Effect]]:
-    """A simulator with other parameters and more effects, and all effects that it then has.
-
-    Effects that the simulator has already stay, and all stand in the one order that is right:
-    what acts on the motion before what senses it.
-
-    Args:
-        simulator: Of any number of cars; not changed.
-        effects: Effect -> parameter -> value of each car.
-        parameters: The simulator's own -> value of each car.
-        standing: Further effects that are in it, with one value for all cars.
-        options: Of `effects`, by name.
-
-    Raises:
-        ValueError: The simulator has one of the effects already, or transforms that are none.
-    """
-    # `with_parameters` of the whole would be the engine's: its effects would be gone.
-    engine = simulator.base_env if isinstance(simulator, TransformedEnv) else simulator
-    given = [effect.clone() for effect in (*effects_of(simulator), *standing)]
-    if parameters:
-        values = TensorDict(dict(parameters), engine.batch_size)
-        engine = engine.with_parameters(values)  # type: ignore[operator]
-    stack = [
-        make_effect(name, (options or {}).get(name)).with_parameters(
-            TensorDict(dict(values), engine.batch_size)
-        )
-        for name, values in effects.items()
-    ]
-    twice = sorted({e.name for e in given} & {e.name for e in stack})
-    if twice:
-        raise ValueError(f"the simulator has {', '.join(twice)} already: look for other effects")
-    stack = sorted([*given, *stack], key=_place)
-    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-    for effect in stack:
-        env.append_transform(effect)
-    return env, stack
-
-
-def effects_of(simulator: EnvBase) -> list[Effect]:
-    """Effects that a simulator has from the start, from its engine outwards.
-
-    Raises:
-        ValueError: It has transforms that are no effects.
-    """
-    if not isinstance(simulator, TransformedEnv):
-        return []
-    outer = simulator.transform
-    found = list(outer) if isinstance(outer, Compose) else [outer]
-    others = [type(t).__name__ for t in found if not isinstance(t, Effect)]
-    if others:
-        raise ValueError(
-            f"a simulator may have effects over its engine, not {', '.join(others)}: those are a "
-            "task's"
-        )
-    return found  # type: ignore[return-value]
-
-
-def _place(effect: Effect) -> int:
-    """From the engine outwards; corrections next to it, one's own with the last of their kind."""
-    if effect.name in CORRECTIONS:
-        return -1
-    name = effect.name if effect.name in ORDER else LAST_OF_KIND[effect.kind]
-    return ORDER.index(name)
-
-
-def _count(effects, parameters, offset, shift) -> int:
-    for values in effects.values():
-        for value in values.values():
-            return len(value)
-    for value in (parameters or {}).values():
-        return len(value)
-    for value in (offset, shift):
-        if value is not None:
-            return len(value)
-    return 1
-
-
-def _started(cut: Stretches, stack: Sequence, sets: int, shift: Tensor | None):
-    """True motion [C * N, WARM_UP + 1, 3] that the records show, as each set's sensor has it."""
-    rows = slice(0, WARM_UP + 1 + AHEAD)
-    pose = cut.smooth_pose[:, rows].repeat(sets, 1, 1)
-    velocity = cut.smooth_velocity[:, rows].repeat(sets, 1, 1)
-    for effect in reversed(stack):
-        pose, velocity = effect.unsensed(pose, velocity, cut.dt)
-    pose, velocity = pose[:, : WARM_UP + 1].clone(), velocity[:, : WARM_UP + 1].clone()
-    if shift is not None:
-        off = shift.repeat_interleave(len(cut), 0)  # (C * N, 6)
-        pose[:, -1, :2] += rotate(off[:, :2], pose[:, -1, 2])
-        pose[:, -1, 2] += off[:, 2]
-        velocity[:, -1] += off[:, 3:]
-    return pose, velocity
-
-
-def _commanded(cut: Stretches, offset: Tensor | None, sets: int) -> Tensor:
-    """Commands [C * N, L, 2] as they took effect, `offset` [C] or [C, N] s later than stamped."""
-    action = cut.action
-    if offset is None or not bool(offset.any()):
-        return action.repeat(sets, 1, 1)
-    length = action.shape[1]
-    place = torch.arange(length) - (_each(offset, len(cut)) / cut.dt).unsqueeze(-1)  # (C * N, L)
-    place = place.clamp(0, length - 1)
-    before = place.floor().long().clamp_max(length - 2)
-    all_ = action.repeat(sets, 1, 1)
-    older, newer = (
-        all_.gather(1, row.unsqueeze(-1).expand(-1, -1, 2)) for row in (before, before + 1)
-    )
-    return torch.lerp(older, newer, (place - before).unsqueeze(-1))
-
-
-def reading(state: TensorDictBase) -> Tensor:
-    """What the sensor shows of a state: pose and velocity [*, 6]."""
+def sensed(state: TensorDictBase) -> Tensor:
+    """What the sensor shows of a state: pose and velocity [*, 6], float32."""
     pose = state.get(keys.MEASURED_POSE, None)
     velocity = state.get(keys.MEASURED_VELOCITY, None)
     pose = state[keys.POSE] if pose is None else pose
     velocity = state[keys.VELOCITY] if velocity is None else velocity
-    return torch.cat([pose, velocity], -1)
+    return torch.cat([pose, velocity], -1).float()
 
 
-def _compared(read: Tensor, cut: Stretches, instants: Tensor) -> Tensor:
-    measured = torch.cat([cut.pose, cut.velocity], -1)[:, WARM_UP + instants]  # (N, K, 6)
-    gap = read - measured
-    heading = cut.smooth_pose[:, WARM_UP, 2].view(1, -1, 1)
-    place = rotate(gap[..., :2], -heading.expand(gap.shape[:-1]))
-    return torch.cat([place, gap[..., 2:]], -1)
+def _motion(state: TensorDictBase) -> Tensor:
+    """True pose and velocity [*, 6], float32."""
+    return torch.cat([state[keys.POSE], state[keys.VELOCITY]], -1).float()
+
+
+def _impose(state: TensorDictBase, pose: Tensor, velocity: Tensor) -> None:
+    """Sets the motion, in the precision of the simulator."""
+    state[keys.POSE] = pose.to(state[keys.POSE].dtype)
+    state[keys.VELOCITY] = velocity.to(state[keys.VELOCITY].dtype)
+
+
+def _each(values: Tensor, count: int) -> Tensor:
+    """Values [C] or [C, N] for each environment [C * N]."""
+    return values.repeat_interleave(count) if values.dim() == 1 else values.flatten()
+
+
+def _start(
+    segments: Segments, stack: Sequence[Effect], sets: int, error: Tensor | None
+) -> tuple[Tensor, Tensor]:
+    """True pose and velocity [C * N, WARM_UP + 1, 3] that the measurements show, by set."""
+    rows = slice(0, WARM_UP + 1 + AHEAD)
+    pose = segments.smooth_pose[:, rows].repeat(sets, 1, 1)
+    velocity = segments.smooth_velocity[:, rows].repeat(sets, 1, 1)
+    for effect in reversed(stack):
+        pose, velocity = effect.unsensed(pose, velocity, segments.dt)
+    pose, velocity = pose[:, : WARM_UP + 1].clone(), velocity[:, : WARM_UP + 1].clone()
+    if error is not None:
+        each = error.repeat_interleave(len(segments), 0)  # (C * N, 6)
+        pose[:, -1, :2] += rotate(each[:, :2], pose[:, -1, 2])
+        pose[:, -1, 2] += each[:, 2]
+        velocity[:, -1] += each[:, 3:]
+    return pose, velocity
+
+
+def _commands(segments: Segments, offset: Tensor) -> Tensor:
+    """Commands [C * N, L, 2] as they act, `offset` [C] or [C, N] s later than stamped."""
+    action = segments.action.repeat(len(offset), 1, 1)
+    if not bool(offset.any()):
+        return action
+    length = action.shape[1]
+    late = _each(offset, len(segments)) / segments.dt  # (C * N,) rows
+    row = (torch.arange(length) - late.unsqueeze(-1)).clamp(0, length - 1)  # (C * N, L)
+    before = row.floor().long().clamp_max(length - 2)
+    older, newer = (
+        action.gather(1, index.unsqueeze(-1).expand(-1, -1, 2)) for index in (before, before + 1)
+    )
+    return torch.lerp(older, newer, (row - before).unsqueeze(-1))

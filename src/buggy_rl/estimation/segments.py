@@ -1,54 +1,48 @@
-"""What drives are compared by: stretches of about a second, and how noisily they were measured."""
+"""Rollout segments: about a second of a recording each, with the measured motion before it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
-import numpy as np
 import torch
-from scipy.signal import savgol_coeffs
 from tensordict import TensorDict
 from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.recordings import Recording
-from buggy_rl.recordings.windows import filtered, local_parabola, windows
+from buggy_rl.recordings.filters import filtered, local_parabola
+from buggy_rl.recordings.windows import windows
 from buggy_rl.vehicle import rotate
 
-WARM_UP = 30  # rows (0.3 s) of measured motion imposed before a rollout: hidden states settle
-HORIZONS = (0.3, 1.0, 3.0)  # [s]
+WARM_UP = 30  # [rows] 0.3 s of measured motion imposed before a rollout: latent states settle
+HORIZONS = (0.3, 1.0, 3.0)  # [s] at which rollouts are judged
 CHANNELS = ("vx", "vy", "yaw_rate")
-AHEAD = 30  # rows known beyond a stretch's start, for sensors that report late
-EARLIER = 300  # rows before a stretch that tell where play in a linkage lies
-SMOOTHING = 15  # rows of the parabola through what was measured: keeps what a car can do
-# Correlations of noise that are told apart: what lasts longer than 2/3 of the parabola looks alike.
-COLOURS = tuple(math.exp(-1.5 * k / SMOOTHING) for k in (math.inf, *np.geomspace(20, 1, 40)))
-FAINT = 0.3  # and what is less than this may be the car
+AHEAD = 30  # [rows] known beyond a segment's start, for sensors that report late
+EARLIER = 300  # [rows] of commands before a segment: play and slow servos remember them
+SMOOTHING = 15  # [rows] of the local parabola; a car's motion bends little within 0.15 s
 
 
 @dataclass(frozen=True)
-class Stretches:
-    """N stretches of drives, L = WARM_UP + H + 1 rows each; row WARM_UP is where rollouts start."""
+class Segments:
+    """N segments of L = WARM_UP + H + 1 rows each; rollouts start at row WARM_UP."""
 
     pose: Tensor
-    """[N, L, 3] as measured; x, y [m], yaw [rad], not wrapped."""
+    """[N, L, 3] measured; x, y [m], yaw [rad], not wrapped."""
     velocity: Tensor
-    """[N, L, 3] as measured [m/s, rad/s]."""
+    """[N, L, 3] measured [m/s, rad/s]."""
     smooth_pose: Tensor
-    """[N, L, 3] with most of the noise taken off."""
+    """[N, L, 3] smoothed; rollouts start from it."""
     smooth_velocity: Tensor
-    """[N, L, 3] likewise."""
+    """[N, L, 3] smoothed."""
     action: Tensor
     """[N, L, 2]"""
     earlier: Tensor
-    """[N, EARLIER, 2] actions before row 0; the first of a drive stands for those before it."""
+    """[N, EARLIER, 2] actions before row 0; the first of a recording stands for those before it."""
     elapsed: Tensor
-    """[N] time since the drive began, at row 0 [s]."""
-    drive: Tensor
-    """[N] int, which drive."""
+    """[N] time since the recording began, at row 0 [s]."""
+    recording: Tensor
+    """[N] int, index of the recording."""
     row: Tensor
-    """[N] int, row 0's place in its drive."""
+    """[N] int, row of the recording that is row 0."""
     dt: float
     """[s]"""
 
@@ -57,129 +51,83 @@ class Stretches:
 
     @property
     def horizon(self) -> int:
-        """Rows that a rollout covers."""
+        """Rows of a rollout (H)."""
         return self.pose.shape[1] - WARM_UP - 1
 
     @property
-    def seen_from_start(self) -> Tensor:
-        """Measured motion [N, H, 6] of the rollouts, places from where they start, x ahead."""
+    def measured(self) -> Tensor:
+        """[N, L, 6] measured pose and velocity."""
+        return torch.cat([self.pose, self.velocity], -1)
+
+    @property
+    def motion_from_start(self) -> Tensor:
+        """[N, H, 6] measured motion of the rollouts; x, y ahead and left of where they start."""
         start = self.smooth_pose[:, WARM_UP : WARM_UP + 1]
         pose, velocity = self.pose[:, WARM_UP + 1 :], self.velocity[:, WARM_UP + 1 :]
         way = pose[..., :2] - start[..., :2]
-        place = rotate(way, -start[..., 2].expand(way.shape[:-1]))
-        return torch.cat([place, pose[..., 2:] - start[..., 2:], velocity], -1)
+        position = rotate(way, -start[..., 2].expand(way.shape[:-1]))
+        return torch.cat([position, pose[..., 2:] - start[..., 2:], velocity], -1)
 
-    def __getitem__(self, index: Tensor) -> "Stretches":
+    def __getitem__(self, index: Tensor) -> "Segments":
         parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}
         return replace(self, **parts)
 
+    def length_blocks(self) -> Tensor:
+        """[N] A number shared by segments that start within one length of each other."""
+        return self.recording * 1_000_000 + self.row // self.pose.shape[1]
 
-def stretches(recordings: Sequence[Recording], seconds: float, stride: float) -> Stretches:
-    """Cuts drives into stretches.
+    def spread(self, most: int) -> "Segments":
+        """At most so many of them, spread evenly over the recordings."""
+        if len(self) <= most:
+            return self
+        return self[torch.linspace(0, len(self) - 1, most).round().long()]
+
+
+def cut_segments(
+    recordings: Sequence[Recording], seconds: float, stride: float, smoothing: int = SMOOTHING
+) -> Segments:
+    """Cuts recordings into segments; none crosses a gap.
 
     Args:
-        recordings: Drives, all with the same control period.
+        recordings: All with the same control period.
         seconds: Length of a rollout.
-        stride: From the start of one to the start of the next [s].
+        stride: From the start of one segment to the start of the next [s].
+        smoothing: Rows of the local parabola.
 
     Raises:
-        ValueError: No drive has a stretch of that length without a gap.
+        ValueError: No recording has a gap-free segment of that length.
     """
     dt = recordings[0].dt
-    length = WARM_UP + round(seconds / dt) + 1
-    smooth = [_smoothed(recording) for recording in recordings]
-    cut = windows(recordings, length, max(1, round(stride / dt)))
-    soft = windows(smooth, length, max(1, round(stride / dt)))
-    row, drive = cut[keys.ROW][:, 0], cut[keys.RECORDING][:, 0]
+    length, rows = WARM_UP + round(seconds / dt) + 1, max(1, round(stride / dt))
+    measured = windows(recordings, length, rows)
+    smooth = windows([_smoothed(r, smoothing) for r in recordings], length, rows)
+    first, index = measured[keys.ROW][:, 0], measured[keys.RECORDING][:, 0]
     begun = torch.stack([recording.data[keys.TIME][0, 0] for recording in recordings])
-    times = [
-        recordings[d].data[keys.TIME][r, 0]
-        for d, r in zip(drive.tolist(), row.tolist(), strict=True)
-    ]
-    return Stretches(
-        pose=cut[keys.POSE],
-        velocity=cut[keys.VELOCITY],
-        smooth_pose=soft[keys.POSE],
-        smooth_velocity=soft[keys.VELOCITY],
-        action=cut[keys.ACTION],
-        earlier=torch.stack(
-            [_earlier(recordings[d], r) for d, r in zip(drive.tolist(), row.tolist(), strict=True)]
-        ),
-        elapsed=(torch.stack(times) - begun[drive]).float(),
-        drive=drive,
-        row=row,
+    starts = list(zip(index.tolist(), first.tolist(), strict=True))
+    times = torch.stack([recordings[i].data[keys.TIME][row, 0] for i, row in starts])
+    return Segments(
+        pose=measured[keys.POSE],
+        velocity=measured[keys.VELOCITY],
+        smooth_pose=smooth[keys.POSE],
+        smooth_velocity=smooth[keys.VELOCITY],
+        action=measured[keys.ACTION],
+        earlier=torch.stack([_earlier(recordings[i], row) for i, row in starts]),
+        elapsed=(times - begun[index]).float(),
+        recording=index,
+        row=first,
         dt=dt,
     )
 
 
 def _earlier(recording: Recording, row: int) -> Tensor:
-    told = recording.data[keys.ACTION][max(0, row - EARLIER) : row + 1]
-    return torch.cat([told[:1].expand(EARLIER + 1 - len(told), -1), told])[:-1]
+    given = recording.data[keys.ACTION][max(0, row - EARLIER) : row + 1]
+    return torch.cat([given[:1].expand(EARLIER + 1 - len(given), -1), given])[:-1]
 
 
-def _smoothed(recording: Recording) -> Recording:
-    soft = filtered(recording, SMOOTHING, local_parabola)
-    data = soft.data
+def _smoothed(recording: Recording, rows: int) -> Recording:
+    smooth = filtered(recording, rows, local_parabola)
+    data = smooth.data
     for segment in data[keys.SEGMENT].unique():
-        rows = data[keys.SEGMENT] == segment
-        data[keys.POSE][rows] = local_parabola(data[keys.POSE][rows], SMOOTHING)
-    return Recording(soft.name, TensorDict(data.to_dict(), data.batch_size), soft.dt)
-
-
-def sensor_noise(cut: Stretches) -> Tensor:
-    """Standard deviation [6] of x, y, yaw, vx, vy, yaw_rate of a row.
-
-    What a parabola over `SMOOTHING` rows leaves, in the median over the rows, and made up for the
-    share of the noise that such a parabola follows.
-    """
-    spread = 1.4826 * _rest(cut).flatten(0, 1).abs().median(0).values
-    floor = torch.tensor([1e-4, 1e-4, 3e-4, 1e-3, 1e-3, 1e-3])  # [m, rad, m/s, rad/s] rounding
-    return torch.maximum(spread / followed(colour(cut)).left ** 0.5, floor)
-
-
-def start_noise(cut: Stretches) -> Tensor:
-    """Standard deviation [6] of a smoothed row, from which a rollout starts."""
-    return followed(colour(cut)).kept ** 0.5 * sensor_noise(cut)
-
-
-def colour(cut: Stretches) -> float:
-    """Correlation rho of the noise from row to row, the same in all channels; 0 for white noise.
-
-    By how often two rows that follow one another lie on the same side of their parabolas: of
-    Gaussian noise P = 1/2 + asin(r) / pi. Of the channels the middle one counts, since in some
-    the car itself moves faster than a parabola; and `FAINT` colour is taken for none.
-    """
-    rest = _rest(cut)
-    same = ((rest[:, 1:] * rest[:, :-1]) > 0).double().mean((0, 1))  # (6,)
-    seen = float(torch.sin(torch.pi * (same - 0.5)).median())
-    rho = float(np.interp(seen, [followed(r).along for r in COLOURS], COLOURS))
-    return rho if rho >= FAINT else 0.0
-
-
-@dataclass(frozen=True)
-class Followed:
-    """What a parabola over `SMOOTHING` rows makes of noise of variance 1."""
-
-    kept: float
-    """Variance of the parabola's middle."""
-    left: float
-    """Variance of what it leaves."""
-    along: float
-    """Correlation of what it leaves from row to row."""
-
-
-@cache
-def followed(rho: float) -> Followed:
-    """Of noise whose rows are correlated by rho^|lag|."""
-    middle = savgol_coeffs(SMOOTHING, 2)
-    rest = -middle
-    rest[SMOOTHING // 2] += 1.0
-    lag = np.subtract.outer(np.arange(SMOOTHING), np.arange(SMOOTHING))
-    now, next_ = (float(rho) ** np.abs(lag - shift) for shift in (0, 1))
-    left = float(rest @ now @ rest)
-    return Followed(float(middle @ now @ middle), left, float(rest @ next_ @ rest) / left)
-
-
-def _rest(cut: Stretches) -> Tensor:
-    """[N, L, 6] measured less smoothed."""
-    return torch.cat([cut.pose - cut.smooth_pose, cut.velocity - cut.smooth_velocity], -1)
+        inside = data[keys.SEGMENT] == segment
+        data[keys.POSE][inside] = local_parabola(data[keys.POSE][inside], rows)
+    return Recording(smooth.name, TensorDict(data.to_dict(), data.batch_size), smooth.dt)

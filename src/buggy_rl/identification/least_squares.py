@@ -1,20 +1,42 @@
-"""Fits the physical parameters a simulator declares to drives, and says what they cannot tell."""
+"""Fits the physical parameters a simulator declares to recordings, and says what these cannot tell.
+
+Least squares on rollouts: a robust loss, a weak prior, start errors integrated out.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
-from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
 
-from buggy_rl.identification.residuals import RolloutResiduals, Simulator
+from buggy_rl.estimation.cross_validation import jackknife
+from buggy_rl.estimation.noise_model import start_sensitivity
+from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
 from buggy_rl.parameters import Parameter
+from buggy_rl.recordings import Recording
 
-WIDE = 0.5  # an interval that covers this share of the range determines nothing
-CORRELATED = 0.95  # two parameters whose errors go together like this trade against each other,
-TRADED = 0.1  # which matters where the interval covers this share of the range
+WIDE = 0.5  # [parameter ranges] an interval of this width determines nothing
+CORRELATED = 0.95  # [-] two parameters with errors correlated like this trade against each other,
+TRADED = 0.1  # [parameter ranges] which matters where the interval is wider than this
+CHANNEL_SCALE = {  # residual that weighs as one
+    "position": 0.02,  # [m]
+    "yaw": 0.03,  # [rad]
+    "vx": 0.1,  # [m/s]
+    "vy": 0.1,  # [m/s]
+    "yaw_rate": 0.3,  # [rad/s]
+}
+SCALES = [CHANNEL_SCALE["position"], *CHANNEL_SCALE.values()]  # of x, y, yaw, vx, vy, yaw_rate
+PRIOR_SD = 0.5  # [parameter ranges] weak: keeps what the recordings do not show where it was
+STEP = 2e-3  # [parameter ranges] finite difference
+INSIDE = 1e-3  # [parameter ranges] distance from a bound at which a fit starts
+LEAST_NOISE = 1e-4  # [m/s, rad/s] standard deviation of a start velocity
+MAD_TO_SD = 1.4826  # [-] standard deviation over median absolute deviation of a Gaussian
 
 
 @dataclass(frozen=True)
@@ -58,38 +80,119 @@ def second_pass(config: FitConfig) -> int:
     return max(3, config.iterations // 2)
 
 
+@dataclass(frozen=True, eq=False)
+class RolloutResiduals:
+    """Standardised residuals as a function of parameters, each range scaled to [0, 1].
+
+    r = W e / s with the channels' scales s, and (p - p_0) / PRIOR_SD for each parameter.
+    """
+
+    simulation: Simulation
+    segments: Segments
+    """Rollouts start from their smoothed motion."""
+    parameters: Sequence[Parameter]
+    whitening: Tensor | None = None
+    """[N, D, D] W, once start errors are integrated out."""
+
+    @property
+    def prior(self) -> NDArray:
+        """The declared values [P]."""
+        return np.array([(p.value - p.lower) / (p.upper - p.lower) for p in self.parameters])
+
+    def value(self, scaled: NDArray) -> NDArray:
+        """Residuals [M] at scaled parameters [P]."""
+        return np.concatenate([self._residuals(scaled[None])[0], (scaled - self.prior) / PRIOR_SD])
+
+    def jacobian(self, scaled: NDArray) -> NDArray:
+        """Finite differences [M, P], inward at a bound; all columns in one batch."""
+        steps = np.where(scaled < 0.5, STEP, -STEP)
+        residuals = self._residuals(np.stack([scaled, *(scaled + np.diag(steps))]))  # (1 + P, M)
+        columns = ((residuals[1:] - residuals[0]) / steps[:, None]).T
+        return np.concatenate([columns, np.eye(len(scaled)) / PRIOR_SD])
+
+    def covariance(self, scaled: NDArray, group: Tensor) -> NDArray:
+        """Covariance [P, P] of the solution by leaving out one block [N] at a time."""
+        count, width = len(self.segments), len(scaled)
+        residual, jacobian = self.value(scaled), self.jacobian(scaled)
+        weight = 1 / np.sqrt(1 + residual**2)  # derivative of soft_l1
+        parts = (jacobian, jacobian * weight[:, None], (weight * residual)[:, None])
+        rows, weighted, scores = (
+            torch.from_numpy(x[:-width].reshape(count, -1, x.shape[1])) for x in parts
+        )
+        curvature = torch.einsum("ndp,ndq->npq", rows, weighted)
+        score = torch.einsum("ndp,ndo->np", rows, scores)
+        information = torch.full((width,), PRIOR_SD**-2, dtype=torch.float64)
+        precision = information * torch.from_numpy(weight[-width:])
+        return jackknife(curvature, score, precision, group, information)[1].numpy()
+
+    def with_free_starts(self, scaled: NDArray) -> "RolloutResiduals":
+        """The same with rollouts that start as measured, each start off by an unknown noise.
+
+        To first order the residual of a segment is e + A b, b ~ N(0, S) its start error; b
+        integrated out leaves the covariance s^2 I + A S A^T, whitened here. s is the scatter of
+        the residuals at `scaled`, S the sensor's velocity noise.
+        """
+        segments = self.segments
+        scatter = MAD_TO_SD * float(np.median(np.abs(self._residuals(scaled[None]))))
+        noise = torch.std(segments.velocity - segments.smooth_velocity, (0, 1))  # (3,)
+        start_sd = torch.cat([torch.zeros(3), noise.clamp_min(LEAST_NOISE)])
+        segments = replace(segments, smooth_velocity=segments.velocity)
+        settings = self._settings(scaled[None])
+        slopes, readings = start_sensitivity(self.simulation, segments, start_sd, settings)
+        slopes = slopes / torch.tensor(SCALES).double().repeat(readings).unsqueeze(-1)
+        eye = torch.eye(slopes.shape[1], dtype=torch.float64)
+        covariance = max(scatter, 1e-3) ** 2 * eye + slopes @ slopes.mT
+        whitening = torch.linalg.inv(torch.linalg.cholesky(covariance))
+        return replace(self, segments=segments, whitening=whitening)
+
+    def _settings(self, scaled: NDArray) -> Settings:
+        """Values of C sets of scaled parameters [C, P]."""
+        lower = np.array([p.lower for p in self.parameters])
+        width = np.array([p.upper - p.lower for p in self.parameters])
+        values = torch.as_tensor(lower + scaled * width, dtype=torch.float32)
+        named = {p.name: values[:, column] for column, p in enumerate(self.parameters)}
+        return Settings(parameters=named)
+
+    def _residuals(self, scaled: NDArray) -> NDArray:
+        """Residuals [C, M] of C sets of scaled parameters, in one batch."""
+        residuals = self.simulation.residuals(self.segments, self._settings(scaled))
+        flat = (residuals / torch.tensor(SCALES)).flatten(2).double()  # (C, N, D)
+        if self.whitening is not None:
+            flat = torch.einsum("nij,cnj->cni", self.whitening, flat)
+        if not bool(flat.isfinite().all()):
+            raise FloatingPointError(
+                "the simulator returned values that are not finite: narrow its parameters' ranges"
+            )
+        return flat.flatten(1).numpy()
+
+
 def fit(
-    simulator: Simulator,
-    windows: TensorDictBase,
-    smooth_velocity: torch.Tensor,
-    groups: torch.Tensor,
+    make: Callable[[int], EnvBase],
+    recordings: Sequence[Recording],
     config: FitConfig,
     on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
 ) -> list[Estimate]:
-    """Least squares on rollouts, with a column of the Jacobian a row of the simulator's batch.
+    """Least squares on rollouts, with a column of the Jacobian a part of the simulator's batch.
 
     A first pass starts its rollouts from smoothed velocities. A second starts from those measured
-    and lets each window's start be off by the sensor's noise (see `RolloutResiduals.free_start`):
-    noise in the start would pull parameters away from the truth. Intervals are cluster-robust:
-    neighbouring windows count once.
+    and lets each segment's start be off by the sensor's noise: noise in the start would pull
+    parameters away from the truth. Intervals leave out one segment at a time.
 
     Args:
-        simulator: Has `declared` parameters and takes them by `with_parameters`.
-        windows: [N, WARM_UP + horizon + 1] of drives.
-        smooth_velocity: [N, WARM_UP + horizon + 1, 3] their velocities without noise and lag.
-        groups: [N] int, windows with the same number are not independent.
+        make: Builds the simulator for a number of environments; it has `declared` parameters and
+            `with_parameters`.
+        recordings: What it is fitted to.
         config: How.
         on_iteration: Told `iteration` and `cost` after each step of the solver.
 
     Raises:
         KeyError: A name in the config is not a parameter of the simulator.
+        ValueError: The simulator declares none, or a rollout holds no instant to compare.
         FloatingPointError: The simulator does not return finite rollouts.
     """
-    declared = [name for name in simulator.declared if name not in config.fixed]
-    names = config.parameters or declared
-    if not names:
-        raise ValueError("the simulator declares no parameters to fit")
-    residuals = RolloutResiduals(simulator, names, windows, smooth_velocity, config.every)
+    segments = fit_segments(recordings, config)
+    simulation = Simulation(make, every=config.every)
+    residuals = RolloutResiduals(simulation, segments, _chosen(make(1), config))
     iteration = 0
 
     def report(intermediate_result) -> None:
@@ -97,46 +200,75 @@ def fit(
         iteration += 1
         on_iteration({"iteration": iteration, "cost": float(intermediate_result.cost)})
 
-    def solve(start: np.ndarray, iterations: int) -> np.ndarray:
-        return least_squares(
-            residuals.value,
-            start.clip(1e-3, 1 - 1e-3),
-            residuals.jacobian,  # type: ignore[arg-type]  # a callable is allowed
-            bounds=(0.0, 1.0),
-            loss="soft_l1",
-            x_scale=0.1,
-            ftol=1e-6,
-            xtol=1e-6,
-            max_nfev=iterations,
-            callback=report,
-        ).x
+    scaled = _solved(residuals, residuals.prior, config.iterations, report)
+    residuals = residuals.with_free_starts(scaled)
+    scaled = _solved(residuals, scaled, second_pass(config), report)
+    group = segments.length_blocks()
+    covariance = residuals.covariance(scaled, group)
+    spread = float(student_t.ppf(0.975, max(1, len(group.unique()) - 1)))
+    return _estimates(residuals.parameters, scaled, covariance, spread)
 
-    place = solve(residuals.prior, config.iterations)
-    residuals.free_start(place)
-    place = solve(place, second_pass(config))
-    covariance = residuals.covariance(place, groups.numpy())
-    spread = float(student_t.ppf(0.975, max(1, len(np.unique(groups)) - 1)))
-    return _estimates(residuals.chosen, place, covariance, spread)
+
+def fit_segments(recordings: Sequence[Recording], config: FitConfig) -> Segments:
+    """Segments that follow one another, started from measured poses and smoothed velocities."""
+    dt = recordings[0].dt
+    if round(config.horizon / dt) < config.every:
+        raise ValueError(
+            f"segments of {round(config.horizon / dt)} rows hold no instant to compare every "
+            f"{config.every} rows: lengthen fit.horizon or lower fit.every"
+        )
+    stride = WARM_UP * dt + config.horizon + dt
+    segments = cut_segments(recordings, config.horizon, stride, config.smoothing)
+    return replace(segments, smooth_pose=segments.pose).spread(config.windows)
+
+
+def _chosen(simulator: EnvBase, config: FitConfig) -> list[Parameter]:
+    declared: dict[str, Parameter] = getattr(simulator, "declared", {})
+    unknown = sorted(set(config.parameters) - set(declared))
+    if unknown:
+        raise KeyError(
+            f"the simulator has no parameter {', '.join(unknown)}; "
+            f"available: {', '.join(sorted(declared)) or 'none'}"
+        )
+    names = config.parameters or [name for name in declared if name not in config.fixed]
+    if not names:
+        raise ValueError("the simulator declares no parameters to fit")
+    return [declared[name] for name in names]
+
+
+def _solved(residuals: RolloutResiduals, start: NDArray, iterations: int, report) -> NDArray:
+    return least_squares(
+        residuals.value,
+        start.clip(INSIDE, 1 - INSIDE),
+        residuals.jacobian,  # type: ignore[arg-type]  # a callable is allowed
+        bounds=(0.0, 1.0),
+        loss="soft_l1",
+        x_scale=0.1,
+        ftol=1e-6,
+        xtol=1e-6,
+        max_nfev=iterations,
+        callback=report,
+    ).x
 
 
 def _estimates(
-    chosen: Sequence[Parameter], place: np.ndarray, covariance: np.ndarray, spread: float
+    chosen: Sequence[Parameter], scaled: np.ndarray, covariance: np.ndarray, spread: float
 ) -> list[Estimate]:
     sd = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sd, sd)
     estimates = []
     for i, parameter in enumerate(chosen):
         width = parameter.upper - parameter.lower
-        low, high = (np.array([-spread, spread]) * sd[i] + place[i]).clip(0, 1)
+        low, high = (np.array([-spread, spread]) * sd[i] + scaled[i]).clip(0, 1)
         warnings = []
         if high - low > WIDE:
             warnings.append("these drives do not determine it")
-        if place[i] < 0.01 or place[i] > 0.99:
+        if scaled[i] < 0.01 or scaled[i] > 0.99:
             warnings.append("it lies at the edge of its range")
         for j, other in enumerate(chosen):
             if j != i and abs(correlation[i, j]) > CORRELATED and high - low > TRADED:
                 warnings.append(f"these drives cannot tell it from {other.name}")
-        value, low, high = (float(parameter.lower + x * width) for x in (place[i], low, high))
+        value, low, high = (float(parameter.lower + x * width) for x in (scaled[i], low, high))
         estimates.append(Estimate(parameter, value, low, high, tuple(warnings)))
     return estimates
 

@@ -1,4 +1,4 @@
-"""How far a simulator can be trusted: the same commands played into it, against held-out drives."""
+"""Open-loop errors: rollouts of a simulator under the commands of held-out recordings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,59 +9,37 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.estimation.segments import HORIZONS, WARM_UP
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import HORIZONS, WARM_UP, Segments
 from buggy_rl.vehicle import wrap_angle
 
 
-@torch.no_grad()
-def open_loop(
-    make: Callable[[int], EnvBase],
-    windows: TensorDictBase,
-    start_velocity: Tensor | None = None,
-    warm_up: int = WARM_UP,
-    chunk: int = 2048,
-) -> TensorDict:
-    """Plays the commands of windows into a simulator.
+def open_loop(make: Callable[[int], EnvBase], segments: Segments) -> TensorDict:
+    """Rolls a simulator out along segments; what is returned is what its sensor shows.
 
-    Over the first `warm_up` rows the measured pose and velocity are imposed at every step, so
-    that delays, lags, wheel speeds and memories settle; from there the simulator runs alone.
+    Over the first rows the segments' smoothed motion is imposed, so that delays, lags, wheel speeds
+    and memories settle; from there the simulator runs alone.
 
     Args:
-        make: Builds the simulator for a number of cars.
-        windows: [N, L] with `pose`, `velocity`, `action`.
-        start_velocity: [N, warm_up + 1, 3] velocities to impose instead of the measured ones
-            (a model trained on filtered velocities is started from filtered ones).
-        warm_up: Rows.
-        chunk: Most cars at once, to bound memory.
+        make: Builds the simulator for a number of environments.
+        segments: N of them.
 
     Returns:
-        TensorDict [N, L - warm_up] with `pose` and `velocity`; row 0 is the imposed start.
+        TensorDict [N, H + 1] with `pose` and `velocity`; row 0 is the imposed start.
     """
-    parts = []
-    for first in range(0, len(windows), chunk):
-        rows = slice(first, first + chunk)
-        start = windows[keys.VELOCITY] if start_velocity is None else start_velocity
-        parts.append(_open_loop(make, windows[rows], start[rows], warm_up))
-    return TensorDict.cat(parts)  # type: ignore[return-value]
+    read = Simulation(make, every=1).readings(segments)[0]  # (N, H, 6)
+    start = torch.cat([segments.smooth_pose, segments.smooth_velocity], -1)
+    return _motion(torch.cat([start[:, WARM_UP : WARM_UP + 1], read], 1))
 
 
-def _open_loop(make, windows: TensorDictBase, start: Tensor, warm_up: int) -> TensorDict:
-    count, length = windows.batch_size
-    engine = make(count)
-    pose, action = windows[keys.POSE], windows[keys.ACTION]
-    imposed = TensorDict({keys.POSE: pose[:, 0], keys.VELOCITY: start[:, 0]}, [count])
-    state = engine.reset(imposed.to(engine.device))
-    trail = []
-    for row in range(length):
-        if row <= warm_up:
-            state[keys.POSE] = pose[:, row].to(engine.device)
-            state[keys.VELOCITY] = start[:, row].to(engine.device)
-        if row >= warm_up:
-            trail.append(state.select(keys.POSE, keys.VELOCITY).cpu())
-        if row < length - 1:
-            state[keys.ACTION] = action[:, row].to(engine.device)
-            state = engine.step(state)["next"]
-    return TensorDict.stack(trail, 1)  # type: ignore[return-value]
+def measured(segments: Segments) -> TensorDict:
+    """What a rollout is compared with, TensorDict [N, H + 1] with `pose` and `velocity`."""
+    return _motion(segments.measured[:, WARM_UP:])
+
+
+def _motion(motion: Tensor) -> TensorDict:
+    pose, velocity = motion.split(3, -1)
+    return TensorDict({keys.POSE: pose, keys.VELOCITY: velocity}, motion.shape[:2])
 
 
 @dataclass(frozen=True)
@@ -88,11 +66,11 @@ def open_loop_error(made: TensorDictBase, measured: TensorDictBase, dt: float) -
         measured: [N, H + 1] the same rows of the drives.
         dt: Control period [s].
     """
-    gap = made[keys.POSE] - measured[keys.POSE]  # (N, H + 1, 3)
-    squared = gap[..., :2].square().sum(-1)
-    heading = wrap_angle(gap[..., 2]).abs()
+    error = made[keys.POSE] - measured[keys.POSE]  # (N, H + 1, 3)
+    squared = error[..., :2].square().sum(-1)
+    heading = wrap_angle(error[..., 2]).abs()
     velocity = (made[keys.VELOCITY] - measured[keys.VELOCITY]).square()
-    steps = {h: round(h / dt) for h in HORIZONS if round(h / dt) < gap.shape[1]}
+    steps = {h: round(h / dt) for h in HORIZONS if round(h / dt) < error.shape[1]}
     return OpenLoopError(
         position_mse={h: squared[:, 1 : n + 1].mean(1) for h, n in steps.items()},
         position={h: squared[:, n].sqrt() for h, n in steps.items()},

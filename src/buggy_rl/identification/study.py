@@ -8,13 +8,15 @@ from typing import Any
 
 from omegaconf import MISSING
 
+from buggy_rl.config import belongs_to
 from buggy_rl.identification.least_squares import FitConfig
 from buggy_rl.identification.table import Candidate
 from buggy_rl.models.factory import ModelConfig, load_model
 from buggy_rl.models.training import TrainingConfig
 from buggy_rl.recordings import load_recordings
+from buggy_rl.recordings.filters import Preparation
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.recordings.windows import Preparation, split
+from buggy_rl.recordings.splits import split
 from buggy_rl.task.env import make_simulator
 
 
@@ -60,7 +62,7 @@ class StudyConfig:
     fit: FitConfig = field(default_factory=FitConfig)
     fit_simulator: str = "mujoco"
     """The simulator that scripts/fit_mujoco.py fits: any that declares parameters."""
-    fit_options: dict[str, Any] = field(default_factory=dict)
+    fit_options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("fit_simulator"))
     """Further arguments of that simulator's class, such as tyres: contact."""
     simulators: dict[str, str] = field(default_factory=dict)
     """Further simulators for the table, by the name they have in it."""

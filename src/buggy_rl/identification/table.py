@@ -1,22 +1,23 @@
 """The original study's table 7.1: every simulator over the same held-out windows."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.estimation.segments import CHANNELS, HORIZONS, WARM_UP
+from buggy_rl.estimation.segments import CHANNELS, HORIZONS, WARM_UP, Segments, cut_segments
 from buggy_rl.identification.open_loop import (
     OpenLoopError,
     bootstrap_interval,
+    measured,
     open_loop,
     open_loop_error,
 )
+from buggy_rl.recordings.filters import filtered
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.recordings.windows import filtered, windows
 
 ORIGINAL = {  # 1 s position MSE [m^2] printed in the original study's table 7.1, on its own car
     "MLP": 0.0596,
@@ -40,65 +41,44 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class TestWindows:
-    """Held-out stretches of 0.3 s of warm-up and 3 s of rollout."""
+class HeldOut:
+    """Held-out segments of 0.3 s of warm-up and 3 s of rollout."""
 
-    rows: TensorDictBase
-    """[N, L] as measured."""
+    segments: Segments
     recordings: Sequence[Recording]
-    """The drives they were cut from."""
-
-    @property
-    def measured(self) -> TensorDictBase:
-        """What a rollout is compared with, [N, L - WARM_UP]."""
-        return self.rows[:, WARM_UP:]
-
-    def groups(self) -> torch.Tensor:
-        """[N] Windows with the same number overlap in time."""
-        return block_numbers(self.rows)
+    """That they were cut from."""
 
 
-def block_numbers(rows: TensorDictBase) -> torch.Tensor:
-    """[N] A number for each window [N, L], shared by those whose starts lie within one length."""
-    drive, first = rows[keys.RECORDING][:, 0], rows[keys.ROW][:, 0]
-    return drive * 1_000_000 + first // rows.batch_size[1]
-
-
-def thinned(rows: TensorDictBase, count: int) -> TensorDictBase:
-    """At most `count` windows, spread evenly."""
-    if len(rows) <= count:
-        return rows
-    return rows[torch.linspace(0, len(rows) - 1, count).round().long()]
-
-
-def held_out_windows(recordings: Sequence[Recording], count: int) -> TestWindows:
-    """At most `count` windows over whole held-out drives.
+def held_out_segments(recordings: Sequence[Recording], count: int) -> HeldOut:
+    """At most `count` segments over whole held-out recordings.
 
     Raises:
-        ValueError: The drives are too short for a single one.
+        ValueError: The recordings are too short for a single one.
     """
     if count < 2:
-        raise ValueError(f"a table needs at least 2 windows, got windows={count}")
-    length = WARM_UP + round(max(HORIZONS) / recordings[0].dt) + 1
+        raise ValueError(f"a table needs at least 2 segments, got windows={count}")
+    seconds, dt = max(HORIZONS), recordings[0].dt
+    length = WARM_UP + round(seconds / dt) + 1
     total = sum(max(0, len(r) - length) for r in recordings)
-    stride = max(1, total // (2 * count))
-    return TestWindows(thinned(windows(recordings, length, stride), count), recordings)
+    stride = max(1, total // (2 * count)) * dt
+    return HeldOut(cut_segments(recordings, seconds, stride).spread(count), recordings)
 
 
-def judge(candidate: Candidate, test: TestWindows) -> tuple[TensorDictBase, OpenLoopError]:
-    """Plays the test windows into a simulator; returns its rollouts and their errors."""
-    start = None
+def judge(candidate: Candidate, test: HeldOut) -> tuple[TensorDict, OpenLoopError]:
+    """Rolls a simulator out along the test segments; its rollouts and their errors."""
+    segments = replace(test.segments, smooth_pose=test.segments.pose)
+    velocity = test.segments.velocity
     if candidate.filter_width > 1:
-        start = _filtered_start(test, candidate.filter_width)
-    made = open_loop(candidate.make, test.rows, start)
-    return made, open_loop_error(made, test.measured, test.recordings[0].dt)
+        velocity = _filtered_velocity(test, candidate.filter_width)
+    made = open_loop(candidate.make, replace(segments, smooth_velocity=velocity))
+    return made, open_loop_error(made, measured(segments), segments.dt)
 
 
-def _filtered_start(test: TestWindows, width: int) -> torch.Tensor:
+def _filtered_velocity(test: HeldOut, width: int) -> torch.Tensor:
     smooth = [filtered(r, width).data[keys.VELOCITY] for r in test.recordings]
-    first, drive = test.rows[keys.ROW][:, 0], test.rows[keys.RECORDING][:, 0]
-    rows = zip(drive.tolist(), first.tolist(), strict=True)
-    return torch.stack([smooth[d][f : f + WARM_UP + 1] for d, f in rows])
+    starts = zip(test.segments.recording.tolist(), test.segments.row.tolist(), strict=True)
+    length = test.segments.pose.shape[1]
+    return torch.stack([smooth[index][row : row + length] for index, row in starts])
 
 
 def table_row(name: str, error: OpenLoopError, groups: torch.Tensor) -> dict[str, float | str]:

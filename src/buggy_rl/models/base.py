@@ -1,4 +1,4 @@
-"""One step of learned dynamics, with all that must travel with the weights."""
+"""One step of learned dynamics, with the buffers that are saved with the weights."""
 
 from abc import abstractmethod
 
@@ -8,33 +8,33 @@ from torch import Tensor, nn
 from buggy_rl.models.envelope import Envelope
 
 INPUTS = 5  # vx, vy, yaw_rate, throttle, steering
-REST_SPEED = 0.06  # [m/s] twice the velocity noise of a tracking camera: below it a car stands
-REST_YAW_RATE = 0.15  # [rad/s] likewise
-CREEP_SPEED = 1.0  # [m/s] below it a car without drive must lose speed, whatever the network says
-NO_DRIVE = -0.98  # throttle up to which nothing drives the car
-MARGIN = 0.1  # of the training range's width: how far beyond it a rollout may go
+REST_SPEED = 0.06  # [m/s] highest speed of a standing car: 2.4 times the camera's noise
+REST_YAW_RATE = 0.15  # [rad/s] highest yaw rate of a standing car: 5 times the gyroscope noise
+CREEP_SPEED = 1.0  # [m/s] speed below which a car without drive loses speed; chosen
+NO_DRIVE = -0.98  # highest throttle without drive: 1 % of it, a sixteenth of DART's deadband
+MARGIN = 0.1  # of the training range's width, by which a rollout may leave it; chosen
 
 
 class DynamicsModel(nn.Module):
-    """v' = v + s_out * f((history - mean) / s_in), mended at rest and at the edge of the data.
+    """v' = v + s_out * f((history - mean) / s_in), constrained at rest and to the training range.
 
-    A network alone creeps and turns at zero throttle, and may run away where it was never
-    trained. So a slow car that has had no drive over the whole history loses at least the speed
-    that coasting cars were seen to lose, stands still once it is slower than the sensor's noise,
-    and velocities stay within the training range widened by a tenth.
+    A bare network creeps and turns at zero throttle, and may diverge outside its training range.
+    Three constraints prevent it: a slow car without drive over the whole history loses at least
+    the speed that recorded cars lose while coasting; it stands still once it is slower than the
+    sensor noise; velocities stay within the training range widened by `MARGIN`.
 
-    Buffers are fitted to the training data and stored with the weights.
+    Buffers are fitted to the training data and saved with the weights.
     """
 
     rows: int
-    """Samples of history that go in, the present one included."""
+    """Rows of history, the present one included."""
     input_mean: Tensor
     input_scale: Tensor
     output_scale: Tensor
     rest_throttle: Tensor
-    """Throttle up to which a standing car stays."""
+    """Highest throttle at which a standing car stays at rest."""
     coast_loss: Tensor
-    """Speed that a car without drive loses in a step, at least [m/s]."""
+    """Least loss of speed in a step without drive [m/s]."""
 
     def __init__(self, rows: int) -> None:
         super().__init__()
@@ -51,11 +51,11 @@ class DynamicsModel(nn.Module):
         """Normalised history [*, rows, 5], oldest first -> normalised change of velocity [*, 3]."""
 
     def change(self, history: Tensor) -> Tensor:
-        """What the network itself says: the change of velocity [*, 3] a step; trained on."""
+        """The unconstrained change of velocity [*, 3] in a step, which is trained."""
         return self.network((history - self.input_mean) / self.input_scale) * self.output_scale
 
     def forward(self, history: Tensor) -> Tensor:
-        """The velocity one step later.
+        """Returns the velocity one step later.
 
         Args:
             history: [*, rows, 5] vx, vy [m/s], yaw_rate [rad/s], throttle, steering; oldest first,

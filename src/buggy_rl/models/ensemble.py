@@ -1,4 +1,4 @@
-"""Several models of one kind, trained from different starts; their mean is the prediction."""
+"""Several models of one kind with different initial weights; the prediction is their mean."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from buggy_rl.models.base import DynamicsModel
 
 
 class Ensemble(DynamicsModel):
-    """Mean of its members' changes of velocity; their spread says how sure they are."""
+    """Mean of its members' changes of velocity; their standard deviation is its uncertainty."""
 
     def __init__(self, members: Sequence[DynamicsModel]) -> None:
         super().__init__(members[0].rows)
@@ -25,5 +25,5 @@ class Ensemble(DynamicsModel):
         return self._each(normalised).std(0) * self.output_scale
 
     def _each(self, history: Tensor) -> Tensor:
-        # Members share the ensemble's normalisation: they saw the same data.
+        # Members share the ensemble's normalisation: they are trained on the same data.
         return torch.stack([member.network(history) for member in self.members])  # (M, *, 3)

@@ -1,20 +1,20 @@
-"""What a model has seen: the range of its training data, and whether an input lies inside it."""
+"""The range of a model's training data, and whether an input lies inside it."""
 
 from itertools import combinations
 
 import torch
 from torch import Tensor, nn
 
-TAIL = 5e-4  # share of the data on each side taken for sensor noise, not for range
-BINS = 24  # cells along each input; coarse, so that honest driving fills them
+TAIL = 5e-4  # share of the rows on each side of the range, excluded as sensor noise; chosen
+BINS = 24  # cells along each input; coarse, so that minutes of driving fill them; chosen
 
 
 class Envelope(nn.Module):
     """Range and pairwise occupancy of the five inputs vx, vy, yaw_rate, throttle, steering.
 
-    A box alone calls full throttle with full lock known when each was driven without the other;
-    so an input also counts as unknown when one of the ten pairs falls into a cell (or next to a
-    cell) of a coarse grid in which there was no training sample.
+    A box alone contains full throttle at full lock although each was only driven without the
+    other. So an input is also outside if one of the ten pairs falls into a cell of a coarse grid
+    that has no training row in it or in a neighbouring cell.
     """
 
     low: Tensor
@@ -36,7 +36,7 @@ class Envelope(nn.Module):
         self.register_buffer("offset", torch.arange(len(pairs)) * BINS * BINS, persistent=False)
 
     def fit(self, rows: Tensor) -> None:
-        """Takes range and occupancy from training rows [N, 5]."""
+        """Fits range and occupancy to training rows [N, 5]."""
         ordered = rows.sort(0).values
         cut = int(TAIL * len(rows))
         self.low.copy_(ordered[cut])
@@ -45,17 +45,17 @@ class Envelope(nn.Module):
         counts = torch.zeros_like(self.occupied, dtype=torch.float32)
         counts.index_add_(0, cells.flatten(), torch.ones(cells.numel(), device=rows.device))
         grid = (counts > 0).float().view(-1, 1, BINS, BINS)
-        grown = nn.functional.max_pool2d(grid, 3, stride=1, padding=1)  # a cell's neighbours count
+        grown = nn.functional.max_pool2d(grid, 3, stride=1, padding=1)  # neighbouring cells
         self.occupied.copy_(grown.flatten() > 0)
 
     def outside(self, rows: Tensor) -> Tensor:
-        """Whether inputs [*, 5] lie outside what was driven; bool [*, 1]."""
+        """Whether inputs [*, 5] lie outside the training data; bool [*, 1]."""
         beyond = ((rows < self.low) | (rows > self.high)).any(-1)
         unseen = ~self.occupied[self._cells(rows)].all(-1)
         return (beyond | unseen).unsqueeze(-1)
 
     def clamp_velocity(self, velocity: Tensor, margin: float) -> Tensor:
-        """Keeps a velocity [*, 3] within the training range widened by `margin` of its width."""
+        """Clamps a velocity [*, 3] to the training range widened by `margin` of its width."""
         room = margin * (self.high - self.low)[:3]
         return torch.clamp(velocity, self.low[:3] - room, self.high[:3] + room)
 

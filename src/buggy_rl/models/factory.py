@@ -1,4 +1,4 @@
-"""Models from a config, to a file and back."""
+"""Building, saving and loading models."""
 
 import importlib
 from dataclasses import asdict, dataclass, field
@@ -7,6 +7,8 @@ from typing import Any
 
 import torch
 
+from buggy_rl.config import belongs_to
+from buggy_rl.files import save_torch
 from buggy_rl.models import MODELS
 from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
@@ -20,15 +22,15 @@ class ModelConfig:
     """A name in `MODELS`: mlp, temporal_cnn, gru, transformer."""
     members: int = 1
     """Models in the ensemble; 1 is a single model."""
-    options: dict[str, Any] = field(default_factory=dict)
-    """Arguments of the model's class, such as rows (samples of history) or hidden."""
+    options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("kind"))
+    """Arguments of the model's class, e.g. rows (of history) or hidden."""
 
 
 def make_model(config: ModelConfig) -> DynamicsModel:
     """Builds an untrained model.
 
     Raises:
-        ValueError: The kind is unknown, or an option does not belong to it.
+        ValueError: The kind or an option is unknown.
     """
     if config.kind not in MODELS:
         raise ValueError(f"no model {config.kind!r}; available: {', '.join(sorted(MODELS))}")
@@ -42,37 +44,34 @@ def make_model(config: ModelConfig) -> DynamicsModel:
 
 
 def save_model(model: DynamicsModel, config: ModelConfig, file: Path, about: dict) -> None:
-    """Writes weights, normalisation and envelope, atomically, with what they were trained on."""
-    content = {"model": asdict(config), "weights": model.state_dict(), "about": about}
-    partial = file.with_name(file.name + ".partial")
-    torch.save(content, partial)
-    partial.replace(file)
+    """Writes weights, normalisation, envelope and `about`, the metadata of the training."""
+    save_torch(file, {"model": asdict(config), "weights": model.state_dict(), "about": about})
 
 
 def load_about(file: Path | str) -> tuple[dict, dict]:
-    """The model's config and what was said of its training, without building it."""
+    """Reads the config and the training metadata of a model without building it."""
     content = _read(file)
     return content["model"], content["about"]
 
 
 def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
-    """Reads a model and what is known about its training, ready to predict.
+    """Reads a model, frozen and in evaluation mode, and its training metadata.
 
     Raises:
-        ValueError: The file is not such a model.
+        ValueError: The file is not a model of this version.
     """
     content = _read(file)
     model = make_model(ModelConfig(**content["model"]))
     try:
         model.load_state_dict(content["weights"])
     except RuntimeError as error:
-        raise ValueError(f"{file} is of another version of this project: train it anew") from error
+        raise ValueError(f"{file} is a model of another version; train it again") from error
     return model.eval().requires_grad_(False), content["about"]
 
 
 def _read(file: Path | str) -> dict:
     if not Path(file).is_file():
-        raise ValueError(f"there is no model file {file}: train one with scripts/train_models.py")
+        raise ValueError(f"there is no model file {file}; train one with scripts/train_models.py")
     content = torch.load(file, map_location="cpu", weights_only=True)
     if not isinstance(content, dict) or not {"model", "weights", "about"} <= set(content):
         raise ValueError(f"{file} was not written by scripts/train_models.py")

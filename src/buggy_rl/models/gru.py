@@ -6,7 +6,7 @@ from buggy_rl.models.base import INPUTS, DynamicsModel
 
 
 class GRU(DynamicsModel):
-    """One recurrent layer, read out after the last row; its state is rebuilt from the history."""
+    """One recurrent layer over the whole history, read out at the last row."""
 
     def __init__(self, rows: int = 20, hidden: int = 48) -> None:
         super().__init__(rows)

@@ -1,4 +1,4 @@
-"""What a model is trained on: the error of one step, or of a rollout on its own states."""
+"""Training losses: the error of one step, or of a rollout on the model's own states."""
 
 import torch
 from tensordict import TensorDictBase
@@ -9,17 +9,17 @@ from buggy_rl.models.base import DynamicsModel
 from buggy_rl.recordings.windows import model_inputs, relative_pose
 from buggy_rl.vehicle import integrate_pose
 
-VELOCITY_WEIGHT = 4.0  # of the velocity error against the pose error; both are of order one
-POSE_SCALE = 0.02  # [m] and [rad]: the pose error that counts as one right at the start
-POSE_GROWTH = 0.2  # [s] after which twice that error counts as one: errors grow with time
+VELOCITY_WEIGHT = 4.0  # of the velocity error over the pose error; both of order one; chosen
+POSE_SCALE = 0.02  # [m] and [rad] pose error that counts as one at the start; chosen
+POSE_GROWTH = 0.2  # [s] after which twice `POSE_SCALE` counts as one: errors grow; chosen
 
 
 def one_step_loss(model: DynamicsModel, batch: TensorDictBase) -> Tensor:
-    """Mean squared error of the normalised change of velocity, the original's loss.
+    """Mean squared error of the normalised change of velocity, as in the original study.
 
     Args:
         model: The model.
-        batch: Windows [B, rows + 1] or longer; the first `rows` go in, the next one is the label.
+        batch: Windows [B, rows + 1] or longer; `rows` of input, then the label.
     """
     history = model_inputs(batch)[:, : model.rows]
     velocity = batch[keys.VELOCITY]
@@ -31,9 +31,9 @@ def one_step_loss(model: DynamicsModel, batch: TensorDictBase) -> Tensor:
 def rollout_loss(model: DynamicsModel, batch: TensorDictBase, horizon: int, dt: float) -> Tensor:
     """Error of velocity and pose along `horizon` steps on the model's own states.
 
-    Huber, so that a glitch of the camera does not lead: mean over steps of the velocity error in
-    standard deviations of velocity, and of the pose error in units of `POSE_SCALE` that grow with
-    the time passed.
+    L = VELOCITY_WEIGHT H((v - v_m) / s_v) + H((p - p_m) / (POSE_SCALE (1 + t / POSE_GROWTH))),
+    with H the mean Huber loss, which is insensitive to glitches of the camera, and s_v the
+    standard deviation of the velocities.
 
     Args:
         model: The model.
@@ -43,7 +43,7 @@ def rollout_loss(model: DynamicsModel, batch: TensorDictBase, horizon: int, dt: 
     """
     rows, data = model.rows, model_inputs(batch)
     history, velocity = data[:, :rows], data[:, rows - 1, :3]
-    pose = torch.zeros_like(velocity)  # relative to the start, in the starting heading
+    pose = torch.zeros_like(velocity)  # in the frame of the first pose
     measured_pose = relative_pose(batch[keys.POSE][:, rows - 1 :])  # (B, horizon + 1, 3)
     speed_scale = model.input_scale[:3]
     elapsed = torch.arange(1, horizon + 1) * dt
@@ -57,10 +57,9 @@ def rollout_loss(model: DynamicsModel, batch: TensorDictBase, horizon: int, dt: 
             row = torch.cat([following, data[:, rows + step, 3:]], -1)
             history = torch.cat([history[:, 1:], row.unsqueeze(1)], 1)
         velocity = following
-    made_velocity, made_pose = torch.stack(velocities, 1), torch.stack(poses, 1)
-    speed_error = (made_velocity - data[:, rows : rows + horizon, :3]) / speed_scale
+    speed_error = (torch.stack(velocities, 1) - data[:, rows : rows + horizon, :3]) / speed_scale
     allowed = POSE_SCALE * (1 + elapsed / POSE_GROWTH).unsqueeze(-1)  # [m], and [rad] for yaw
-    pose_error = (made_pose - measured_pose[:, 1 : horizon + 1]) / allowed
+    pose_error = (torch.stack(poses, 1) - measured_pose[:, 1 : horizon + 1]) / allowed
     return VELOCITY_WEIGHT * _huber(speed_error) + _huber(pose_error)
 
 

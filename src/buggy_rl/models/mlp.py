@@ -1,4 +1,4 @@
-"""Multilayer perceptron, with or without history (original study, sections 6.5.1 and 6.5.2)."""
+"""Multilayer perceptron, with or without history (original study, 6.5.1 and 6.5.2)."""
 
 from collections.abc import Sequence
 

@@ -1,9 +1,10 @@
-"""What a model takes from its training data beside the weights."""
+"""Normalisation, envelope and behaviour at rest, fitted to the training data."""
 
 from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.models.base import NO_DRIVE, REST_SPEED, DynamicsModel
@@ -11,22 +12,24 @@ from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.windows import model_inputs, windows
 
-REST_WATCH = 0.5  # [s] how long a standing car is watched for setting off, a coasting one for loss
-COASTING = 0.3  # [m/s] speed from which coasting tells a deceleration
-COAST_DECELERATION = 0.1  # [m/s^2] taken when the data hold no coasting; any rubber tyre loses more
-SET_OFF = 0.2  # [m/s] a car that has reached this has set off; sensor noise never reads it
-THROTTLE_MARGIN = 0.05  # below the lowest throttle that set a car off
+WATCHED = 0.5  # [s] window in which a standing car sets off or a coasting one loses speed; chosen
+COASTING = 0.3  # [m/s] initial speed of a coasting window: 12 times the camera's noise
+COAST_DECELERATION = 0.1  # [m/s^2] without coasting data; below any rubber tyre's on a floor
+SET_OFF = 0.2  # [m/s] speed of a car that has set off: 8 times the camera's noise
+THROTTLE_MARGIN = 0.05  # throttle below the lowest that set a car off; chosen
+QUANTILE = 0.05  # of throttles and decelerations, taken for their minimum without outliers
+RESTING_ROWS = 5  # at the start of a window, all at rest; chosen
 
 
 def fit_normalisation(
     model: DynamicsModel, data: TensorDictBase, recordings: Sequence[Recording]
 ) -> None:
-    """Means, scales, envelope and resting behaviour, into a model and its members.
+    """Sets means, scales, envelope and the behaviour at rest of a model and its members.
 
     Args:
         model: The model.
-        data: Training windows [N, L], as the model is trained on them.
-        recordings: The drives they were cut from.
+        data: Training windows [N, L], filtered and mirrored as for the training.
+        recordings: The recordings they were cut from.
     """
     rest_throttle = resting_throttle(recordings)
     coast_loss = coasting_deceleration(recordings) * recordings[0].dt
@@ -34,7 +37,7 @@ def fit_normalisation(
     flat = rows.flatten(0, 1)
     change = rows[:, 1:, :3] - rows[:, :-1, :3]
     members = list(model.members) if isinstance(model, Ensemble) else []
-    centred = torch.tensor([True, False, False, True, False])  # left and right weigh the same
+    centred = torch.tensor([True, False, False, True, False])  # mean 0: left equals right
     for each in (model, *members):
         assert isinstance(each, DynamicsModel)
         each.input_mean.copy_(flat.mean(0) * centred)
@@ -46,49 +49,55 @@ def fit_normalisation(
 
 
 def resting_throttle(recordings: Sequence[Recording]) -> float:
-    """The throttle up to which standing cars were seen to stay where they are.
+    """The highest throttle at which standing cars stayed at rest for half a second.
 
-    Stretches of half a second that begin at rest are looked at. The answer is the highest
-    throttle held over such a stretch without setting off, but below the lowest (5 % quantile)
-    that did set one off. What was never tried does not count as rest: a car that stands where it
-    should creep forward is worse than one that may creep at a little throttle.
+    It is at most the lowest throttle (5 % quantile) that set a car off, less a margin. A throttle
+    that was never held at rest does not count: a car that stands where it should creep is a larger
+    error than one that creeps at a small throttle.
     """
-    length = round(REST_WATCH / recordings[0].dt)
-    try:
-        stretches = windows(recordings, length, 1)
-    except ValueError:  # no drive is that long
+    watched = _watched(recordings)
+    if watched is None:
         return NO_DRIVE
-    speed = torch.linalg.vector_norm(stretches[keys.VELOCITY][..., :2], dim=-1)
-    throttle = stretches[keys.ACTION][..., 0]
-    resting = speed[:, :5].amax(1) < REST_SPEED
+    throttle, speed = watched
+    resting = speed[:, :RESTING_ROWS].amax(1) < REST_SPEED
     set_off = resting & (speed[:, -1] > SET_OFF)
     stayed = resting & (speed.amax(1) < REST_SPEED)
     if not stayed.any():
         return NO_DRIVE
     highest = throttle[stayed].amin(1).max().item()
     if set_off.any():
-        lowest = torch.quantile(throttle[set_off].amax(1), 0.05).item() - THROTTLE_MARGIN
+        lowest = torch.quantile(throttle[set_off].amax(1), QUANTILE).item() - THROTTLE_MARGIN
         highest = min(highest, lowest)
     return max(NO_DRIVE, highest)
 
 
 def coasting_deceleration(recordings: Sequence[Recording]) -> float:
-    """The least deceleration [m/s^2] (5 % quantile) at which cars were seen to coast.
+    """The least deceleration [m/s^2] (5 % quantile) of cars without drive over half a second.
 
-    Over stretches of half a second without drive; zero where coasting cars gained speed, as on a
-    sloped floor.
+    Zero where coasting cars gained speed, as on a sloped floor.
     """
-    length = round(REST_WATCH / recordings[0].dt)
-    try:
-        stretches = windows(recordings, length, length // 5)
-    except ValueError:  # no drive is that long
+    watched = _watched(recordings, strides=5)
+    if watched is None:
         return COAST_DECELERATION
-    undriven = (stretches[keys.ACTION][..., 0] <= NO_DRIVE).all(1)
-    speed = torch.linalg.vector_norm(stretches[keys.VELOCITY][..., :2], dim=-1)
-    tail = length // 5  # the mean over a fifth of the stretch: the sensor is noisy
+    throttle, speed = watched
+    length = speed.shape[1]
+    tail = length // 5  # rows that are averaged: the sensor is noisy
     first, last = speed[:, :tail].mean(1), speed[:, -tail:].mean(1)
-    coasting = undriven & (first > COASTING) & (last > REST_SPEED)
+    coasting = (throttle <= NO_DRIVE).all(1) & (first > COASTING) & (last > REST_SPEED)
     if not coasting.any():
         return COAST_DECELERATION
-    loss = (first - last)[coasting] / (REST_WATCH * (1 - tail / length))
-    return max(0.0, torch.quantile(loss, 0.05).item())
+    loss = (first - last)[coasting] / (WATCHED * (1 - tail / length))
+    return max(0.0, torch.quantile(loss, QUANTILE).item())
+
+
+def _watched(recordings: Sequence[Recording], strides: int = 0) -> tuple[Tensor, Tensor] | None:
+    """Throttle and speed [N, L] in windows of half a second, or None if no segment is that long.
+
+    Windows start at every row, or `strides` times in a window's length.
+    """
+    length = round(WATCHED / recordings[0].dt)
+    try:
+        cut = windows(recordings, length, length // strides if strides else 1)
+    except ValueError:
+        return None
+    return cut[keys.ACTION][..., 0], torch.linalg.vector_norm(cut[keys.VELOCITY][..., :2], dim=-1)

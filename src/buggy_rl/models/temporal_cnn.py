@@ -1,17 +1,17 @@
-"""Temporal convolutions over the history, in the original study's shape (section 6.5.3)."""
+"""Temporal convolutions over the history (original study, 6.5.3)."""
 
 from torch import Tensor, nn
 
 from buggy_rl.models.base import INPUTS, DynamicsModel
 
-REACH = 18  # rows that one output sees: 4 + 2 * (4 - 1) + 4 * (3 - 1)
+REACH = 18  # [rows] receptive field of an output: 4 + 2 * (4 - 1) + 4 * (3 - 1)
 
 
 class TemporalCNN(DynamicsModel):
     """Channels 5-8-12-16, kernels 4-4-3, strides 2-2-1: 20 rows shrink to 9, 3 and 1; then 16-3.
 
-    The strides do not divide 20 rows: two at one end reach no output. In the original these are
-    the newest two, present command included; here the oldest two are left out instead.
+    The strides do not divide 20 rows: two at one end reach no output. In the original study these
+    are the two newest, the present command included; here they are the two oldest.
     """
 
     def __init__(self, rows: int = 20) -> None:
@@ -25,9 +25,9 @@ class TemporalCNN(DynamicsModel):
             nn.ReLU6(),
         )
         if rows < REACH:
-            raise ValueError(f"the temporal CNN needs at least {REACH} rows of history, got {rows}")
+            raise ValueError(f"temporal_cnn: rows is {rows}; needs at least {REACH} rows")
         left = (rows - REACH) // 4 + 1  # length after the three convolutions
-        self.unused = (rows - REACH) % 4  # oldest rows that the strides cannot reach
+        self.unused = (rows - REACH) % 4  # oldest rows, which reach no output
         self.head = nn.Sequential(nn.Linear(16 * left, 16), nn.ReLU6(), nn.Linear(16, 3))
 
     def network(self, history: Tensor) -> Tensor:

@@ -1,8 +1,8 @@
-"""Training a dynamics model on drives: the original's one-step loss, or one over rollouts.
+"""Training of dynamics models, with the original study's one-step loss or a rollout loss.
 
-A model trained on single steps meets, in simulation, states that it made itself and never saw in
-training (the original study's drift). The rollout loss closes that gap: the model runs for half a
-second on its own states, and what is compared with the drive are velocities and poses on the way.
+In simulation a model runs on its own predictions, a distribution that single training steps do not
+have (the original study's drift). The rollout loss trains on it: the model runs for half a second
+on its own states, and its velocities and poses are compared with the recording.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +17,16 @@ from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.models.losses import one_step_loss, rollout_loss
 from buggy_rl.models.normalisation import fit_normalisation
+from buggy_rl.recordings.filters import Preparation, filtered
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.recordings.windows import Preparation, filtered, mirror, windows
+from buggy_rl.recordings.windows import mirror, windows
+
+FIRST_HORIZON = 5  # [steps] shortest training rollout while the horizon grows; chosen
+LAST_RATE = 0.01  # of the initial learning rate, at the end of the cosine decay; chosen
+LARGEST_GRADIENT = 1.0  # norm of a gradient step, clipped above; the losses are of order one
+VALIDATION_STRIDE = 5  # [rows] least distance of validation rollouts: neighbours are alike
+VALIDATION_BATCH = 2048  # rollouts in a validation batch; bounds the memory
+PROGRESS = ("epoch", "best_loss", "best_epoch", "best_weights")  # attributes saved with a run
 
 
 @dataclass(frozen=True)
@@ -26,44 +34,44 @@ class TrainingConfig:
     """How a model is trained."""
 
     loss: Literal["one_step", "rollout"] = "rollout"
-    """`one_step` is the original's; `rollout` compares what the model makes of its own states."""
+    """`one_step`: the original study's; `rollout`: over the model's own states."""
     preparation: Preparation = "raw"
-    """raw, filtered (causal past mean), mirrored (filtered, and left/right doubled)."""
+    """raw, filtered (causal past mean), mirrored (filtered, plus the left/right mirror)."""
     filter_width: int = 5
-    """Rows of the past-mean filter, for filtered and mirrored."""
+    """Rows of the past-mean filter of filtered and mirrored."""
     horizon: int = 50
-    """Steps of a training rollout once it has grown to full length."""
+    """Steps of a training rollout at its full length."""
     stride: int = 5
-    """Rows between the starts of neighbouring training rollouts."""
+    """Rows between the starts of consecutive training rollouts."""
     batch_size: int = 256
-    """Windows (or single steps) in a gradient step."""
+    """Rollouts (or single steps) in a gradient step."""
     epochs: int = 60
-    """Most passes over the data."""
+    """Maximum number of epochs."""
     patience: int = 12
-    """Stop after so many epochs without a better validation loss."""
+    """Epochs without a better validation loss after which training stops."""
     learning_rate: float = 2e-3
-    """Adam's, decayed along a cosine to a hundredth; constant with the one-step loss."""
+    """Of Adam; cosine decay to a hundredth with the rollout loss, constant with one_step."""
     weight_decay: float = 1e-5
-    """Decoupled weight decay (AdamW) of the rollout loss."""
+    """Decoupled weight decay (AdamW) with the rollout loss."""
     seed: int = 0
-    """Fixes initial weights and the order of the data."""
+    """Of the initial weights and the order of the data."""
 
 
 def prepared(recordings: Sequence[Recording], config: TrainingConfig) -> list[Recording]:
-    """The drives as the preparation wants them; mirroring happens to windows, not here."""
+    """Filters recordings if the preparation does; mirroring is applied to windows."""
     if config.preparation == "raw":
         return list(recordings)
     return [filtered(recording, config.filter_width) for recording in recordings]
 
 
 class Training:
-    """A training run that can be stopped after any epoch and goes on as if it never had been.
+    """A training run that can be stopped after any epoch and resumed bit for bit.
 
     Args:
         model: The model; its normalisation and envelope are fitted here.
-        training: Drives to learn from.
-        validation: Drives that decide when to stop.
-        config: How.
+        training: Recordings to train on.
+        validation: Recordings that decide when to stop.
+        config: Loss, data and optimiser.
     """
 
     def __init__(
@@ -75,11 +83,15 @@ class Training:
     ) -> None:
         self.model, self.config = model, config
         self.dt = training[0].dt
-        horizon = 1 if config.loss == "one_step" else config.horizon
-        length = model.rows + horizon  # history, and what follows it
-        stride = 1 if config.loss == "one_step" else config.stride
+        one_step = config.loss == "one_step"
+        self.horizon = 1 if one_step else config.horizon
+        self.growth = 0 if one_step else config.epochs // 4  # epochs until the full horizon
+        length = model.rows + self.horizon  # history, then the rollout
+        stride = 1 if one_step else config.stride
         self.training = windows(prepared(training, config), length, stride)
-        self.validation = windows(prepared(validation, config), length, max(stride, 5))
+        self.validation = windows(
+            prepared(validation, config), length, max(stride, VALIDATION_STRIDE)
+        )
         if config.preparation == "mirrored":
             self.training = torch.cat([self.training, mirror(self.training)])
         fit_normalisation(model, self.training, training)
@@ -87,7 +99,7 @@ class Training:
         self.optimiser = torch.optim.AdamW(
             model.parameters(),
             config.learning_rate,
-            weight_decay=config.weight_decay if config.loss == "rollout" else 0.0,
+            weight_decay=0.0 if one_step else config.weight_decay,
         )
         self.epoch = 0
         self.best_loss = float("inf")
@@ -97,7 +109,7 @@ class Training:
     def run(self) -> Iterator[dict[str, float]]:
         """Trains epoch by epoch, yielding `epoch`, `training_loss`, `validation_loss`.
 
-        Afterwards the model has the weights of its best validation loss.
+        At the end the model has the weights of the lowest validation loss.
 
         Raises:
             FloatingPointError: The loss is no longer finite.
@@ -109,49 +121,39 @@ class Training:
             if validation_loss < self.best_loss:
                 self.best_loss, self.best_epoch = validation_loss, self.epoch
                 self.best_weights = _copy(self.model.state_dict())
-            yield {
-                "epoch": self.epoch,
-                "training_loss": training_loss,
-                "validation_loss": validation_loss,
-            }
+            losses = {"training_loss": training_loss, "validation_loss": validation_loss}
+            yield {"epoch": self.epoch, **losses}
         self.model.load_state_dict(self.best_weights)
 
     @property
     def finished(self) -> bool:
-        """Whether the last epoch has been trained, or patience has run out."""
-        grown = self.epoch >= self._growth() + self.config.patience
+        """Whether all epochs are trained, or patience has run out."""
+        grown = self.epoch >= self.growth + self.config.patience
         late = self.epoch - self.best_epoch >= self.config.patience
         return self.epoch >= self.config.epochs or (grown and late)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that a resumed run needs to go on bit for bit."""
+        """State from which a run resumes bit for bit."""
         return {
             "model": self.model.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "generator": self.generator.get_state(),
-            "epoch": self.epoch,
-            "best_loss": self.best_loss,
-            "best_epoch": self.best_epoch,
-            "best_weights": self.best_weights,
+            **{name: getattr(self, name) for name in PROGRESS},
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes back to where `state_dict` was taken."""
+        """Restores a state of `state_dict`."""
         self.model.load_state_dict(state["model"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.generator.set_state(state["generator"])
-        self.epoch, self.best_loss = state["epoch"], state["best_loss"]
-        self.best_epoch, self.best_weights = state["best_epoch"], state["best_weights"]
-
-    def _growth(self) -> int:
-        """Epochs over which the training rollout grows to its full length."""
-        return 0 if self.config.loss == "one_step" else self.config.epochs // 4
+        for name in PROGRESS:
+            setattr(self, name, state[name])
 
     def _horizon(self) -> int:
-        full, growth = self.config.horizon, self._growth()
-        if self.config.loss == "one_step":
-            return 1
-        return full if self.epoch > growth else max(5, full * self.epoch // (growth + 1))
+        """Steps of a training rollout, which grows over the first epochs."""
+        if self.epoch > self.growth:
+            return self.horizon
+        return max(FIRST_HORIZON, self.horizon * self.epoch // (self.growth + 1))
 
     def _pass(self) -> float:
         self.model.train()
@@ -162,12 +164,12 @@ class Training:
             loss = self._loss(self.training[rows], self._horizon())
             if not torch.isfinite(loss):
                 raise FloatingPointError(
-                    f"the training loss is {loss.item()} in epoch {self.epoch}: lower "
-                    f"training.learning_rate (now {self.config.learning_rate})"
+                    f"training loss {loss.item()} in epoch {self.epoch} is not finite; lower "
+                    f"training.learning_rate, now {self.config.learning_rate}"
                 )
             self.optimiser.zero_grad(set_to_none=True)
             loss.backward()
-            nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
+            nn.utils.clip_grad_norm_(self.model.parameters(), LARGEST_GRADIENT)
             self.optimiser.step()
             losses.append(loss.detach())
         return torch.stack(losses).mean().item()
@@ -176,21 +178,19 @@ class Training:
         if self.config.loss == "one_step":
             return
         done = torch.tensor(torch.pi * (self.epoch - 1) / self.config.epochs)
-        share = 0.01 + 0.99 * 0.5 * (1 + torch.cos(done).item())
+        share = LAST_RATE + (1 - LAST_RATE) * 0.5 * (1 + torch.cos(done).item())
         for group in self.optimiser.param_groups:
             group["lr"] = share * self.config.learning_rate
 
     @torch.no_grad()
     def _validate(self) -> float:
         self.model.eval()
-        horizon = 1 if self.config.loss == "one_step" else self.config.horizon
-        total = sum(
-            self._loss(part, horizon).item() * len(part) for part in self.validation.split(2048)
-        )
+        parts = self.validation.split(VALIDATION_BATCH)
+        total = sum(self._loss(part, self.horizon).item() * len(part) for part in parts)
         return total / len(self.validation)
 
     def _loss(self, batch: TensorDictBase, horizon: int) -> Tensor:
-        # The members of an ensemble learn apart, so that their spread means something.
+        # Members are trained separately: their standard deviation is the uncertainty.
         members = self.model.members if isinstance(self.model, Ensemble) else [self.model]
         if self.config.loss == "one_step":
             losses = [one_step_loss(member, batch) for member in members]

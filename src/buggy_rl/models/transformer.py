@@ -7,7 +7,7 @@ from buggy_rl.models.base import INPUTS, DynamicsModel
 
 
 class CausalTransformer(DynamicsModel):
-    """Pre-norm encoder layers under a causal mask, with learned positions; read at the last row."""
+    """Pre-norm encoder layers with a causal mask and learned positions, read at the last row."""
 
     mask: Tensor
 
@@ -26,6 +26,6 @@ class CausalTransformer(DynamicsModel):
     def network(self, history: Tensor) -> Tensor:
         sequences = history.reshape(-1, self.rows, INPUTS)
         tokens = self.embedding(sequences) + self.position  # (N, rows, width)
-        # Told that the mask is causal, the encoder need not look at it: on a GPU that would wait.
+        # is_causal=True: the encoder does not inspect the mask, which would synchronise a GPU.
         encoded = self.encoder(tokens, mask=self.mask, is_causal=True)
         return self.head(encoded[:, -1]).view(*history.shape[:-2], 3)

@@ -1,4 +1,4 @@
-"""Cars that give the truth of a case: three kinds of physics, each with its own faults."""
+"""Plants: the simulated true cars of blind tests, of three kinds of physics, each with faults."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -11,7 +11,7 @@ PLANTS: tuple[str, ...] = ("reference", "mujoco", "commonroad")
 
 
 def abilities(plant: str) -> frozenset[str]:
-    """Names of the effects a plant can have in its own physics; sensing is the camera's.
+    """Names of the effects that a plant's physics can have; sensing errors are the camera's.
 
     Raises:
         ValueError: There is no such plant.
@@ -25,11 +25,11 @@ def make_plant(
     faults: Mapping[str, Mapping[str, float]],
     parameters: Mapping[str, float] | None = None,
 ) -> "EnvBase":
-    """Cars of one kind of physics, all alike, in which something is wrong.
+    """Equal cars of one kind of physics, with faults.
 
     Args:
         plant: One of `PLANTS`.
-        cars: How many.
+        cars: Number of environments.
         faults: `{effect: {parameter: value}}`, each effect one of its `abilities`.
         parameters: Of the plant's physics, where they differ from its own.
 

@@ -4,34 +4,34 @@ Scaled by geometry and mass, not by a factor: lengths, mass, yaw inertia, wheel 
 of the centre of gravity are the buggy's (the library's second car has 1093 kg on 2.58 m); tyre
 peaks and slopes over load are DART's (0.84 and 0.85; 6.1 and 9.4 per radian, of which this car's
 one tyre has the mean), its shape factors the library's, its combined-slip factors in proportion
-to slip over peak slip; the motor pulls 8.5 N standing, about what its rear tyres hold, and turns
-out at 14 m/s, which gives the driven 8 to 10 m/s; dry friction is about DART's (1.27 N), the
+to slip over peak slip; the motor pulls 8.5 N standing, about what its rear tyres hold, and reaches
+14 m/s without load, which gives the driven 8 to 10 m/s; dry friction is about DART's (1.27 N), the
 viscous one a fifth of its 0.74 N s/m, which would end at 5 m/s; servo and radio are of toy size.
-None is fitted to a drive.
+None is fitted to data.
 
 The faults are in its inputs (delays, stages of `mechanics`, motor), in its parameters (mass,
 inertia, peak friction) and in pushes added to its right-hand side. Not here:
 `grip_balance`, because both its axles have one tyre.
 
-Not quite the textbook's number: wheels turn along, so a slope accelerates the free car by 10 %
-less than stated (drags are exact above 0.3 m/s, where the library is no kinematic car, which has
-no wheels to spin up); a slope or wind from the side is held at walking pace; `battery_sag` counts
-charge; slower than 0.1 m/s the library's car follows its wheels, whatever pushes it.
+Differences from the textbook's parameter: the wheels' inertia makes a slope accelerate the free car
+by 10 % less (drags are exact above 0.3 m/s, below which the library blends to a kinematic car
+without wheel inertia); at walking pace a lateral slope or wind has no effect; `battery_sag` counts
+charge; below 0.1 m/s the library's car follows its wheels, whatever the forces.
 
-The library's equations hold for a car that moves forward; `commonroad_car` says what stands in
-where it spins or stands.
+The library's equations hold for forward motion; `commonroad_car` describes what replaces them in a
+spin and at rest.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.rows import RowsEngine
@@ -52,7 +52,7 @@ from buggy_rl.plants.commonroad_car import (
 )
 from buggy_rl.plants.faults import EFFECTS, Faults
 from buggy_rl.plants.mechanics import RESTING, Mechanics
-from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
+from buggy_rl.vehicle import VehicleDimensions
 
 ABILITIES = EFFECTS - {"grip_balance"}
 COMMANDS = "commands"  # [K, 2] past commands, newest first
@@ -60,7 +60,7 @@ ACTUATORS = "actuators"  # [2] throttle behind its lag, road-wheel angle [rad]
 WHEEL_SLIP = "wheel_slip"  # [2] circumference less rolling speed, front and rear [m/s]
 MEMORY = "plant_memory"  # [5] of `mechanics`
 LONGEST_DEAD_TIME = 0.25  # [s] own and fault together
-SUBSTEPS = 4  # in a control period; halving the step moves a drive of 1 s by under 0.1 %
+SUBSTEPS = 4  # of a control period; halving the step changes a path of 1 s by under 0.1 %
 TYPICAL_FORCE = 1.8  # [N] of the motor, mean of three room drives of 30 s
 
 _OWN = VehicleDimensions()
@@ -75,9 +75,9 @@ PARAMETERS = (
     Parameter("steering_trim", 0.0, -0.1, 0.1, "rad", "Road-wheel angle at zero command."),
     Parameter("steering_lag", 0.06, 0.0, 0.3, "s", "Time constant of the servo."),
     Parameter("steering_rate", 11.0, 1.0, 100.0, "1/s", "Fastest servo, in command."),
-    Parameter("steering_dead_time", 0.025, 0.0, 0.08, "s", "Until the servo reacts."),
+    Parameter("steering_dead_time", 0.025, 0.0, 0.08, "s", "Dead time of the servo."),
     Parameter("throttle_lag", 0.05, 0.0, 0.3, "s", "Time constant of the speed controller."),
-    Parameter("throttle_dead_time", 0.025, 0.0, 0.08, "s", "Until the controller reacts."),
+    Parameter("throttle_dead_time", 0.025, 0.0, 0.08, "s", "Dead time of the speed controller."),
     Parameter("throttle_deadband", 0.15, 0.0, 0.4, "-", "Drive below which none acts."),
     Parameter("drive_force", 8.5, 3.0, 40.0, "N", "Full drive at standstill."),
     Parameter("drive_speed_loss", 0.6, 0.0, 10.0, "N s/m", "Back-EMF, at full drive."),
@@ -90,20 +90,17 @@ PARAMETERS = (
 def make_commonroad(
     cars: int, faults: Mapping[str, Mapping[str, float]], parameters: Mapping[str, float] | None
 ) -> "CommonroadPlant":
-    """Buggies in the library's equations, with faults."""
+    """Cars of the library with faults."""
     return CommonroadPlant(cars, parameters=parameters, faults=faults)
 
 
 class CommonroadPlant(RowsEngine):
-    """Cars of the library, stepped one after the other.
+    """Cars of the library, one after the other.
 
     Args:
-        batch_size: Number of cars, or a shape.
-        device: Where the TensorDicts live; the library runs on the CPU.
-        parameters: Values that differ from `PARAMETERS`, by name.
-        dt: Control period [s].
         faults: `{effect: {parameter: value}}`.
         substeps: Steps in a control period.
+        args, common: As for `Engine`; the library runs on the CPU, whatever the device.
 
     Raises:
         ModuleNotFoundError: The library is not installed.
@@ -113,17 +110,15 @@ class CommonroadPlant(RowsEngine):
 
     def __init__(
         self,
-        batch_size: int | Sequence[int] = (),
-        device: torch.device | str = "cpu",
-        parameters: Mapping[str, float] | None = None,
-        dt: float = CONTROL_PERIOD,
+        *args: Any,
         faults: Mapping[str, Mapping[str, float]] | None = None,
         substeps: int = SUBSTEPS,
+        **common: Any,
     ) -> None:
         library()  # before anything else, so that what is missing is named
-        super().__init__(batch_size, device, parameters, dt, PARAMETERS)
+        super().__init__(*args, declared=PARAMETERS, **common)
         self._faults = Faults(faults or {}, ABILITIES, "commonroad")
-        self.substeps, self._remembered = substeps, math.ceil(LONGEST_DEAD_TIME / dt)
+        self.substeps, self._remembered = substeps, math.ceil(LONGEST_DEAD_TIME / self.dt)
         self._parameters_changed()
         self._finish()
 
@@ -137,8 +132,8 @@ class CommonroadPlant(RowsEngine):
         rows = ({name: float(own[name][car]) for name in own} for car in range(count))
         self._cars = [CommonroadCar(row, self._faults, h) for row in rows]
         self._mechanics = Mechanics(self._faults, h, TYPICAL_FORCE)
-        self._arriving = {
-            channel: arriving(
+        self._weights = {
+            channel: command_weights(
                 own[f"{channel}_dead_time"] + self._faults[f"{channel}_dead_time.dead_time"],
                 self.dt,
                 self.substeps,
@@ -154,10 +149,7 @@ class CommonroadPlant(RowsEngine):
             WHEEL_SLIP: (2,),
             MEMORY: (len(RESTING),),
         }
-        return {
-            name: Unbounded(self._shape(*shape), device=self.device, dtype=torch.float64)
-            for name, shape in shapes.items()
-        }
+        return self._number_specs(shapes, torch.float64)
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         count = len(self._cars)
@@ -192,8 +184,8 @@ class CommonroadPlant(RowsEngine):
         self, substep: int, commands: NDArray, memory: NDArray, actuators: NDArray, cars: NDArray
     ) -> None:
         own, h, mechanics = self._own, self.dt / self.substeps, self._mechanics
-        throttle = (self._arriving["throttle"][:, substep] * commands[..., 0]).sum(1)
-        steering = (self._arriving["steering"][:, substep] * commands[..., 1]).sum(1)
+        throttle = (self._weights["throttle"][:, substep] * commands[..., 0]).sum(1)
+        steering = (self._weights["steering"][:, substep] * commands[..., 1]).sum(1)
         before = actuators[:, 0].copy()
         actuators[:, 0] = throttle + (before - throttle) * _kept(own["throttle_lag"], h)
         throttle = mechanics.throttle(memory, 0.5 * (before + actuators[:, 0]))
@@ -247,17 +239,15 @@ class CommonroadPlant(RowsEngine):
         front = vx * cos + (vy + self._own["cg_to_front_axle"] * cars[:, YAW_RATE]) * sin
         return np.maximum(np.stack([front, vx], -1), 0.0)
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        chosen: dict[str, Any] = {name: p.value for name, p in self.declared.items()}
-        given = self._faults.given
-        return type(self)(batch_size, self.device, chosen, self.dt, given, self.substeps)
+    def _options(self) -> dict[str, Any]:
+        return {"faults": self._faults.given, "substeps": self.substeps}
 
 
-def arriving(dead_time: NDArray, dt: float, substeps: int, remembered: int) -> NDArray:
-    """Share [n, S, K + 1] of each command in what a substep hears, a dead time late.
+def command_weights(dead_time: NDArray, dt: float, substeps: int, remembered: int) -> NDArray:
+    """Weights [n, S, K + 1] of the past commands in the command of each substep.
 
-    A command k periods old holds over [-k dt, -k dt + dt]; a substep hears what was given over its
-    own time less the dead time [n].
+    A command k periods old holds over [-k dt, -k dt + dt]; the command of a substep is the mean
+    over its own time less the dead time [n].
     """
     h = dt / substeps
     begin = np.arange(substeps)[:, None] * h - dead_time[:, None, None]  # (n, S, 1)

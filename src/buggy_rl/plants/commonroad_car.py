@@ -1,12 +1,12 @@
 """One buggy in the equations of `commonroad-vehicle-models`: its drift single-track car (STD).
 
-The library's function is called as it is. Before it stand the buggy's motor, friction and
-servo; behind it come the pushes of air and floor, which it does not know, and two remedies:
+The library's function is called unchanged. Its inputs are the buggy's motor, friction and servo;
+forces of air and floor, which it lacks, are added to its output, and two corrections:
 
-- Below 0.2 m/s the library blends over to a kinematic car, but lets yaw rate and sideslip go
-  astray: they are drawn to the kinematic ones, as fast as the library draws the wheels.
+- Below 0.2 m/s the library blends to a kinematic car, but yaw rate and sideslip drift: they are
+  drawn to the kinematic ones, with the time constant with which the library draws the wheels.
 - Past 90 degrees of sideslip its slip angles change sign and a spin gains energy: from 70 to 85
-  degrees its tyres give way to two axles that slide on dry friction.
+  degrees its tyres are replaced by two axles that slide on dry friction.
 """
 
 import math
@@ -24,19 +24,22 @@ from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 STATES = 9  # x, y, steering angle, speed, yaw, yaw rate, sideslip angle, wheel speeds
 STEERING, SPEED, YAW, YAW_RATE, SIDESLIP, FRONT_WHEEL, REAR_WHEEL = range(2, STATES)
 STIFF = [YAW_RATE, SIDESLIP, FRONT_WHEEL, REAR_WHEEL]
-NUDGE = 1e-6  # of the stiff states, for differences
+NUDGE = 1e-6  # step of the finite differences by the stiff states
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)  # of ROS2, which is then L-stable; Verwer et al. 1999
 
-# The library's own, in its function: where it blends, how widely, and how fast it draws wheels.
+# Constants in the library's function: speed and width of the blend, least speed, time constant.
 BLEND_SPEED, BLEND_WIDTH, SLOWEST, DRAWN_IN = 0.2, 0.05, 0.1, 0.02  # [m/s] three times, [s]
-STOPPING_SPEED = 0.1  # [m/s] at which friction is at 76 %; chosen
-SPUN = (math.radians(70.0), math.radians(85.0))  # sideslip between which the tyres give way
-CREEP = 0.1  # [m/s] below which a sliding axle is held by less than its friction; chosen
-STANDING = 1e-3  # [m/s] below which a sideslip angle says nothing
-SLOWEST_SHAFT = 0.05  # [m/s] at the tread, below which a limit of power limits nothing
-UNBOUND = 1e3  # [m/s^2], [m/s], [rad/s]: limits of the library that this car does not have
-PAYLOAD_RADIUS = 0.05  # [m] of gyration of what is put on the car; chosen
-REAR_BRAKING = 0.7  # share of the friction that motor and gear have, at the rear wheels; chosen
+STOPPING_SPEED = 0.1  # [m/s] speed at which friction is at tanh(1) = 76 %; chosen
+SPUN = (
+    math.radians(70.0),
+    math.radians(85.0),
+)  # [rad] sideslip over which the tyres are replaced; chosen
+CREEP = 0.1  # [m/s] speed below which a sliding axle has less than its friction; chosen
+STANDING = 1e-3  # [m/s] speed below which the sideslip angle is undefined
+SLOWEST_SHAFT = 0.05  # [m/s] least tread speed of the power limit; chosen
+UNBOUND = 1e3  # [m/s^2], [m/s], [rad/s] limits of the library, out of reach
+PAYLOAD_RADIUS = 0.05  # [m] radius of gyration of the payload; chosen
+REAR_BRAKING = 0.7  # [-] share of the friction in motor and gear, at the rear wheels; chosen
 WHEEL_INERTIA = 1.0e-4  # [kg m^2] an axle: two wheels of 40 g and a share of the rotor; chosen
 
 
@@ -63,7 +66,7 @@ class CommonroadCar:
 
     Args:
         values: Parameters of the plant by name.
-        faults: What is wrong.
+        faults: Of the car.
         h: Step [s].
     """
 
@@ -98,15 +101,15 @@ class CommonroadCar:
         p, lock = self.p, self.values["steering_lock"]
         fastest = self.values["steering_rate"]
         p.steering.v_max, p.steering.v_min = fastest * lock, -fastest * lock
-        p.steering.max, p.steering.min = math.pi / 2, -math.pi / 2  # the linkage limits, not it
+        p.steering.max, p.steering.min = math.pi / 2, -math.pi / 2  # the linkage limits the angle
         p.longitudinal.a_max, p.longitudinal.v_switch = UNBOUND, UNBOUND
         p.longitudinal.v_max, p.longitudinal.v_min = UNBOUND, -UNBOUND
 
     def _scale_tyres(self) -> None:
         """Peaks and slopes are the buggy's; the shape factors stay those of the library's tyre.
 
-        What reduces one force by the other slip goes with slip over peak slip, K s / D. Shifts and
-        ply steer, which pull a car to one side, are left out.
+        Combined-slip factors are in proportion to slip over peak slip, K s / D. Shifts and ply
+        steer, which steer a car to one side, are left out.
         """
         t, values = self.p.tire, self.values
         for name in ("p_hx1", "p_vx1", "r_hx1", "r_hy1", "r_by3", "r_vy1", "r_vy3"):
@@ -148,7 +151,7 @@ class CommonroadCar:
         return state
 
     def rates(self, state: NDArray, duty: float, steering_rate: float) -> NDArray:
-        """Derivatives [9] of the state: the library's, and what it does not know."""
+        """Derivatives [9] of the state: the library's with corrections and added forces."""
         x = state.tolist()
         force = self.motor_force(duty, x[REAR_WHEEL] * self.radius) - self.friction(x)
         rates = np.array(self._equations(x, [steering_rate, force / self.p.m], self.p))
@@ -182,7 +185,7 @@ class CommonroadCar:
             ax, ay = ax - held * vx, ay - held * across
             turning -= held * across * arm * p.m / p.I_z
         change = (ay * math.cos(slip) - ax * math.sin(slip)) / max(speed, SLOWEST)
-        rates = rates.copy()  # way and steering are as the library has them
+        rates = rates.copy()  # way and steering are the library's
         rates[SPEED], rates[YAW] = ax * math.cos(slip) + ay * math.sin(slip), yaw_rate
         rates[YAW_RATE], rates[SIDESLIP] = turning, change - yaw_rate
         rates[FRONT_WHEEL:] = (max(vx, 0.0) / self.radius - np.array(x[FRONT_WHEEL:])) / DRAWN_IN

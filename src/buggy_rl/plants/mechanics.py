@@ -1,7 +1,7 @@
-"""What is wrong between a car's own servo and its wheels, and between speed controller and motor.
+"""Faults between servo and road wheels, and between speed controller and motor.
 
-Stages of the steering, each on what the one before it gives: smoothing, rate limit, play, linkage.
-Of the drive: smoothing, deadband, gain, battery. Arrays are [n] over cars, commands in [-1, 1].
+Stages of the steering in series: lag, rate limit, play, linkage. Of the drive: lag, deadband, gain,
+battery. Arrays are [n] over environments, commands in [-1, 1].
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from buggy_rl.plants.faults import Faults
 
-# Columns of the memory, at what they are in a car that stands.
+# Columns of the memory, with their values at rest.
 RESTING = {"smoothed": 0.0, "servo": 0.0, "rack": 0.0, "throttle": -1.0, "minutes": 0.0}
 SMOOTHED, SERVO, RACK, THROTTLE, MINUTES = range(len(RESTING))
 STAGES = frozenset(
@@ -18,17 +18,17 @@ STAGES = frozenset(
         "steering_asymmetry", "throttle_lag", "throttle_deadband", "throttle_gain", "battery_sag",
     )
 )  # fmt: skip
-ELECTRONICS = 0.3  # share of a typical battery current that computer and camera draw; chosen
+ELECTRONICS = 0.3  # [-] share of computer and camera in the mean battery current; chosen
 
 
 class Mechanics:
-    """The stages of all cars; a stage without a fault hands on what it got.
+    """The stages of all environments; a stage without a fault passes its input.
 
     Args:
         faults: Of the stages.
         h: Step [s].
-        typical: Mean force [N] of the plant's motor, measured over room drives: by it the charge
-            taken is counted in minutes of typical driving.
+        typical: Mean force [N] of the plant's motor in room drives, by which charge is counted in
+            minutes of driving.
     """
 
     def __init__(self, faults: Faults, h: float, typical: float) -> None:
@@ -42,17 +42,17 @@ class Mechanics:
 
     @staticmethod
     def rest(cars: int) -> NDArray:
-        """Memory [n, 5] of cars nobody drives."""
+        """Memory [n, 5] at rest."""
         return np.tile(np.array(list(RESTING.values())), (cars, 1))
 
     def steering(self, memory: NDArray, command: NDArray) -> NDArray:
-        """Rack position [n] that acts during a step, in command units; moves `memory` on.
+        """Rack position [n] of a step, in command units; updates `memory`.
 
-        T dy/dt = u - y, |ds/dt| <= rate, |x - s| <= width / 2, then times the gain of its side.
+        T dy/dt = u - y, |ds/dt| <= rate, |x - s| <= width / 2, times the gain of its side.
         """
         faults = self.faults
         if "steering_lag" in faults:
-            command = self._smoothed(memory, SMOOTHED, "steering_lag", command)
+            command = self._lagged(memory, SMOOTHED, "steering_lag", command)
         if "steering_rate_limit" in faults:
             reach = faults["steering_rate_limit.rate"] * self.h
             moved = np.clip(command - memory[:, SERVO], -reach, reach)
@@ -67,16 +67,16 @@ class Mechanics:
         return command * faults["steering_gain.gain"]
 
     def throttle(self, memory: NDArray, command: NDArray) -> NDArray:
-        """Throttle [n] that reaches the speed controller: T dy/dt = u - y, drive' = drive - width.
+        """Throttle [n] at the speed controller: T dy/dt = u - y, drive' = drive - width.
 
-        It may go below -1, which is no drive either.
+        It may be below -1, which is no drive.
         """
         if "throttle_lag" in self.faults:
-            command = self._smoothed(memory, THROTTLE, "throttle_lag", command)
+            command = self._lagged(memory, THROTTLE, "throttle_lag", command)
         return command - 2.0 * self.faults["throttle_deadband.width"]
 
     def duty(self, memory: NDArray, duty: NDArray) -> NDArray:
-        """Duty cycle [n] of the motor for one asked for: gain, up to all there is, and battery."""
+        """Duty cycle [n] of the motor behind gain, at most 1, and battery."""
         if "throttle_gain" in self.faults:
             duty = np.minimum(duty * self.faults["throttle_gain.gain"], 1.0)
         if "battery_sag" in self.faults:
@@ -85,18 +85,18 @@ class Mechanics:
         return duty
 
     def drained(self, memory: NDArray, force: NDArray) -> None:
-        """Takes the charge of a step: the motor's current goes with its force.
+        """Takes the charge of a step, with the motor's current in proportion to its force.
 
-        dq/dt = e + (1 - e) F / F_typical, in minutes of typical driving a minute.
+        dq/dt = e + (1 - e) F / F_typical, in minutes of mean driving per minute.
 
         Args:
-            memory: [n, 5], moved on.
+            memory: [n, 5], updated.
             force: [n] of the motor [N].
         """
         current = ELECTRONICS + (1.0 - ELECTRONICS) * np.maximum(force, 0.0) / self.typical
         memory[:, MINUTES] += current * self.h / 60.0
 
-    def _smoothed(self, memory: NDArray, column: int, effect: str, command: NDArray) -> NDArray:
+    def _lagged(self, memory: NDArray, column: int, effect: str, command: NDArray) -> NDArray:
         before = memory[:, column].copy()
         memory[:, column] = command + (before - command) * self._kept[effect]
         return 0.5 * (before + memory[:, column])

@@ -1,30 +1,29 @@
-"""The MuJoCo car as a plant: what is wrong is in its model, its forces and its actuators.
+"""The MuJoCo car as a plant, with faults in its model, forces and actuators.
 
-In the model: gravity is tilted (`floor_slope`), the chassis is heavier (`payload`, with a radius
-of gyration of its own). In the tyre law: friction by axle and by the place of each wheel
+In the model: gravity is tilted (`floor_slope`), the chassis is heavier (`payload`, with its own
+radius of gyration). In the tyre law: friction by axle and by the place of each wheel
 (`tire_grip`, `grip_balance`, `grip_patch`), the stiffness kept. In the applied forces: air, wind,
 drags, a couple on the rear hubs (`one_sided_drag`), a moment (`yaw_damping`). In the actuators:
-dead times are longer, and behind the own lags come the stages of `mechanics`. In the motor: less
-back-EMF (`top_speed`), a limit at the shaft (`motor_power_limit`).
+dead times are longer, and behind the car's own lags come the stages of `mechanics`. In the motor:
+less back-EMF (`top_speed`), a limit at the shaft (`motor_power_limit`).
 
-Not quite the textbook's number: wheels turn along, so a slope of 0.3 m/s^2 accelerates the free
-car by 0.3 m / (m + sum I / r^2), 8 % less (drags are stated of the whole car and are exact); with
-a payload the own rolling resistance stays, in newton; `battery_sag` counts charge, not time, and
-is exact for a drive with the mean current of a room drive; `steering_gain` above 1 goes beyond
-the lock.
+Differences from the textbook's parameter: the wheels' inertia makes a slope of 0.3 m/s^2 accelerate
+the free car by 0.3 m / (m + sum I / r^2), 8 % less (drags are of the whole car and exact); with a
+payload the car's rolling resistance stays, in newton; `battery_sag` counts charge, not time, and is
+exact at the mean current of a room drive; `steering_gain` above 1 exceeds the lock.
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 
 from buggy_rl.engines.mujoco import MujocoEngine
 from buggy_rl.engines.mujoco.car import Car
@@ -35,19 +34,19 @@ from buggy_rl.vehicle import GRAVITY
 
 ABILITIES = EFFECTS
 MEMORY = "plant_memory"  # [5] of `mechanics`
-PAYLOAD_RADIUS = 0.05  # [m] of gyration of what is put on the car: a block of 0.12 m; chosen
+PAYLOAD_RADIUS = 0.05  # [m] radius of gyration of the payload: a block of 0.12 m; chosen
 TYPICAL_FORCE = 2.5  # [N] of the motor, mean of three room drives of 60 s
 
 
 def make_mujoco(
     cars: int, faults: Mapping[str, Mapping[str, float]], parameters: Mapping[str, float] | None
 ) -> "MujocoPlant":
-    """MuJoCo cars with faults, fitted or as shipped by `parameters`."""
+    """MuJoCo cars with faults."""
     return MujocoPlant(cars, parameters=parameters, faults=faults)
 
 
 class MujocoPlant(MujocoEngine):
-    """A MuJoCo engine in whose physics something is wrong; without faults it is that engine.
+    """A MuJoCo engine with faults; without them equal to the engine.
 
     Args:
         *args: As for `MujocoEngine`.
@@ -66,20 +65,20 @@ class MujocoPlant(MujocoEngine):
         super().__init__(*args, **options)
 
     def _prepare(self) -> None:
-        faults, sound = self._faults, self.values
+        faults, nominal = self._faults, self.values
         if "floor_slope" in faults:
             self.car = tilted(self.car, faults)
-        self.values = worsened(sound, faults)
+        self.values = with_faults(nominal, faults)
         super()._prepare()
         self._mechanics = Mechanics(faults, self.car.timestep, TYPICAL_FORCE)
         self._forces = FaultyForces(self.car, self._forces.values, faults)
-        self.values = sound  # what is declared is the car as it should be
+        self.values = nominal  # declared are the values without faults
 
     _parameters_changed = _prepare
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        memory = Unbounded(self._shape(len(RESTING)), device=self.device, dtype=torch.float64)
-        return super()._latent_specs() | {MEMORY: memory}
+        memory = self._number_specs({MEMORY: (len(RESTING),)}, torch.float64)
+        return super()._latent_specs() | memory
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         memory = self._tensor(Mechanics.rest(self._batch.nsim))
@@ -87,9 +86,9 @@ class MujocoPlant(MujocoEngine):
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         trims = (self._faults["throttle_offset.offset"], self._faults["steering_offset.offset"])
-        if any(trims):  # to the ends of the channel
+        if any(trims):  # clamped to the ends of the channel
             action = (action + action.new_tensor(trims)).clamp(-1.0, 1.0)
-        self._memory = self._rows(state[MEMORY]).copy()  # moved on by `_run`
+        self._memory = self._rows(state[MEMORY]).copy()  # updated by `_run`
         return super()._advance(state, action) | {MEMORY: self._tensor(self._memory)}
 
     def _run(self, start: NDArray, target: NDArray) -> None:
@@ -108,21 +107,12 @@ class MujocoPlant(MujocoEngine):
             batch.step()
         self._refuse_warnings()
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        return type(self)(
-            batch_size,
-            self.device,
-            {name: parameter.value for name, parameter in self.declared.items()},
-            dt=self.dt,
-            timestep=self.car.timestep,
-            nthread=self.nthread,
-            dimensions=self.car.dimensions,
-            faults=self._faults.given,
-        )
+    def _options(self) -> dict[str, Any]:
+        return super()._options() | {"faults": self._faults.given}
 
 
 def tilted(car: Car, faults: Faults) -> Car:
-    """The car on a floor that slopes: gravity keeps its size and leans.
+    """The car on a slope: gravity of the same size, tilted.
 
     g = (along_x, along_y, -sqrt(G^2 - along_x^2 - along_y^2)).
     """
@@ -132,8 +122,8 @@ def tilted(car: Car, faults: Faults) -> Car:
     return replace(car, model=model)
 
 
-def worsened(values: Mapping[str, Tensor], faults: Faults) -> dict[str, Tensor]:
-    """The engine's parameters as the faults leave them."""
+def with_faults(values: Mapping[str, Tensor], faults: Faults) -> dict[str, Tensor]:
+    """The engine's parameters with the faults."""
     changed = dict(values)
     for channel in ("throttle", "steering"):
         if f"{channel}_dead_time" in faults:

@@ -1,7 +1,7 @@
-"""What acts on the faulty MuJoCo car in one substep, beside what acts on the sound one.
+"""Forces of the faults on the MuJoCo car in one substep.
 
-The tyre forces are those at the end of the substep. So the tyre law is shown the motion as the
-pushes will have made it: then steady states are exact, also with pushes the engine knows not.
+The engine's tyre forces are those at the end of the substep. So the tyre law gets the motion as the
+faults' forces will have changed it, and steady states are exact with these forces too.
 """
 
 from collections.abc import Mapping
@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.engines.mujoco.car import Car
-from buggy_rl.engines.mujoco.forces import STOPPING_SPEED, Forces, Motion, read_motion
+from buggy_rl.engines.mujoco.forces import STOPPING_SPEED, Forces, Motion, Wheels, read_motion
 from buggy_rl.engines.mujoco.weights import DRIVELINE_INERTIA, WHEEL_SPIN_INERTIA
 from buggy_rl.plants.faults import Faults
 from buggy_rl.plants.surroundings import PUSHES, patch_grip, push
 
-SLOWEST_SHAFT = 0.05  # [m/s] at the tread, below which a limit of power limits nothing
+SLOWEST_SHAFT = 0.05  # [m/s] least tread speed of the power limit; chosen
 
 
 class FaultyForces(Forces):
-    """Forces of cars in which something is wrong.
+    """Forces of cars with faults.
 
     Args:
         car: The model.
-        values: Parameter name -> [1] or [n], as the faults leave them.
-        faults: What is wrong.
+        values: Parameter name -> [1] or [n], with the faults.
+        faults: Of the car.
     """
 
     def __init__(self, car: Car, values: Mapping[str, NDArray], faults: Faults) -> None:
@@ -48,7 +48,7 @@ class FaultyForces(Forces):
         return drive * (self.values["drive_force"] - loss)
 
     def apply(self, qpos, qvel, xfrc_applied, qfrc_applied, steering_angle, drive) -> None:
-        """Writes the forces; those of the faults come on top."""
+        """Writes the forces, with those of the faults added."""
         if "motor_power_limit" in self.faults:
             drive = self._limited(qvel, drive)
         super().apply(qpos, qvel, xfrc_applied, qfrc_applied, steering_angle, drive)
@@ -59,17 +59,20 @@ class FaultyForces(Forces):
             self._along(motion, -self._scrub * np.tanh(motion.vx / STOPPING_SPEED), xfrc_applied)
 
     def tyre_forces(
-        self, qpos, qvel, motion: Motion, spin, steering_angle, torque, slope, resistance
+        self,
+        qpos: NDArray,
+        qvel: NDArray,
+        motion: Motion,
+        wheels: Wheels,
+        resistance: NDArray,
     ) -> tuple[NDArray, NDArray]:
-        """Forces [4, n] along and across the heading, by the grip of each wheel's place."""
+        """Forces [4, n] along and across the heading, with the friction of each wheel's place."""
         if "grip_patch" in self.faults:
             x, y = self._wheel_places(qpos, motion)
             self._grip = self._floor_grip * patch_grip(self.faults, x, y)
         if self._pushes or "floor_slope" in self.faults:
-            motion = self._soon(motion)
-        fx, fy = super().tyre_forces(
-            qpos, qvel, motion, spin, steering_angle, torque, slope, resistance
-        )
+            motion = self._end_of_step(motion)
+        fx, fy = super().tyre_forces(qpos, qvel, motion, wheels, resistance)
         if "cornering_drag" in self.faults:
             axles = np.abs(fy[0] + fy[1]) + np.abs(fy[2] + fy[3])
             self._scrub = self.faults["cornering_drag.coefficient"] * self._rolling_share * axles
@@ -86,8 +89,8 @@ class FaultyForces(Forces):
     def _accelerations(self, motion: Motion):
         return self._pushed(motion.cos, motion.sin, motion.vx, motion.vy, motion.yaw_rate)
 
-    def _soon(self, motion: Motion) -> Motion:
-        """The motion after the pushes of this substep, at the sensor."""
+    def _end_of_step(self, motion: Motion) -> Motion:
+        """The motion after the faults' forces of this substep, at the sensor."""
         ax, ay, turning = self._accelerations(motion)
         x, y = self._slope
         ax, ay = ax + motion.cos * x + motion.sin * y, ay + motion.cos * y - motion.sin * x
@@ -104,7 +107,7 @@ class FaultyForces(Forces):
         body = xfrc_applied[:, self.car.chassis]
         body[:, 0] -= motion.sin * mass * ay
         body[:, 1] += motion.cos * mass * ay
-        # What is bent is the rear axle: one hub is held back, the other is pushed on.
+        # A bent rear axle: opposite forces on its hubs.
         damping = -self.faults["yaw_damping.rate"] * motion.yaw_rate
         couple = (turning - damping) * inertia / (2.0 * self._half_track)
         for wheel, side in zip(self.car.wheel_bodies[2:], (-1.0, 1.0), strict=True):

@@ -1,11 +1,11 @@
-"""The reference car as a plant: its faults are those of the engine, textbook and unknown alike."""
+"""The reference car as a plant, with all faults of the engine, textbook and unknown."""
 
 from collections.abc import Mapping
 
 from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.faults import NEUTRAL
+from buggy_rl.engines.reference.faults import NEUTRAL, effect_of
 
-ABILITIES = frozenset(name.partition(".")[0] for name in NEUTRAL)
+ABILITIES = frozenset(effect_of(name) for name in NEUTRAL)
 
 
 def make_reference(

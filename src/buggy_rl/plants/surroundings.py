@@ -1,6 +1,6 @@
-"""What air and floor do to a plant: pushes over the mass, in the body frame, and slippery places.
+"""Forces of air and floor on a plant over its mass, in the body frame, and friction by place.
 
-Arrays are numpy's, of any one shape; scalars do as well.
+Arrays are numpy's, of one shape, or scalars.
 """
 
 from collections.abc import Callable
@@ -10,12 +10,11 @@ import numpy as np
 
 from buggy_rl.plants.faults import Faults
 
-FRONT_DRAG = 0.015  # [kg/m] air drag over speed squared, of about 0.15 x 0.16 m; chosen
-SIDE_AREA = 2.0  # drag from the side over that from the front; chosen
+FRONT_DRAG = 0.015  # [kg/m] drag over speed squared: 1.2 kg/m^3, c_d = 1, 0.15 m x 0.16 m; chosen
+SIDE_AREA = 2.0  # [-] drag from the side over that from the front; chosen
 CONTACT_LENGTH = 0.03  # [m] of a tyre, over which its friction changes at the edge; chosen
-# A dragging wheel slows the car, too: share of the one-sided moment that is such a force.
-DRAGGED = 0.1
-ROLLING = 0.3  # [m/s] at which a dragging wheel is at 76 % of its force; chosen
+DRAGGED = 0.1  # [-] share of the one-sided moment that is drag of a wheel; chosen
+ROLLING = 0.3  # [m/s] speed at which a dragging wheel is at tanh(1) = 76 % of its force; chosen
 Number = Any  # float or array
 Push = Callable[[Number, Number, Number, Number, Number], tuple[Number, Number, Number]]
 PUSHES = frozenset(("aerodynamic_drag", "wind", "one_sided_drag", "yaw_damping"))
@@ -24,19 +23,18 @@ PUSHES = frozenset(("aerodynamic_drag", "wind", "one_sided_drag", "yaw_damping")
 def push(
     faults: Faults, rolling_share: Number, mass: Number, yaw_inertia: Number, half_track: float
 ) -> Push:
-    """Makes the function of the pushes on a car, by what is wrong.
+    """Builds the function of the forces on a car by its faults.
 
-    Drag: -c |v| v. Wind: a stream W over the car's own way, F = k |w| (w_x, 2 w_y), less what
-    still air would do; W is such that a standing car is pushed as stated, in the mean over its
-    front and its side. Slowing is stated of the whole car, turning wheels included: so forces are
-    larger by `rolling_share`.
+    Drag: -c |v| v. Wind: a stream W over the car's own way, F = k |w| (w_x, 2 w_y), less that of
+    still air, with W from the stated acceleration at rest, mean of front and side. Decelerations
+    are of the whole car with its turning wheels, so forces are larger by `rolling_share`.
 
     Args:
         faults: Of the surroundings.
-        rolling_share: Car and turning wheels over car, in mass.
+        rolling_share: Mass of car and turning wheels over that of the car.
         mass: Of the car [kg].
-        yaw_inertia: [kg m^2].
-        half_track: [m].
+        yaw_inertia: Of the car [kg m^2].
+        half_track: Of the car [m].
 
     Returns:
         f(cos, sin, vx, vy, yaw_rate) -> forward and leftward force over mass [m/s^2] and yaw

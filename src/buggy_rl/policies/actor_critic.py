@@ -15,6 +15,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.modules import ValueOperator
 
 from buggy_rl import keys
+from buggy_rl.files import save_torch
 from buggy_rl.keys import OBSERVATION
 
 ACTIONS = 2  # throttle, steering
@@ -26,7 +27,7 @@ SMALLEST_SD = 1e-2  # of an observation, in its own unit: a number that hardly m
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """What the actor and the critic are made of."""
+    """Layers, exploration and scaling of actor and critic."""
 
     hidden: list[int] = field(default_factory=lambda: [64, 64])
     """Widths of the hidden layers, of the actor as of the critic."""
@@ -41,8 +42,8 @@ class PolicyConfig:
 class Scaling(nn.Module):
     """(x - mean) / sd with the mean and sd [size] of all observations seen so far.
 
-    They travel with the weights, so that a policy file is complete, and change only between two
-    batches: within one, the collecting and the learning policy see the same numbers.
+    They are part of the weights, so that a policy file is complete, and change only between two
+    batches: within one, collection and update use the same numbers.
     """
 
     count: Tensor
@@ -61,7 +62,7 @@ class Scaling(nn.Module):
 
     @torch.no_grad()
     def update(self, observation: Tensor) -> None:
-        """Takes in further observations [*, size], by the parallel form of Welford's sums.
+        """Includes further observations [*, size], by the parallel form of Welford's sums.
 
         Source: Chan, Golub, LeVeque, Updating formulae and a pairwise algorithm, 1979.
         """
@@ -112,8 +113,8 @@ class Gaussian(Distribution):
 class Actor(TensorDictModuleBase):
     """Draws commands; with TorchRL's exploration set to deterministic, the mean.
 
-    Does what TorchRL's `ProbabilisticActor` does with `IndependentNormal`, at a fraction of its
-    fixed cost for a call, which is felt at some hundred cars a step and 2048 rows a minibatch.
+    Equal to TorchRL's `ProbabilisticActor` with `IndependentNormal`, at a fraction of its fixed
+    cost a call, which matters at some hundred environments and minibatches of 2048 rows.
 
     Args:
         mean: Observations [*, size] to mean commands [*, n].
@@ -142,14 +143,14 @@ class Actor(TensorDictModuleBase):
 
 
 class Policy(nn.Module):
-    """An actor that explores, a critic of states, and a driver that does not explore.
+    """An actor, a critic, and the deterministic actor (`driver`) for evaluation.
 
-    Commands are not squashed: the simulator clamps them and the data keep what was drawn. A
-    squashing function would make the likelihood of a command near its limit blow up.
+    Commands are not squashed: the simulator clamps them and the data keep the sample, because the
+    density of a squashed command diverges at its limits.
 
     Args:
         observation_size: Numbers in an observation.
-        config: What it is made of.
+        config: Layers, exploration and scaling.
     """
 
     def __init__(self, observation_size: int, config: PolicyConfig | None = None) -> None:
@@ -172,13 +173,13 @@ class Policy(nn.Module):
         return ValueOperator(nn.Sequential(self.scaling, self.value_layers), [OBSERVATION])
 
     def driver(self) -> TensorDictModule:
-        """Writes the most likely `action` [*, 2], the same each time; what evaluation drives."""
+        """Writes the mean `action` [*, 2]; deterministic, for evaluation."""
         mean = nn.Sequential(self.scaling, self.mean_layers)
         return TensorDictModule(mean, [OBSERVATION], [keys.ACTION])
 
     @torch.no_grad()
     def observe(self, observation: Tensor) -> None:
-        """Takes observations [*, size] into the scaling, if there is one."""
+        """Includes observations [*, size] in the scaling, if there is one."""
         if isinstance(self.scaling, Scaling):
             self.scaling.update(observation)
 
@@ -207,13 +208,11 @@ def save_policy(policy: Policy, file: Path, about: dict[str, Any]) -> None:
         "weights": policy.state_dict(),
         "about": about,
     }
-    partial = file.with_name(file.name + ".partial")
-    torch.save(content, partial)
-    partial.replace(file)
+    save_torch(file, content)
 
 
 def load_policy(file: Path | str) -> tuple[Policy, dict[str, Any]]:
-    """Reads a policy and what is known about its training, ready to drive.
+    """Reads a policy, without gradients, and the record of its training.
 
     Raises:
         ValueError: There is no such file, or it is not a policy's.

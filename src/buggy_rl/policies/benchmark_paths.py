@@ -1,8 +1,8 @@
-"""What drivers are compared on: sets of paths, how long each is driven, and the task as judged."""
+"""The benchmark: sets of paths, the steps of an episode on each, and the task in evaluation."""
 
 from dataclasses import dataclass, replace
 
-from buggy_rl.task.env import TaskConfig, TransformConfig, judged
+from buggy_rl.task.env import TaskConfig, TransformConfig, evaluation_transforms
 from buggy_rl.task.paths.making import PathConfig
 
 STEPS = 1000  # of an episode in the original study, 10 s
@@ -10,14 +10,14 @@ RANDOM_STEPS = 500  # on its third room path
 
 
 @dataclass(frozen=True)
-class Course:
-    """A set of paths and how long it is driven."""
+class Benchmark:
+    """A set of paths and the steps of an episode on them."""
 
     paths: PathConfig
     steps: int
 
 
-def courses(paths: PathConfig, random_paths: int) -> dict[str, Course]:
+def benchmark_paths(paths: PathConfig, random_paths: int) -> dict[str, Benchmark]:
     """The original study's path sets: random ones, lap, infinity and the tight random path.
 
     Args:
@@ -26,24 +26,27 @@ def courses(paths: PathConfig, random_paths: int) -> dict[str, Course]:
     """
     plain = replace(paths, placed=False, mirrored=False, count=random_paths)
     return {
-        "training": Course(replace(plain, kind="simplex", part="training"), STEPS),
-        "validation": Course(replace(plain, kind="simplex", part="validation"), STEPS),
-        "lap": Course(replace(plain, kind="lap"), STEPS),
-        "infinity": Course(replace(plain, kind="infinity"), STEPS),
-        "random": Course(replace(plain, kind="tight"), RANDOM_STEPS),
+        "training": Benchmark(replace(plain, kind="simplex", part="training"), STEPS),
+        "validation": Benchmark(replace(plain, kind="simplex", part="validation"), STEPS),
+        "lap": Benchmark(replace(plain, kind="lap"), STEPS),
+        "infinity": Benchmark(replace(plain, kind="infinity"), STEPS),
+        "random": Benchmark(replace(plain, kind="tight"), RANDOM_STEPS),
     }
 
 
-def judging(task: TaskConfig, steps: int, camera: bool = False) -> TaskConfig:
-    """A task as drivers are judged by it: a path for each car, from its start, so many steps.
+def evaluation_task(task: TaskConfig, steps: int, camera: bool = False) -> TaskConfig:
+    """A task as policies are evaluated on it: one path each, from its start, for `steps` steps.
 
     Args:
         task: As in training.
         steps: Of an episode.
-        camera: The car is seen through the tracking camera, with its noise; a simulator as it is.
+        camera: Adds the tracking camera's noise, as on the car; not in a simulator.
     """
-    stack = judged(task.transforms)
+    stack = evaluation_transforms(task.transforms)
     stack["step_limit"] = TransformConfig("step_limit", {"max_steps": steps})
     if camera:
         stack["noise"] = TransformConfig("observation_noise")
     return replace(task, transforms=stack)
+
+
+courses, judging = benchmark_paths, evaluation_task  # until transfer/ uses the new names

@@ -1,6 +1,6 @@
-"""The state of an environment that is not in its TensorDict, and files that appear all at once."""
+"""Checkpoint files, and the state of an environment that is not in its TensorDict."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +8,13 @@ import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
+from buggy_rl.engines.single_precision import SinglePrecision
+from buggy_rl.files import save_torch
+
 
 def save_checkpoint(state: dict[str, Any], file: Path) -> None:
     """Writes a state atomically: a run that is killed here leaves the one before it."""
-    partial = file.with_name(file.name + ".partial")
-    torch.save(state, partial)
-    partial.replace(file)
+    save_torch(file, state)
 
 
 def load_checkpoint(file: Path) -> dict[str, Any]:
@@ -44,17 +45,26 @@ def restore_environment(env: EnvBase, state: dict[str, Any]) -> None:
         ValueError: The environment is made of other parts than the one that was saved.
     """
     generators, places = dict(_generators(env)), {n: (m, k) for n, m, k in _tensors(env)}
-    for kind, here in (("generators", generators), ("tensors", places)):
-        differing = sorted(set(here) ^ set(state[kind]))
-        if differing:
-            raise ValueError(
-                f"the checkpoint was made with another environment: {', '.join(differing)} "
-                "is in only one of the two; resume with the config of the first run"
-            )
+    refuse_difference(generators, state["generators"])
+    refuse_difference(places, state["tensors"])
     for name, generator in generators.items():
         generator.set_state(state["generators"][name])
     for name, (module, key) in places.items():
         setattr(module, key, state["tensors"][name].clone())
+
+
+def refuse_difference(here: Iterable[Any], saved: Iterable[Any]) -> None:
+    """Compares names in an environment with those in a checkpoint.
+
+    Raises:
+        ValueError: They differ.
+    """
+    differing = sorted(set(here) ^ set(saved))
+    if differing:
+        raise ValueError(
+            f"the checkpoint was made with another environment: {', '.join(differing)} "
+            "is in only one of the two; resume with the config of the first run"
+        )
 
 
 def _generators(env: EnvBase) -> Iterator[tuple[str, torch.Generator]]:
@@ -84,3 +94,5 @@ def _modules(env: EnvBase) -> Iterator[tuple[str, nn.Module]]:
             yield f"transform{depth}.{name}", module
         depth, inner = depth + 1, inner.base_env
     yield "engine", inner
+    if isinstance(inner, SinglePrecision):
+        yield "engine.simulator", inner.simulator

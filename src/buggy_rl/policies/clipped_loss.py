@@ -1,4 +1,4 @@
-"""TorchRL's `ClipPPOLoss` with the figures left out that nobody here looks at."""
+"""TorchRL's `ClipPPOLoss` without the diagnostics that are not logged."""
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -16,9 +16,8 @@ class ClippedLoss(ClipPPOLoss):
 
     r = pi(a|s) / pi_old(a|s), A the advantages of the minibatch less their mean and over their
     standard deviation. The same numbers and gradients as `ClipPPOLoss` with `functional=False`,
-    `loss_critic_type="l2"` and `normalize_advantage=True`, which it takes for granted. What it
-    leaves out are figures nobody here reads (effective sample size, extremes of r) and copies of
-    TensorDicts.
+    `loss_critic_type="l2"` and `normalize_advantage=True`, which are fixed. Left out are effective
+    sample size, extremes of r, and copies of TensorDicts.
     """
 
     clip_epsilon: Tensor

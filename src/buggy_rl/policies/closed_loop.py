@@ -1,13 +1,13 @@
-"""How well a driver follows paths: one drive a car, scored from what the task reports."""
+"""Closed-loop evaluation: one episode on each path, scored from what the task reports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
-from torchrl.envs.utils import step_mdp
 
 from buggy_rl import keys
 from buggy_rl.keys import (
@@ -17,7 +17,8 @@ from buggy_rl.keys import (
     LATERAL_ERROR,
     WAYPOINTS_CLOSED,
 )
-from buggy_rl.policies.track_reset import Marshal
+from buggy_rl.policies.track_reset import TrackReset
+from buggy_rl.stepping import trajectory
 
 Driver = Callable[[TensorDictBase], TensorDictBase]
 """Writes `action` into the TensorDict it is given, and returns it."""
@@ -25,13 +26,13 @@ Driver = Callable[[TensorDictBase], TensorDictBase]
 
 @dataclass(frozen=True)
 class Scores:
-    """What each episode came to; all [N]."""
+    """Scores of each episode; all [N]."""
 
     waypoints: Tensor
     """Closed."""
     kept_on: Tensor
-    """Share of the allotted steps driven before leaving the path, or not in a marshal's hands; 1
-    also when the path was completed."""
+    """Share of the steps before the car left the path or, with a track reset, for which it was not
+    held; 1 also when the path was completed."""
     lateral_mean: Tensor
     """Mean distance from the path [m]."""
     lateral_rms: Tensor
@@ -53,30 +54,29 @@ class Scores:
 
 
 @torch.no_grad()
-def drive(env: EnvBase, driver: Driver, steps: int, marshal: Marshal | None = None) -> Scores:
-    """Lets each car drive one episode; what it does after its end does not count.
+def drive(
+    env: EnvBase, driver: Driver, steps: int, track_reset: TrackReset | None = None
+) -> Scores:
+    """Scores one episode of each environment; steps after its end do not count.
 
-    With a marshal it does not end where the car leaves its path: there it is put back, and only
-    what it does in the marshal's hands does not count.
+    With a track reset the episode does not end where the car leaves its path: the car is put back,
+    and the steps for which it is held do not count.
 
     Args:
         env: From `make_env`, with a batch of N cars and `order: fixed` for one path each.
         driver: A policy's `driver()`, or one of `buggy_rl.policies.controllers`.
         steps: Of an episode.
-        marshal: Of the same env, for this drive alone.
+        track_reset: Of the same env, for this episode alone.
     """
-    state = env.reset()
     count = env.batch_size.numel()
     alive = going = torch.ones(count, 1)
     sums = {name: torch.zeros(count, 1) for name in SUMMED}
     furthest, driven = torch.zeros(count, 1), torch.zeros(count, 1)
     completed = torch.zeros(count, 1, dtype=torch.bool)
     flagged: Tensor | None = None
-    for _ in range(steps):
-        before = state.get(LAST_ACTION)[..., 1:].clone()
-        state = env.step(driver(state))
-        following = state["next"]
-        for name, value in _terms(state, following, before).items():
+    states = trajectory(env, env.reset(), lambda _, state: driver(state), steps)
+    for state, following in pairwise(states):
+        for name, value in _terms(following, state[LAST_ACTION]).items():
             sums[name] += alive * value
         furthest = torch.maximum(furthest, alive * following[LATERAL_ERROR].abs())
         if keys.OUT_OF_RANGE in following:
@@ -84,11 +84,10 @@ def drive(env: EnvBase, driver: Driver, steps: int, marshal: Marshal | None = No
             flagged += alive * following[keys.OUT_OF_RANGE]
         driven += alive
         completed |= (alive > 0) & following[COMPLETED]
-        going = going * ~following[keys.DONE if marshal is None else COMPLETED]
-        alive = going if marshal is None else going * ~marshal(following)
+        going = going * ~following[keys.DONE if track_reset is None else COMPLETED]
+        alive = going if track_reset is None else going * ~track_reset(following)
         if not going.any():
             break
-        state = step_mdp(state)
     mean = {name: (total / driven).squeeze(-1) for name, total in sums.items()}
     lost = torch.full((count,), float("nan"))
     return Scores(
@@ -107,10 +106,8 @@ def drive(env: EnvBase, driver: Driver, steps: int, marshal: Marshal | None = No
 SUMMED = ("waypoints", "lateral", "lateral_square", "heading", "speed", "effort")
 
 
-def _terms(
-    state: TensorDictBase, following: TensorDictBase, steering_before: Tensor
-) -> dict[str, Tensor]:
-    """What a step adds to the sums; each [N, 1]."""
+def _terms(following: TensorDictBase, before: Tensor) -> dict[str, Tensor]:
+    """What a step adds to the sums, [N, 1] each; `before` [N, 2] is the action before it."""
     lateral = following[LATERAL_ERROR]
     return {
         "waypoints": following[WAYPOINTS_CLOSED],
@@ -118,5 +115,5 @@ def _terms(
         "lateral_square": lateral.square(),
         "heading": following[HEADING_ERROR].abs(),
         "speed": following[keys.VELOCITY][..., :1],
-        "effort": (following[LAST_ACTION][..., 1:] - steering_before).abs(),
+        "effort": (following[LAST_ACTION] - before)[..., 1:].abs(),
     }

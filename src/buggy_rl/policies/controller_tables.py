@@ -1,4 +1,4 @@
-"""Drivers tuned for a simulator, and how well they then drive in it."""
+"""Controllers tuned for a simulator, and their closed-loop scores in it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ from omegaconf import MISSING
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
-from buggy_rl.policies.benchmark_paths import STEPS, Course, courses, judging
+from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Scores, drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.random import RandomDriver
@@ -26,7 +26,7 @@ DRIVERS: dict[str, tuple[Callable[[Any], TensorDictModuleBase], Callable[[], Any
 
 @dataclass(frozen=True)
 class DriverTablesConfig:
-    """Which drivers are tuned for what, and how long they are looked for."""
+    """Controllers, the simulator they are tuned for, and the extent of the search."""
 
     output: str = MISSING
     """Folder for the tuned numbers, drivers.md and drivers.csv."""
@@ -35,7 +35,7 @@ class DriverTablesConfig:
     drivers: list[str] = field(default_factory=lambda: list(DRIVERS))
     """Of pure_pursuit, stanley."""
     tuning_paths: int = 16
-    """Training paths that every candidate drives."""
+    """Training paths that every candidate is scored on."""
     candidates: int = 96
     """Sets of numbers tried in a round, each by a car on every path."""
     rounds: int = 5
@@ -47,7 +47,7 @@ class DriverTablesConfig:
     range_limit: float = 0.05
     """Share of steps that the best may be outside what a learned simulator was trained on."""
     random_paths: int = 10
-    """Training paths that the tuned drivers are judged on, beside all validation paths."""
+    """Training paths that the tuned controllers are scored on, beside all validation paths."""
     seed: int = 0
     """Of the search."""
     threads: int = 1
@@ -57,23 +57,23 @@ class DriverTablesConfig:
 def tuned(
     config: DriverTablesConfig, name: str, step: Callable[[], object]
 ) -> tuple[Any, list[Trial]]:
-    """Looks for the numbers of a driver that close most waypoints on the training paths.
+    """Searches the numbers of a controller that close most waypoints on the training paths.
 
     Args:
-        config: What to drive and how long to look.
-        name: Of the driver.
-        step: Is called at every step of all cars.
+        config: Simulator, task and extent of the search.
+        name: Of the controller.
+        step: Is called at every step.
 
     Returns:
         The best numbers, and all that were tried, best first.
 
     Raises:
-        ValueError: There is no such driver.
+        ValueError: There is no such controller.
     """
     if name not in DRIVERS:
-        raise ValueError(f"no driver {name!r} to tune; available: {', '.join(DRIVERS)}")
+        raise ValueError(f"no controller {name!r} to tune; available: {', '.join(DRIVERS)}")
     make, default = DRIVERS[name]
-    course = courses(config.task.paths, config.tuning_paths)["training"]
+    course = benchmark_paths(config.task.paths, config.tuning_paths)["training"]
     env = _course_env(config, replace(course, steps=config.steps), config.candidates)
 
     def watched(numbers: Any) -> Any:
@@ -100,7 +100,7 @@ def tuned(
 
 @dataclass(frozen=True)
 class Result:
-    """One driver on one set of paths."""
+    """One controller on one set of paths."""
 
     driver: str
     course: str
@@ -114,14 +114,14 @@ class Result:
 def results(
     config: DriverTablesConfig, found: dict[str, Any], progress: Callable[[Sequence], Any] = list
 ) -> Iterator[Result]:
-    """Drives every set of paths with each tuned driver and with a random one.
+    """Scores each tuned controller and a random one on every set of paths.
 
     Args:
-        config: What to drive.
-        found: Tuned numbers by driver.
-        progress: Wraps what is to be driven.
+        config: Simulator and task.
+        found: Tuned numbers by controller.
+        progress: Wraps the list of evaluations.
     """
-    named = courses(config.task.paths, config.random_paths)
+    named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
         make = DRIVERS[name][0] if name in DRIVERS else None
         driver = make(found[name]) if make else RandomDriver(seed=config.seed)
@@ -129,15 +129,15 @@ def results(
         yield Result(name, course, drive(env, driver, named[course].steps))
 
 
-def _course_env(config: DriverTablesConfig, course: Course, each: int = 1):
-    """So many cars on each path of a course; the paths in turn."""
+def _course_env(config: DriverTablesConfig, course: Benchmark, each: int = 1):
+    """`each` environments on each path of a benchmark; the paths in turn."""
     paths = make_paths(course.paths)
-    task = judging(config.task, course.steps)
+    task = evaluation_task(config.task, course.steps)
     return make_env(new_engine(config.engine, each * len(paths)), task=task, paths=paths)
 
 
 def table(rows: Sequence[Result], best: Mapping[str, Trial], config: DriverTablesConfig) -> str:
-    """What came of it as Markdown: the scores, and the numbers of each tuned driver."""
+    """Markdown of the scores and of the numbers of each tuned controller."""
     lines = [
         f"Drivers of {config.engine.simulator}, tuned on {config.tuning_paths} training paths for "
         f"most waypoints at an RMS error of at most {config.lateral_limit} m"

@@ -13,7 +13,7 @@ from buggy_rl import keys
 from buggy_rl.config import build, from_plain
 from buggy_rl.keys import LATERAL_ERROR, WAYPOINTS_CLOSED
 from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.benchmark_paths import courses, judging
+from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig, new_engine
@@ -111,10 +111,10 @@ def _driven(
     cars: EnvBase, task: TaskConfig, driver: Driver, names: Sequence[str], camera: bool
 ) -> Iterator[tuple[str, Tensor, Track, Track]]:
     """Each course, its waypoints, and the drives of both halves of the cars; all at once."""
-    known = courses(task.paths, 1)
+    known = benchmark_paths(task.paths, 1)
     steps = [known[name].steps for name in names]
     paths = joined_paths([make_paths(known[name].paths) for name in names])
-    task = judging(task, max(steps), camera)
+    task = evaluation_task(task, max(steps), camera)
     env = make_env(cars, task=task, paths=joined_paths([paths, paths]))
     driven = tracks(env, driver, steps * 2)
     for index, name in enumerate(names):

@@ -15,16 +15,16 @@ EPISODES = 100  # last finished ones, over which is averaged
 
 
 class Episodes:
-    """Length, reward and waypoints of the last episodes that were driven from their beginning.
+    """Length, reward and waypoints of the last episodes that were seen from their beginning.
 
     Args:
-        batch_size: Cars.
-        whole: Whether the episodes they are in now count.
+        batch_size: Of the environment.
+        whole: Whether the present episodes count.
     """
 
     def __init__(self, batch_size: torch.Size, whole: bool) -> None:
         self.whole = torch.full((*batch_size, 1), whole)
-        self.running = torch.zeros(*batch_size, 3)  # of the episode each car is in
+        self.running = torch.zeros(*batch_size, 3)  # of the present episode
         self.last: deque[list[float]] = deque(maxlen=EPISODES)
 
     def take(self, batch: TensorDictBase) -> None:

@@ -1,4 +1,4 @@
-"""Proximal policy optimisation of many cars at once: TorchRL's `Collector`, `GAE`, `ClipPPOLoss`.
+"""Proximal policy optimisation in many environments at once: TorchRL's `GAE`, `ClipPPOLoss`.
 
 Source: Schulman et al., Proximal policy optimization algorithms, 2017.
 """
@@ -12,7 +12,6 @@ from typing import Any, Literal
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, StepCounter, TransformedEnv
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.value import GAE
@@ -20,11 +19,12 @@ from torchrl.objectives.value import GAE
 from buggy_rl import keys
 from buggy_rl.keys import OBSERVATION, STEP_COUNT
 from buggy_rl.policies.actor_critic import Policy
-from buggy_rl.policies.checkpoint import environment_state, restore_environment
+from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
 from buggy_rl.policies.clipped_loss import ClippedLoss
+from buggy_rl.policies.collector import ResumableCollector
 from buggy_rl.policies.episodes import Episodes
 
-STATE_VALUE = "state_value"  # what the critic says
+STATE_VALUE = "state_value"  # the critic's output
 LEARNED_FROM = (OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
 REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 ADAM_EPSILON = 1e-5
@@ -35,11 +35,11 @@ class PPOConfig:
     """How a policy is trained; `configs/ppo_original.yaml` holds the original study's settings."""
 
     steps: int = 3_000_000
-    """Steps of all cars together."""
+    """Steps of all environments together."""
     cars: int = 256
-    """Driven at once."""
+    """Environments stepped at once."""
     batch_steps: int = 32
-    """Steps of each car between two updates."""
+    """Steps of each environment between two updates."""
     epochs: int = 5
     """Passes over a batch in an update."""
     minibatch: int = 2048
@@ -61,7 +61,7 @@ class PPOConfig:
     gradient_norm: float = 1.0
     """Longest gradient."""
     stagger: bool = True
-    """Starts the first episodes at random ages, so that the cars do not all begin again at once."""
+    """Starts the first episodes at random ages, so that resets spread over time."""
     seed: int = 0
     """Of the order of minibatches."""
 
@@ -90,19 +90,19 @@ def train(
 class PPO:
     """A training run that can be stopped after any batch and goes on as if it never had been.
 
-    A terminated episode is worth nothing afterwards. A truncated one would have gone on, and so
-    is worth what the critic says of its last observation:
+    The value after a termination is 0; after a truncation it is the critic's, of the episode's last
+    observation:
 
     delta_t = r_t + gamma V(s_t+1) (1 - terminated_t) - V(s_t)
     A_t = delta_t + gamma lambda A_t+1 (1 - done_t)
 
     Args:
-        env: Batched cars with an `observation` and a step counter; actions of any size are taken.
+        env: Batched, with an `observation` and a step counter; it clamps actions of any size.
         policy: Is trained in place.
         config: How.
 
     Raises:
-        ValueError: The environment has another number of cars than the config.
+        ValueError: The batch size of the environment is not `config.cars`.
     """
 
     def __init__(self, env: EnvBase, policy: Policy, config: PPOConfig) -> None:
@@ -129,7 +129,8 @@ class PPO:
         self.optimiser = torch.optim.Adam(
             policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
         )
-        self.collector = Collector(
+        self.actor = actor
+        self.collector = ResumableCollector(
             env,
             actor,
             frames_per_batch=config.cars * config.batch_steps,
@@ -185,8 +186,8 @@ class PPO:
     def estimate(self, batch: TensorDictBase) -> None:
         """Writes values, `advantage` and `value_target` of a batch [cars, time].
 
-        The critic is asked for each state once: what follows a step is what the next one begins
-        at, but for where an episode ended and where the batch does.
+        The critic is evaluated once for each state: the state after a step is the next step's,
+        except where an episode or the batch ends.
         """
         after = batch.get("next")
         value = self.critic(batch).get(STATE_VALUE)  # (cars, time, 1)
@@ -199,13 +200,11 @@ class PPO:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a resumed run needs to go on bit for bit on one thread."""
-        # The collector keeps the cars between two batches in `_carrier`; its own state_dict
-        # leaves them out.
         return {
             "steps": self.steps,
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "cars": self.collector._carrier.clone().flatten_keys(".").to_dict(),
+            "cars": self.collector.state.clone().flatten_keys(".").to_dict(),
             "environment": environment_state(self.env),
             "episodes": self.episodes.state_dict(),
             "minibatches": self.generator.get_state(),
@@ -217,19 +216,22 @@ class PPO:
         self.steps = state["steps"]
         self.policy.load_state_dict(state["policy"])
         self.optimiser.load_state_dict(state["optimiser"])
-        cars = TensorDict(state["cars"], self.env.batch_size).unflatten_keys(".")
-        self.collector._carrier = cars.clone()
+        written = self.actor.out_keys  # anew by every step
+        cars = TensorDict(state["cars"], self.env.batch_size).exclude(*written)
+        here = self.collector.state.flatten_keys(".").exclude(*written)
+        refuse_difference(here.keys(), cars.keys())
+        self.collector.state = cars.unflatten_keys(".").clone()
         restore_environment(self.env, state["environment"])
         self.episodes.load_state_dict(state["episodes"])
         self.generator.set_state(state["minibatches"])
         torch.set_rng_state(state["random"])  # last: whatever is built draws from it
 
     def _stagger(self) -> None:
-        """Makes every car's first episode as old as if they had been driving for long."""
+        """Draws the ages of the first episodes uniformly, as after long collection."""
         limits = [t.max_steps for t in _transforms(self.env) if isinstance(t, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0)
         if limit:
-            age = self.collector._carrier[STEP_COUNT]
+            age = self.collector.state[STEP_COUNT]
             age.copy_(torch.randint(limit, age.shape, generator=self.generator))
 
     def _set_learning_rate(self) -> float:

@@ -1,4 +1,4 @@
-"""A run of policy training: what is driven, what is to be learned, and how it is judged."""
+"""A run of policy training: simulator, task, policy, validation and checkpoint."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -9,25 +9,25 @@ import torch
 from omegaconf import MISSING
 from torchrl.envs import EnvBase, TransformedEnv
 
-from buggy_rl.config import plain
+from buggy_rl.config import belongs_to, plain
 from buggy_rl.keys import OBSERVATION
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
-from buggy_rl.task.env import TaskConfig, judged, make_env, make_simulator
+from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
 from buggy_rl.task.paths import make_paths
 
 
 @dataclass(frozen=True)
 class EngineConfig:
-    """What is driven; two runs that compare simulators differ in nothing else."""
+    """The simulator; two runs that compare simulators differ in nothing else."""
 
     simulator: str = "mujoco"
     """An engine's name, a .yaml, a .pt, or file.py:factory."""
-    parameters: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict, metadata=belongs_to("simulator"))
     """Physical parameters that differ from the engine's own."""
-    options: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("simulator"))
     """Further arguments of the engine's class."""
 
 
@@ -42,9 +42,9 @@ class PolicyRunConfig:
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     validations: int = 6
-    """How often on the way the policy drives the validation paths; the best one is kept."""
+    """Validations during training, evenly spaced; the best policy is kept."""
     validation_steps: int = 1000
-    """Of each such drive."""
+    """Of an episode in validation."""
     checkpoint_batches: int = 10
     """Batches between two checkpoints."""
     seed: int = 0
@@ -58,25 +58,25 @@ class PolicyRunConfig:
 
 
 def training_environment(config: PolicyRunConfig) -> TransformedEnv:
-    """The cars that a policy learns from."""
+    """The environments that a policy learns from."""
     return make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
-    """One car on each of the validation paths, which training never sees."""
+    """One environment on each validation path; none of them is a training path."""
     task = validation_task(config.task)
     paths = make_paths(task.paths)
     return make_env(new_engine(config.engine, len(paths)), task=task, paths=paths)
 
 
 def validation_task(task: TaskConfig) -> TaskConfig:
-    """The same task on the validation paths, every car on a path of its own."""
+    """The same task on the validation paths, environment i on path i."""
     paths = replace(task.paths, part="validation")
-    return replace(task, paths=paths, transforms=judged(task.transforms))
+    return replace(task, paths=paths, transforms=evaluation_transforms(task.transforms))
 
 
 def new_policy(env: TransformedEnv, config: PolicyConfig) -> Policy:
-    """A policy for what an environment shows."""
+    """A policy for an environment's observation."""
     return Policy(env.observation_spec[OBSERVATION].shape[-1], config)
 
 
@@ -89,7 +89,7 @@ def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float
 
 
 def new_engine(config: EngineConfig, cars: int) -> EnvBase:
-    """So many cars of a simulator."""
+    """A simulator with batch size [cars]."""
     parameters, options = config.parameters or None, config.options
     return make_simulator(config.simulator, cars, parameters=parameters, **options)
 

@@ -10,7 +10,7 @@ from scipy.stats import t as student_t
 from torch import Tensor
 
 from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.benchmark_paths import courses, judging
+from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver, Scores, drive
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
 
@@ -94,7 +94,7 @@ def results(
         (kind, place, course)
         for kind in config.policies
         for place in places
-        for course in courses(config.task.paths, config.random_paths)
+        for course in benchmark_paths(config.task.paths, config.random_paths)
         # The original drove random paths in simulators only: they do not fit in a room.
         if place != "car" or course not in ("training", "validation")
     ]
@@ -110,10 +110,10 @@ def results(
 def _drives(
     config: PolicyTablesConfig, simulator: str, on_the_car: bool, name: str, driver: Driver
 ) -> Scores:
-    course = courses(config.task.paths, config.random_paths)[name]
+    course = benchmark_paths(config.task.paths, config.random_paths)[name]
     many = {"training": config.random_paths, "validation": course.paths.validation_count}
     cars = many.get(name, config.car_drives if on_the_car else 1)
-    task = replace(judging(config.task, course.steps, on_the_car), paths=course.paths)
+    task = replace(evaluation_task(config.task, course.steps, on_the_car), paths=course.paths)
     with torch.random.fork_rng():
         torch.manual_seed(0)
         return drive(make_env(make_simulator(simulator, cars), task=task), driver, course.steps)

@@ -1,4 +1,4 @@
-"""A person beside the track, who puts cars back on their path."""
+"""Resets a car that left its path to its last waypoint, as a person beside the track does."""
 
 import torch
 from tensordict import TensorDictBase
@@ -11,16 +11,16 @@ from buggy_rl.task.transforms.waypoints import Waypoints
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 
-class Marshal:
-    """Puts a car back at rest where it left its path, and lets go of it after a while.
+class TrackReset:
+    """Puts a car at rest on the waypoint that it closed last, along the path, and holds it there.
 
-    A car is put back when the task says that it has failed (`terminated`), and when it has closed
-    no waypoint for some time, because it stands or has spun: on the waypoint that it closed last,
-    along the path. What is hidden in it, such as an emptying battery, goes on.
+    A car is reset when the task says that it has failed (`terminated`), and when it has closed no
+    waypoint for `patience` seconds, because it stands or has spun. Its latent state, such as an
+    emptying battery, goes on.
 
     Args:
         env: From `make_env`, with a batch of N cars.
-        patience: Time without a waypoint that is waited for [s].
+        patience: Longest time without a waypoint [s].
         handling: Time for which a car is held [s].
 
     Raises:
@@ -32,17 +32,17 @@ class Marshal:
         parts = stack.transforms if isinstance(stack, Compose) else ()
         found = [part for part in parts if isinstance(part, Waypoints)]
         if not found:
-            raise ValueError("a marshal needs a task with waypoints to put cars back on")
+            raise ValueError("a track reset needs a task with waypoints to put cars back on")
         self.waypoints = found[0]
         self.patience = round(patience / CONTROL_PERIOD)
         self.handling = round(handling / CONTROL_PERIOD)
         self.idle, self.held, self.times = torch.zeros(3, env.batch_size.numel(), 1).unbind(0)
 
     def __call__(self, following: TensorDictBase) -> Tensor:
-        """Looks at what a step led to, and moves the cars in it that are to be put back.
+        """Moves the cars that are to be reset, in the TensorDict that a step led to.
 
         Returns:
-            Which cars are held [N, 1]; `times` counts how often each was put back.
+            Which cars are held [N, 1]; `times` counts how often each was reset.
         """
         self.idle = torch.where(following[WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
         lost = following[keys.TERMINATED] | (self.idle >= self.patience)
@@ -55,3 +55,6 @@ class Marshal:
         following[keys.POSE] = torch.where(held, there, following[keys.POSE])
         following[keys.VELOCITY] = torch.where(held, torch.zeros_like(moving), moving)
         return held
+
+
+Marshal = TrackReset  # until transfer/ uses the new name

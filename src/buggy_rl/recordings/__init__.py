@@ -1,41 +1,27 @@
 """Recordings of drives: reading, checking, resampling, writing.
 
-Names are looked up on first use, so that this package can be imported without torch or pandas.
+Names are imported on first use: `--help` of a script finds its config in this package without
+importing torch or pandas.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from buggy_rl.recordings.columns import ColumnMap, load_columns
-    from buggy_rl.recordings.errors import RecordingError, Refusal
-    from buggy_rl.recordings.limits import Limits
-    from buggy_rl.recordings.loading import find_recordings, load_recording, load_recordings
-    from buggy_rl.recordings.recording import Recording
-    from buggy_rl.recordings.saving import save_recording
+    from buggy_rl.recordings.columns import ColumnMap as ColumnMap
+    from buggy_rl.recordings.errors import RecordingError as RecordingError
+    from buggy_rl.recordings.loading import load_recording as load_recording
+    from buggy_rl.recordings.loading import load_recordings as load_recordings
+    from buggy_rl.recordings.recording import Recording as Recording
+    from buggy_rl.recordings.saving import save_recording as save_recording
 
-__all__ = [
-    "ColumnMap",
-    "Limits",
-    "Recording",
-    "RecordingError",
-    "Refusal",
-    "find_recordings",
-    "load_columns",
-    "load_recording",
-    "load_recordings",
-    "save_recording",
-]
-
-_HOME = {
-    **{"ColumnMap": "columns", "load_columns": "columns", "Limits": "limits"},
-    **{"RecordingError": "errors", "Refusal": "errors", "Recording": "recording"},
-    **{"find_recordings": "loading", "load_recording": "loading", "load_recordings": "loading"},
-    "save_recording": "saving",
+_MODULES = {
+    **{"ColumnMap": "columns", "RecordingError": "errors", "Recording": "recording"},
+    **{"load_recording": "loading", "load_recordings": "loading", "save_recording": "saving"},
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

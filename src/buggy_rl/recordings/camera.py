@@ -1,4 +1,4 @@
-"""The tracking camera: what a recording shows of the motion that really happened."""
+"""The tracking camera: measurement errors of the recorded motion."""
 
 import math
 from dataclasses import dataclass
@@ -11,43 +11,43 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.vehicle import CONTROL_PERIOD, rotate, shift_pose, shift_velocity
 
-DECIMALS = 5  # of every recorded number: 10 micrometres, a seventieth of the camera's noise
+DECIMALS = 5  # of every recorded number: 10 micrometres, a seventieth of the position noise
 
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """Errors of a visual-inertial tracking camera on the car; of noise, the standard deviations.
+    """Errors of a visual-inertial tracking camera on the car; noises are standard deviations.
 
-    The defaults are chosen, not measured: such a camera smooths its pose well over a fraction of a
+    The defaults are chosen, not measured: such a camera smooths its pose over a fraction of a
     second (under a millimetre), while its velocities carry vibration and the gyroscope's noise.
-    They are white from row to row; slow drift of the pose is left out, because no model here sees
-    more than a few seconds.
+    The noise is white; slow drift of the pose is left out, because a rollout segment lasts a few
+    seconds.
     """
 
     position_noise: float = 0.0007
-    """Each of x and y [m]."""
+    """Of each of x and y [m]."""
     yaw_noise: float = 0.002
-    """[rad]"""
+    """Of yaw [rad]."""
     velocity_noise: float = 0.025
-    """Each of vx and vy [m/s]."""
+    """Of each of vx and vy [m/s]."""
     yaw_rate_noise: float = 0.03
-    """[rad/s]"""
+    """Of the yaw rate [rad/s]."""
     lever_arm_x: float = 0.0
-    """How far ahead of its nominal place the camera sits [m]."""
+    """Position of the camera ahead of its nominal one [m]."""
     lever_arm_y: float = 0.0
-    """How far left of its nominal place the camera sits [m]."""
+    """Position of the camera to the left of its nominal one [m]."""
     yaw: float = 0.0
-    """How far the camera is turned to the left of straight ahead [rad]."""
+    """Rotation of the camera to the left [rad]."""
     latency: float = 0.0
-    """Age of what is reported [s]."""
+    """Dead time of all measurements [s]."""
     lag: float = 0.0
-    """Time constant of the filter that all it reports has passed [s]."""
+    """Time constant of a first-order filter on all measurements [s]."""
     speed_scale: float = 1.0
-    """Reported vx and vy over the true ones; the position is right."""
+    """Measured over true vx and vy; the position is right."""
     gyro_bias: float = 0.0
-    """Added to the reported yaw rate [rad/s]; the yaw is right."""
+    """Added to the measured yaw rate [rad/s]; yaw is right."""
     dropped_share: float = 0.0
-    """Share of frames that never arrive."""
+    """Share of dropped frames."""
 
 
 NOT_NEGATIVE = (
@@ -61,7 +61,7 @@ class Camera:
 
     Args:
         config: Its errors.
-        seed: Of its noise; two cameras with one seed measure one motion alike.
+        seed: Of its noise; equal seeds give equal measurements.
 
     Raises:
         ValueError: A standard deviation or a time is negative, the scale of the speed is not
@@ -84,13 +84,13 @@ class Camera:
     def measure(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
         """Measured from true motion.
 
-        z(t) = S f(p + L)(t - latency) + b + e,  e ~ N(0, sigma^2), with L what the place and the
-        turn of the camera change, f the filter, S and b the scale of the speed and the bias of the
-        yaw rate. Before the first row the motion is taken to be that of the first row.
+        z(t) = S f(p + L)(t - latency) + b + e,  e ~ N(0, sigma^2), with L the lever arm and
+        rotation of the camera, f the filter, S the speed scale and b the gyroscope bias. Before
+        the first row the motion is that of the first row.
 
         Args:
             pose: [T, *, 3] x, y [m], yaw [rad] in the world frame, yaw unwrapped.
-            velocity: [T, *, 3] vx, vy [m/s], yaw_rate [rad/s] at the nominal place.
+            velocity: [T, *, 3] vx, vy [m/s], yaw_rate [rad/s] at the nominal camera position.
             dt: Time between rows [s].
 
         Returns:
@@ -113,26 +113,26 @@ class Camera:
             velocity, velocity_noise
         )
 
-    def recorded(self, drive: TensorDictBase, dt: float = CONTROL_PERIOD) -> TensorDict:
-        """What a recording of a drive holds; dropped frames leave gaps.
+    def recorded(self, motion: TensorDictBase, dt: float = CONTROL_PERIOD) -> TensorDict:
+        """Data of a recording of a motion; dropped frames leave gaps.
 
         Args:
-            drive: [T] true `pose`, `velocity` and `action`.
+            motion: [T] true `pose`, `velocity` and `action`.
             dt: Time between rows [s].
 
         Returns:
             TensorDict [T'] with `t`, `pose`, `velocity`, `action` and `segment`.
         """
-        pose, velocity = self.measure(drive[keys.POSE], drive[keys.VELOCITY], dt)
-        row = torch.nonzero(self.arrived(len(drive)))[:, 0]  # (T',)
-        columns = {keys.POSE: pose, keys.VELOCITY: velocity, keys.ACTION: drive[keys.ACTION]}
+        pose, velocity = self.measure(motion[keys.POSE], motion[keys.VELOCITY], dt)
+        row = torch.nonzero(self.arrived(len(motion)))[:, 0]  # (T',)
+        columns = {keys.POSE: pose, keys.VELOCITY: velocity, keys.ACTION: motion[keys.ACTION]}
         data = {key: value.round(decimals=DECIMALS)[row] for key, value in columns.items()}
         data[keys.TIME] = (row.double() * dt).round(decimals=DECIMALS).unsqueeze(-1)
         data[keys.SEGMENT] = (row.diff(prepend=row[:1]) > 1).cumsum(0)
         return TensorDict(data, len(row))
 
     def arrived(self, rows: int) -> Tensor:
-        """[T] bool: which frames are not dropped; the first always arrives."""
+        """[T] bool: frames that are not dropped; the first never is."""
         kept = torch.rand(rows, generator=self._generator) >= self.config.dropped_share
         kept[:1] = True
         return kept
@@ -143,7 +143,7 @@ class Camera:
 
 
 def delayed(signal: Tensor, rows: float) -> Tensor:
-    """The signal [T, *] as it was `rows` >= 0 rows ago, linear between rows, held at the start."""
+    """Delays a signal [T, *] by `rows` >= 0 rows: linear between rows, constant at the start."""
     whole = int(rows)
     share = rows - whole
     index = torch.arange(len(signal), device=signal.device)
@@ -153,19 +153,19 @@ def delayed(signal: Tensor, rows: float) -> Tensor:
 
 
 def turned(pose: Tensor, velocity: Tensor, angle: float) -> tuple[Tensor, Tensor]:
-    """Pose and velocity [*, 3] as seen by a camera turned to the left by `angle` [rad]."""
+    """Pose and velocity [*, 3] measured by a camera rotated to the left by `angle` [rad]."""
     yaw = pose[..., 2:] + angle
     course = rotate(velocity[..., :2], torch.full_like(velocity[..., 2], -angle))
     return torch.cat([pose[..., :2], yaw], -1), torch.cat([course, velocity[..., 2:]], -1)
 
 
 def lagging(signal: Tensor, rows: float) -> Tensor:
-    """The signal [T, *] behind a lag of `rows` > 0 rows, settled at the start.
+    """Filters a signal [T, *] by a first-order lag of `rows` > 0 rows, settled at the start.
 
-    T dz/dt = x - z, exact for a signal that is straight between rows: what it lacks,
-    e = z - x, follows e' = a e - (1 - a) T (x' - x) with a = exp(-1 / T).
+    T dz/dt = x - z, exact for a signal that is linear between rows: the difference e = z - x
+    follows e' = a e - (1 - a) T (x' - x) with a = exp(-1 / T).
     """
     decay = math.exp(-1.0 / rows)
-    moved = signal.diff(dim=0, prepend=signal[:1]).double().cpu().numpy()
-    lack = lfilter([-(1.0 - decay) * rows], [1.0, -decay], moved, axis=0)
-    return (signal.double() + torch.as_tensor(lack).to(signal.device)).to(signal.dtype)
+    step = signal.diff(dim=0, prepend=signal[:1]).double().cpu().numpy()
+    difference = lfilter([-(1.0 - decay) * rows], [1.0, -decay], step, axis=0)
+    return (signal.double() + torch.as_tensor(difference).to(signal.device)).to(signal.dtype)

@@ -1,33 +1,22 @@
-"""Why a drive is refused: one line that names the file, the row, the column and what to do."""
-
-from dataclasses import dataclass
+"""The error of a recording that cannot be used."""
 
 
 class RecordingError(ValueError):
-    """A drive that cannot be trusted.
+    """A recording is refused; one line names file, row, column, value and remedy.
 
-    Rows count from 0 below the header, as pandas counts them: row r of a CSV stands on line r + 2.
+    Rows count from 0 below the header, as in pandas: row r of a CSV file is on line r + 2.
+
+    Args:
+        file: The recording.
+        message: What is wrong, with the value, and after a semicolon what to do.
+        row: Row in the file; None for all.
+        column: Column as the file names it; None for all.
     """
 
     def __init__(
-        self, file: str, row: int | None, column: str | None, reason: str, remedy: str
+        self, file: str, message: str, row: int | None = None, column: str | None = None
     ) -> None:
         self.file, self.row, self.column = file, row, column
-        self.reason, self.remedy = reason, remedy
-        super().__init__(" ".join(self._line().split()))
-
-    def _line(self) -> str:
-        row = "all" if self.row is None else self.row
-        column = "all" if self.column is None else repr(self.column)
-        return f"{self.file}: row {row}, column {column}: {self.reason}; {self.remedy}"
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A drive that was left out, and why."""
-
-    file: str
-    error: RecordingError
-
-    def __str__(self) -> str:
-        return str(self.error)
+        rows = "all rows" if row is None else f"row {row}"
+        columns = "all columns" if column is None else f"column {column}"
+        super().__init__(" ".join(f"recording {file}, {rows}, {columns}: {message}".split()))

@@ -1,79 +1,79 @@
-"""Where a measurement stops being believable; every threshold with its unit and its reason."""
+"""Thresholds of the recording checks."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Thresholds of the checks. They bound what a small car and an honest tracker can do."""
+    """Thresholds with unit, meaning and evidence; they bound a small car and a sound tracker."""
 
     slowest_rate: float = 20.0
-    """[Hz] Contract; a steering lag of 0.1 s is not seen below."""
+    """[Hz] Lowest sample rate; a steering lag of 0.1 s is not observable below it."""
     gap_periods: float = 1.75
-    """Nominal periods; one dropped frame makes 2. An honest clock stays within 1.3 (DART)."""
+    """[nominal periods] Longest step; one dropped frame makes 2, DART's steady clock up to 1.3."""
     gap_jitter: float = 6.0
-    """Robust standard deviations of the period that a jittery clock is granted on top of 1."""
+    """[robust standard deviations of the period] Granted to a jittering clock beyond 1 period."""
     gap_most: float = 3.0
-    """Nominal periods; above this it is a gap however jittery the clock."""
+    """[nominal periods] Longest step whatever the jitter: two lost frames."""
     bunched_periods: float = 0.2
-    """Nominal periods; rows closer than this were stamped on delivery, not on measurement."""
+    """[nominal periods] Shortest step; closer rows were stamped on delivery."""
     top_speed: float = 15.0
-    """[m/s] Half as much again as the fastest that cars of this class are driven."""
+    """[m/s] Highest speed; 1.5 times the fastest that cars of this class are driven."""
     moving_speed: float = 0.3
-    """[m/s] 3 mm a row at 100 Hz: no tracker repeats its pose to the last bit at that speed."""
+    """[m/s] Speed of a moving car: 3 mm a row at 100 Hz, where no tracker repeats its pose."""
     repeat_share: float = 0.2
-    """Of the rows; more short repeats than this and the pose is slower than the rows."""
+    """Share of rows that briefly repeat the pose; more is a tracker slower than the rows."""
     leap: float = 0.02
-    """[m] Off the path in one row; tracker noise is a tenth of it, a relocalisation more."""
+    """[m] Deviation of position from the path in one row; ten times a tracker's noise."""
     leap_acceleration: float = 20.0
-    """[m/s^2] 2 g, twice what rubber on a floor gives; widens `leap` with the row period."""
+    """[m/s^2] Widens `leap` with the row period: 2 g, twice the grip of rubber."""
     leap_yaw: float = 0.15
-    """[rad] Off the turn in one row, 15 rad/s at 100 Hz; a small car turns at up to 7 rad/s."""
+    """[rad] Deviation of yaw in one row: 15 rad/s at 100 Hz, twice a small car's 7 rad/s."""
     leap_yaw_acceleration: float = 200.0
-    """[rad/s^2] Full tyre force at both axles against a yaw inertia of 0.005 kg m^2."""
+    """[rad/s^2] Widens `leap_yaw`: full tyre force at both axles, yaw inertia 0.005 kg m^2."""
     leap_speed: float = 1.0
-    """[m/s] Off its neighbours in one row, of a measured velocity."""
+    """[m/s] Deviation of a measured velocity from its neighbours in one row: 10 g at 100 Hz."""
     leap_yaw_rate: float = 3.0
-    """[rad/s] Off its neighbours in one row, of a measured yaw rate."""
+    """[rad/s] Deviation of a measured yaw rate from its neighbours in one row: 300 rad/s^2."""
     leap_sigmas: float = 10.0
-    """Robust standard deviations of the drive's own noise that are granted on top."""
+    """[robust standard deviations of the recording's noise] Granted beyond the leap limits."""
     leap_window: float = 0.05
-    """[s] Each side, over which the neighbours' median is taken."""
+    """[s] On each side of a row, over which the neighbours' median is taken: 5 rows at 100 Hz."""
     glitch_duration: float = 0.1
-    """[s] A leap that comes back within this is a glitch, otherwise a teleport."""
+    """[s] A leap that returns within this time is a glitch, otherwise a teleport."""
     quaternion_norm: float = 0.01
-    """Distance of the norm from 1; three printed decimals make 0.002."""
+    """Deviation of a quaternion's norm from 1; printing three decimals makes 0.002."""
     tilt: float = 0.785
-    """[rad] 45 degrees: a car that leans further is a quaternion in another order or frame."""
+    """[rad] Tilt (45 degrees) above which a quaternion has another order or frame."""
     tilt_share: float = 0.1
-    """Of the rows; a car that rolls over now and then leans for less."""
+    """Share of tilted rows above which a recording is refused; a roll-over is shorter."""
     command_excess: float = 0.005
-    """Outside the stated range; less is rounding and is clipped with a note."""
+    """Command outside its stated range that is rounding, and clipped with a note."""
     heading_agreement: float = 0.7
-    """Mean cosine between heading and course while moving: 45 degrees of mean sideslip."""
+    """Least mean cosine of course minus yaw while moving: 45 degrees of mean sideslip."""
     mount_yaw: float = 0.1
-    """[rad] Mean sideslip when driving straight above which a mounting error is pointed out."""
+    """[rad] Median sideslip on a straight above which a mounting error is noted."""
     agreement_window: float = 0.5
-    """[s] Over which the distance travelled and the integrated velocity are compared."""
+    """[s] Over which a pose change and its integrated rate are compared."""
     agreement_distance: float = 0.05
-    """[m] Granted; a relocalisation that `leap` lets pass plus noise."""
+    """[m] Granted between distance and integrated velocity: a leap below `leap`, plus noise."""
     agreement_angle: float = 0.1
-    """[rad] Granted between yaw and integrated yaw rate."""
+    """[rad] Granted between the change of yaw and the integrated yaw rate."""
     agreement_share: float = 0.35
-    """Of the distance or angle, granted: lever arms, mounting and scale errors of a sensor."""
+    """Share of the distance or angle, granted for lever arm, mounting and scale of a sensor."""
     agreement_lag: float = 0.2
-    """[s] Either way, granted between the two sensors of a drive."""
+    """[s] Lag of either sign granted between pose and velocity sensors."""
     agreement_sigmas: float = 5.0
-    """Standard deviations of the white noise of both sensors, granted on top."""
+    """[standard deviations of both sensors' white noise] Granted on top."""
     disagreeing_share: float = 0.02
-    """Of the windows; less is isolated and cut, more refuses the drive."""
+    """Share of windows; fewer are cut, more refuse the recording."""
     missing_share: float = 0.1
-    """Of the rows; a tracker that has no value for more than a tenth is refused."""
+    """Share of rows without a tracker value above which a recording is refused."""
     cut_share: float = 0.5
-    """Of the rows; a drive of which more had to be cut is refused."""
+    """Share of rows cut above which a recording is refused."""
     command_hold: float = 0.1
-    """[s] A command older than this is unknown; drivers' radios repeat at 10 Hz or faster."""
+    """[s] Longest validity of a command; radios repeat theirs at 10 Hz or faster."""
     shortest_segment: float = 0.2
-    """[s] Shorter stretches are dropped: the smoother needs 0.15 s."""
+    """[s] Shorter segments are dropped; the Savitzky-Golay filter needs 0.15 s."""
     shortest_drive: float = 1.0
-    """[s] What must be left in all; the shortest window that a simulator is judged on."""
+    """[s] Least usable time of a recording: the horizon of the open-loop error."""

@@ -1,4 +1,4 @@
-"""From paths to recordings; a drive that cannot be trusted does not stop the others."""
+"""From paths to recordings; a refused recording does not stop the others."""
 
 import glob
 from collections import Counter
@@ -10,142 +10,135 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
-from buggy_rl.recordings.checks import check
+from buggy_rl.recordings.checks import CHECKS
 from buggy_rl.recordings.columns import ColumnMap, load_columns
-from buggy_rl.recordings.drive import Drive
-from buggy_rl.recordings.errors import RecordingError, Refusal
+from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.mapping import map_columns
-from buggy_rl.recordings.readers import find_drives, is_drive, read
+from buggy_rl.recordings.readers import is_recording, read, recordings_below
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.resampling import resample
 from buggy_rl.vehicle import CONTROL_PERIOD
 
+LONGEST_PERIOD = 0.1  # [s] of the control; a steering lag of 0.1 s is not resolved above it
+DEEPEST = 10  # folders that a name may take to be unique; chosen
+
 Columns = ColumnMap | str | Path | None
-"""A column map, the YAML file of one, or None for the standard table."""
+"""A column map, its YAML file, or None for the standard table."""
+
+Found = Path | RecordingError
+"""A recording's path, or why there is none."""
 
 
 def load_recordings(
     paths: str | Path | Sequence[str | Path],
     columns: Columns = None,
     dt: float = CONTROL_PERIOD,
-    progress: Callable[[list[Path | Refusal]], Iterable[Path | Refusal]] = iter,
-) -> tuple[list[Recording], list[Refusal]]:
-    """Reads, checks and resamples drives.
+    progress: Callable[[list[Found]], Iterable[Found]] = iter,
+) -> tuple[list[Recording], list[RecordingError]]:
+    """Reads, checks and resamples recordings.
 
     Args:
-        paths: Files, folders (searched with what is below them) and glob patterns.
-        columns: How the tables are to be read.
+        paths: Files, folders (searched recursively) and glob patterns.
+        columns: How the tables are read.
         dt: Control period to resample to [s].
-        progress: Wraps the list of drives while they are read, e.g. `tqdm`.
+        progress: Wraps the list of recordings while they are read, e.g. `tqdm`.
 
     Returns:
-        The drives, and those that were refused with the reason. Names are unique: drives of the
-        same file name are told apart by their folders.
+        The recordings, and the errors of those that were refused. Names are unique: folders are
+        put before the names of files that have the same name.
 
     Raises:
-        ValueError: The column map is wrong or dt is not positive; no drive is to blame for that.
+        ValueError: The column map or dt is wrong.
     """
-    mapping = _column_map(columns)
-    _check_dt(dt)
+    mapping = _checked(columns, dt)
     recordings, refusals = [], []
-    for found in progress(list(find_recordings(paths))):
-        if isinstance(found, Refusal):
-            refusals.append(found)
-            continue
+    for found in progress(list(_find(paths))):
         try:
-            recordings.append(load_recording(found, mapping, dt))
+            if isinstance(found, RecordingError):
+                raise found
+            recordings.append(_load(found, mapping, dt))
         except RecordingError as error:
-            refusals.append(Refusal(str(found), error))
-    _tell_apart(recordings)
+            refusals.append(error)
+    _make_unique(recordings)
     return recordings, refusals
-
-
-def find_recordings(paths: str | Path | Sequence[str | Path]) -> Iterator[Path | Refusal]:
-    """Drives that paths, folders and patterns stand for, each once; a refusal where none is."""
-    given = [paths] if isinstance(paths, (str, Path)) else paths
-    seen = set()
-    for path in given:
-        found = _expand(str(path))
-        if not found:
-            reason = "there is no drive that can be read"
-            remedy = "expected .csv, .parquet, .bag, a folder of .npy or a ROS 2 bag"
-            yield Refusal(str(path), RecordingError(str(path), None, None, reason, remedy))
-        for drive in found:
-            if drive.resolve() not in seen:
-                seen.add(drive.resolve())
-                yield drive
-
-
-def _expand(path: str) -> list[Path]:
-    """The drives that one argument stands for."""
-    if Path(path).exists() or not glob.has_magic(path):
-        places = [Path(path)]
-    else:
-        places = [Path(match) for match in sorted(glob.glob(path, recursive=True))]
-        places = [place for place in places if place.is_dir() or is_drive(place)]
-    found = []
-    for place in places:
-        found += find_drives(place) if place.is_dir() else [place]
-    return found
 
 
 def load_recording(
     path: str | Path, columns: Columns = None, dt: float = CONTROL_PERIOD
 ) -> Recording:
-    """Reads, checks and resamples one drive.
+    """Reads, checks and resamples one recording.
 
     Args:
         path: A file, a folder of `.npy`, or the folder of a ROS 2 bag.
-        columns: How the table is to be read.
+        columns: How the table is read.
         dt: Control period to resample to [s].
 
     Raises:
-        RecordingError: The drive cannot be trusted; the message names file, row and column.
-        ValueError: The column map is wrong or dt is not positive.
+        RecordingError: The recording is refused; the message names file, row and column.
+        ValueError: The column map or dt is wrong.
     """
-    mapping = _column_map(columns)
-    _check_dt(dt)
-    path = Path(path)
-    drive = map_columns(read(path, mapping.topics), mapping)
-    check(drive, mapping.limits)
-    arrays = resample(drive, mapping, dt)
-    return Recording(_name(path), _data(drive, arrays), dt, str(path), drive.notes)
+    return _load(Path(path), _checked(columns, dt), dt)
 
 
-def _column_map(columns: Columns) -> ColumnMap:
+def _checked(columns: Columns, dt: float) -> ColumnMap:
+    if not 0 < dt <= LONGEST_PERIOD:
+        raise ValueError(f"dt is {dt} s; use more than 0 and at most {LONGEST_PERIOD}, e.g. 0.01")
     if columns is None:
         return ColumnMap()
     return columns if isinstance(columns, ColumnMap) else load_columns(columns)
 
 
-def _check_dt(dt: float) -> None:
-    if not 0 < dt <= 0.1:
-        raise ValueError(f"dt is {dt} s, expected more than 0 and at most 0.1: 0.01 is usual")
+def _find(paths: str | Path | Sequence[str | Path]) -> Iterator[Found]:
+    """Recordings of paths, folders and patterns, each once; an error where there is none."""
+    seen = set()
+    for path in [paths] if isinstance(paths, (str, Path)) else paths:
+        found = _expand(str(path))
+        if not found:
+            message = "none found; expected .csv, .parquet, .bag, a folder of .npy or a ROS 2 bag"
+            yield RecordingError(str(path), message)
+        for recording in found:
+            if recording.resolve() not in seen:
+                seen.add(recording.resolve())
+                yield recording
+
+
+def _expand(path: str) -> list[Path]:
+    """The recordings of one argument."""
+    if Path(path).exists() or not glob.has_magic(path):
+        matches = [Path(path)]
+    else:
+        matches = [Path(match) for match in sorted(glob.glob(path, recursive=True))]
+        matches = [match for match in matches if match.is_dir() or is_recording(match)]
+    found = []
+    for match in matches:
+        found += recordings_below(match) if match.is_dir() else [match]
+    return found
+
+
+def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
+    raw = map_columns(read(path, columns.topics), columns)
+    for check in CHECKS:
+        check(raw, columns.limits)
+    arrays = resample(raw, columns, dt)
+    if not arrays:
+        raise raw.error(0, "t", f"no segment is long enough ({raw.notes[-1]}); record again")
+    single = (keys.POSE, keys.VELOCITY, keys.ACTION)
+    tensors = {
+        key: torch.from_numpy(values.astype(np.float32) if key in single else values)
+        for key, values in arrays.items()
+    }
+    data = TensorDict(tensors, batch_size=[len(arrays[keys.TIME])])
+    return Recording(_name(path), data, dt, str(path), raw.notes)
 
 
 def _name(path: Path) -> str:
     return path.name if path.is_dir() else path.stem
 
 
-def _data(drive: Drive, arrays: dict[str, np.ndarray]) -> TensorDict:
-    if not arrays:
-        raise drive.refusal(
-            *(0, "t", f"no stretch is long enough to use ({drive.notes[-1]})"), "record again"
-        )
-    single = (keys.POSE, keys.VELOCITY, keys.ACTION)
-    tensors = {
-        key: torch.from_numpy(values.astype(np.float32) if key in single else values)
-        for key, values in arrays.items()
-    }
-    return TensorDict(tensors, batch_size=[len(arrays[keys.TIME])])
-
-
-def _tell_apart(recordings: list[Recording]) -> None:
-    """Puts folders before names that occur twice, as many as it takes."""
-    for depth in range(1, 10):
+def _make_unique(recordings: list[Recording]) -> None:
+    """Puts folders before equal names, as many as needed."""
+    for depth in range(1, DEEPEST):
         count = Counter(recording.name for recording in recordings)
-        doubles = [recording for recording in recordings if count[recording.name] > 1]
-        for recording in doubles:
+        for recording in [r for r in recordings if count[r.name] > 1]:
             path = Path(recording.source).resolve()
-            above = path.parts[-1 - depth : -1]
-            recording.name = "/".join([*above, _name(path)])
+            recording.name = "/".join([*path.parts[-1 - depth : -1], _name(path)])

@@ -7,30 +7,30 @@ from tensordict import TensorDict
 
 @dataclass
 class Recording:
-    """One drive at a uniform control period, already checked.
+    """One drive at a uniform control period, checked.
 
     Rows of `data` [T]:
 
     - `t` [T, 1] float64: time [s], uniform within a segment, on the grid of `dt`.
-    - `pose` [T, 3] float32: x, y [m], yaw [rad] in the world frame; yaw is unwrapped in a segment.
-    - `velocity` [T, 3] float32: vx, vy [m/s], yaw_rate [rad/s] in the body frame.
+    - `pose` [T, 3] float32: x, y [m], yaw [rad], world frame; yaw is unwrapped within a segment.
+    - `velocity` [T, 3] float32: vx, vy [m/s], yaw_rate [rad/s], body frame.
     - `action` [T, 2] float32: throttle, steering in [-1, 1].
-    - `segment` [T] int64: 0, 1, ... ; a gap, a glitch or a dropped stretch starts a new one.
+    - `segment` [T] int64: 0, 1, ...; every gap or cut starts a new one.
     """
 
     name: str
-    """How the drive is called in tables and splits: the file's name without folder and ending."""
+    """Name in tables and splits: that of the file, without folder and ending."""
     data: TensorDict
     dt: float
     """Control period [s]."""
     source: str = ""
-    """The file it came from."""
+    """The file."""
     notes: list[str] = field(default_factory=list)
-    """What was cut out or derived on the way in, one line each."""
+    """What was cut or derived while reading, one line each."""
 
     @property
     def duration(self) -> float:
-        """Recorded time without the gaps [s]."""
+        """Recorded time without gaps [s]."""
         return len(self) * self.dt
 
     def __len__(self) -> int:

@@ -1,4 +1,6 @@
-"""From checked rows at the file's rate to a recording on a uniform grid."""
+"""From checked rows at the file's rate to a uniform grid."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -6,133 +8,132 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_filter
 
 from buggy_rl.recordings.columns import ColumnMap
-from buggy_rl.recordings.drive import Drive, turn
+from buggy_rl.recordings.raw_recording import RawRecording, rotate
 
-SNAP = 1e-6  # [s] a stamp this close to the grid is on it: CSV files round, clocks do not
-ORDER = 3  # of the smoother's polynomial: follows a change of acceleration
-ROWS = 5  # that the smoother spans at least, at the file's own rate
+SNAP = 1e-6  # [s] a stamp this close to the grid is on it; CSV files round to microseconds
+ORDER = 3  # of the Savitzky-Golay polynomial: follows a changing acceleration
+LEAST_ROWS = 5  # of the file, spanned by the Savitzky-Golay window: 2 more than its order
+
+Arrays = dict[str, ndarray]
+"""`t` [N, 1], `pose` [N, 3], `velocity` [N, 3], `action` [N, 2], `segment` [N] on the grid."""
 
 
-def resample(drive: Drive, columns: ColumnMap, dt: float) -> dict[str, ndarray]:
-    """Puts every stretch on a grid of `dt` and derives what velocities are missing.
+@dataclass(frozen=True)
+class _Grid:
+    """Times origin + k dt, and the window of the Savitzky-Golay filter on it."""
 
-    Pose: Akima's cubic (modified), which does not overshoot; velocities: linear; commands: the
-    last value at or before the grid time. Nothing is carried across a gap, and a cut always
-    leaves at least one grid row out, so that a saved drive still shows it.
+    origin: float
+    dt: float
+    window: int
+    """Rows, odd."""
 
-    Returns:
-        Arrays `t` [N, 1], `pose` [N, 3], `velocity` [N, 3], `action` [N, 2], `segment` [N].
+
+def resample(raw: RawRecording, columns: ColumnMap, dt: float) -> Arrays:
+    """Resamples every segment to the period `dt` and derives the missing velocities.
+
+    Pose: modified Akima cubic, which does not overshoot. Velocity: linear. Command: the last one
+    at or before the grid time. Nothing is interpolated across a gap, and a cut always omits at
+    least one grid row, so that it is preserved in a saved file.
     """
-    stretches = drive.stretches()
-    origin = float(drive.t[stretches[0][0]])
-    window = _window(drive, columns, dt)
+    segments = raw.segments()
+    seconds = max(columns.smoothing_window, LEAST_ROWS * raw.period)
+    window = max(round(seconds / dt) | 1, ORDER + 2)
+    grid = _Grid(float(raw.t[segments[0][0]]), dt, window)
     parts, last = [], -1
-    for stretch in stretches:
-        part, last = _part(drive, columns, stretch, origin, last, dt, window)
+    for segment in segments:
+        part, last = _resampled(raw, columns, grid, segment, last)
         if part is not None:
-            parts += _where_commanded(drive, columns, part)
-    _note_derived(drive, columns, window, dt)
-    shortest = round(columns.limits.shortest_segment / dt)
-    kept = [part for part in parts if len(part["t"]) >= max(shortest, 2)]
-    _note_dropped(drive, parts, kept, dt)
+            parts += _with_commands(raw, columns, part)
+    _note_derived(raw, columns, grid)
+    shortest = max(round(columns.limits.shortest_segment / dt), 2)
+    kept = [part for part in parts if len(part["t"]) >= shortest]
+    _note_dropped(raw, [part["t"] for part in parts if len(part["t"]) < shortest], dt)
     for number, part in enumerate(kept):
         part["segment"] = np.full(len(part["t"]), number, np.int64)
     return {key: np.concatenate([part[key] for part in kept]) for key in kept[0]} if kept else {}
 
 
-def _window(drive: Drive, columns: ColumnMap, dt: float) -> int:
-    """Rows of the smoother on the grid, odd and more than its order."""
-    seconds = max(columns.smoothing_window, ROWS * drive.period)
-    return max(round(seconds / dt) | 1, ORDER + 2)
-
-
-def _part(drive, columns, stretch: ndarray, origin: float, last: int, dt: float, window: int):
-    """One stretch on the grid, and the number of its last grid row."""
-    stamps = drive.t[stretch]
+def _resampled(
+    raw: RawRecording, columns: ColumnMap, grid: _Grid, segment: ndarray, last: int
+) -> tuple[Arrays | None, int]:
+    """One segment on the grid after grid row `last`, and its own last grid row."""
+    stamps, origin, dt = raw.t[segment], grid.origin, grid.dt
     first = int(np.ceil((stamps[0] - origin - SNAP) / dt))
-    first = max(first, last + 2) if last >= 0 else first  # a cut costs a row
+    first = max(first, last + 2) if last >= 0 else first  # a cut omits a row
     final = int(np.floor((stamps[-1] - origin + SNAP) / dt))
-    if final - first + 1 < 2 or len(stretch) < 2:
+    if final - first + 1 < 2 or len(segment) < 2:
         return None, last
     t = _snapped(origin + dt * np.arange(first, final + 1), stamps)
-    yaw = np.unwrap(drive.pose[stretch, 2])
-    pose = np.column_stack([drive.pose[stretch, :2], yaw])
-    pose = _smooth_curve(stamps - origin, pose, t - origin)
-    velocity = _velocity(drive, columns, stretch, pose, t, dt, window)
+    pose = np.column_stack([raw.pose[segment, :2], np.unwrap(raw.pose[segment, 2])])
+    pose = _interpolated(stamps - origin, pose, t - origin)
+    velocity = _derived(pose, grid)
+    if raw.linear is not None and not columns.derive_velocity:
+        for axis in (0, 1):
+            velocity[:, axis] = np.interp(t, stamps, raw.linear[segment, axis])
+    if raw.yaw_rate is not None and not columns.derive_velocity:
+        velocity[:, 2] = np.interp(t, stamps, raw.yaw_rate[segment])
     return {"t": t[:, None], "pose": pose, "velocity": velocity}, final
 
 
 def _snapped(grid: ndarray, stamps: ndarray) -> ndarray:
-    """The grid, with rows that coincide with a stamp at exactly that stamp."""
+    """Grid times, replaced by a stamp where one coincides."""
     right = np.clip(np.searchsorted(stamps, grid), 1, len(stamps) - 1)
     left = stamps[right - 1]
     nearest = np.where(grid - left < stamps[right] - grid, left, stamps[right])
     return np.where(np.abs(grid - nearest) <= SNAP, nearest, grid)
 
 
-def _smooth_curve(stamps: ndarray, values: ndarray, t: ndarray) -> ndarray:
+def _interpolated(stamps: ndarray, values: ndarray, t: ndarray) -> ndarray:
     if len(stamps) < 3:
         return np.column_stack([np.interp(t, stamps, column) for column in values.T])
     return np.asarray(Akima1DInterpolator(stamps, values, method="makima")(t))
 
 
-def _velocity(drive, columns, stretch, pose, t, dt, window) -> ndarray:
-    """vx, vy, yaw rate [N, 3]: the file's own where it has them, else derived from the pose."""
-    velocity = _derived(pose, dt, window)
-    if drive.linear is not None and not columns.derive_velocity:
-        for axis in (0, 1):
-            velocity[:, axis] = np.interp(t, drive.t[stretch], drive.linear[stretch, axis])
-    if drive.yaw_rate is not None and not columns.derive_velocity:
-        velocity[:, 2] = np.interp(t, drive.t[stretch], drive.yaw_rate[stretch])
-    return velocity
-
-
-def _derived(pose: ndarray, dt: float, window: int) -> ndarray:
-    """Body-frame velocity [N, 3]: R(-yaw) d/dt (x, y) and d/dt yaw, by Savitzky and Golay."""
-    rows = min(window, len(pose) if len(pose) % 2 else len(pose) - 1)
+def _derived(pose: ndarray, grid: _Grid) -> ndarray:
+    """Body-frame velocity [N, 3]: R(-yaw) d/dt (x, y) and d/dt yaw, by Savitzky-Golay."""
+    rows = min(grid.window, len(pose) if len(pose) % 2 else len(pose) - 1)
     order = min(ORDER, rows - 1)
-    rate = np.asarray(savgol_filter(pose, rows, order, deriv=1, delta=dt, axis=0))
+    rate = np.asarray(savgol_filter(pose, rows, order, deriv=1, delta=grid.dt, axis=0))
     yaw = np.asarray(savgol_filter(pose[:, 2], rows, order))
-    return np.column_stack([turn(rate[:, :2], -yaw), rate[:, 2]])
+    return np.column_stack([rotate(rate[:, :2], -yaw), rate[:, 2]])
 
 
-def _where_commanded(drive: Drive, columns: ColumnMap, part: dict[str, ndarray]) -> list[dict]:
-    """Adds the commands, and splits where there is none that is recent enough."""
+def _with_commands(raw: RawRecording, columns: ColumnMap, part: Arrays) -> list[Arrays]:
+    """Adds the commands, and splits where none is recent enough."""
     t = part["t"][:, 0]
-    stamps = drive.t + columns.command_offset
+    stamps = raw.t + columns.command_offset
     latest = np.searchsorted(stamps, t + SNAP, side="right") - 1
-    hold = max(columns.limits.command_hold, drive.longest_step)
+    hold = max(columns.limits.command_hold, raw.longest_step)
     known = (latest >= 0) & (t - stamps[np.maximum(latest, 0)] <= hold)
-    part["action"] = drive.action[np.maximum(latest, 0)]
+    part["action"] = raw.action[np.maximum(latest, 0)]
     if known.all():
         return [part]
-    drive.notes.append(
-        f"column {drive.label('throttle')!r}: no command within {hold:.3g} s before "
-        f"{(~known).sum()} rows from t = {t[np.argmin(known)]:.3f} s on: cut"
+    raw.note_column(
+        "throttle",
+        f"no command within {hold:.3g} s before {(~known).sum()} rows from "
+        f"t = {t[np.argmin(known)]:.3f} s on: cut",
     )
     edges = np.flatnonzero(np.diff(known.astype(int))) + 1
     runs = np.split(np.arange(len(t)), edges)
     return [{key: part[key][run] for key in part} for run in runs if known[run[0]]]
 
 
-def _note_derived(drive: Drive, columns: ColumnMap, window: int, dt: float) -> None:
-    names = [] if drive.linear is not None and not columns.derive_velocity else ["vx", "vy"]
-    if drive.yaw_rate is None or columns.derive_velocity:
+def _note_derived(raw: RawRecording, columns: ColumnMap, grid: _Grid) -> None:
+    names = [] if raw.linear is not None and not columns.derive_velocity else ["vx", "vy"]
+    if raw.yaw_rate is None or columns.derive_velocity:
         names.append("yaw_rate")
     if names:
-        drive.notes.append(
+        raw.notes.append(
             f"{', '.join(names)} derived from the pose: Savitzky-Golay, order {ORDER}, "
-            f"{window} rows ({window * dt:.3g} s, half of it ahead)"
+            f"{grid.window} rows ({grid.window * grid.dt:.3g} s, half of it ahead)"
         )
 
 
-def _note_dropped(drive: Drive, parts: list[dict], kept: list[dict], dt: float) -> None:
-    dropped = [part for part in parts if not any(part is other for other in kept)]
+def _note_dropped(raw: RawRecording, dropped: list[ndarray], dt: float) -> None:
     if dropped:
-        seconds = sum(len(part["t"]) for part in dropped) * dt
-        starts = ", ".join(f"{part['t'][0, 0]:.3f}" for part in dropped[:5])
+        starts = ", ".join(f"{t[0, 0]:.3f}" for t in dropped[:5])
         more = " ..." if len(dropped) > 5 else ""
-        drive.notes.append(
-            f"{len(dropped)} stretches too short to use, {seconds:.2f} s in all, dropped: "
-            f"from t = {starts}{more} s"
+        raw.notes.append(
+            f"{len(dropped)} segments too short to use, {sum(map(len, dropped)) * dt:.2f} s in "
+            f"all, dropped: from t = {starts}{more} s"
         )

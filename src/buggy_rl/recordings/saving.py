@@ -1,12 +1,12 @@
 """Writing a recording as a standard table."""
 
 import os
-import tempfile
 from pathlib import Path
 
 import pandas as pd
 
 from buggy_rl import keys
+from buggy_rl.files import replacing
 from buggy_rl.recordings.recording import Recording
 
 COLUMNS = {
@@ -14,55 +14,32 @@ COLUMNS = {
     keys.VELOCITY: ("vx", "vy", "yaw_rate"),
     keys.ACTION: ("throttle", "steering"),
 }
+"""Key -> columns of the standard table."""
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
-    """Writes a drive as CSV or Parquet with the columns of the standard table.
+    """Writes a recording as CSV or Parquet with the columns of the standard table, atomically.
 
-    Reading it back gives the same numbers: t to float64, the others to float32. Segments are
-    told by the rows that are missing between them. The file appears at once or not at all.
+    Reading it back gives the same numbers: t as float64, the others as float32. The missing rows
+    between segments mark the gaps.
 
     Args:
-        recording: The drive.
-        path: Ending in `.csv` or `.parquet`; a file that is there is replaced.
+        recording: The recording.
+        path: Ending in `.csv` or `.parquet`; an existing file is replaced.
 
     Raises:
         ValueError: The ending is another one.
     """
     path = Path(path)
     if path.suffix not in (".csv", ".parquet"):
-        raise ValueError(f"{path}: cannot write {path.suffix!r}, use .csv or .parquet")
-    frame = _frame(recording)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    os.close(handle)
-    try:
-        if path.suffix == ".csv":
-            frame.to_csv(name, index=False)
-        else:
-            frame.to_parquet(name, index=False)
-        _flush(name)
-        os.chmod(name, 0o666 & ~_umask())  # mkstemp's files are private
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
-
-
-def _flush(name: str) -> None:
-    """Puts the file on the disk before its name: a power cut leaves the old or the new one."""
-    with open(name, "rb") as file:
-        os.fsync(file.fileno())
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _frame(recording: Recording) -> pd.DataFrame:
-    frame = {"t": recording.data[keys.TIME][:, 0].cpu().numpy()}
+        raise ValueError(f"{path}: cannot write {path.suffix!r}; use .csv or .parquet")
+    frame = pd.DataFrame({"t": recording.data[keys.TIME][:, 0].cpu().numpy()})
     for key, names in COLUMNS.items():
-        values = recording.data[key].cpu().numpy()
-        frame |= {name: values[:, column] for column, name in enumerate(names)}
-    return pd.DataFrame(frame)
+        frame[list(names)] = recording.data[key].cpu().numpy()
+    with replacing(path) as partial:
+        if path.suffix == ".csv":
+            frame.to_csv(partial, index=False)
+        else:
+            frame.to_parquet(partial, index=False)
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())  # the content is on the disk before the name

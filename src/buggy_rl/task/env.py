@@ -1,4 +1,4 @@
-"""An engine, missing physics and the task, put together: one environment.
+"""One environment from an engine, missing physics and the task.
 
 One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
 
@@ -15,13 +15,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import torch
+from tensordict import NestedKey
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
+from buggy_rl import keys
+from buggy_rl.config import belongs_to, one_line
 from buggy_rl.effects import make_effects
 from buggy_rl.engines import make_engine, read_simulator
+from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.transforms import make_transform
+from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
+from buggy_rl.task.transforms.rewards import Rewards
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 
@@ -31,8 +38,8 @@ class TransformConfig:
 
     name: str = "none"
     """A name in `TRANSFORMS`, one's own as file.py:Class, or none."""
-    options: dict[str, Any] = field(default_factory=dict)
-    """Arguments of its class."""
+    options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("name"))
+    """Arguments of its class; a config layer that names another transform drops them."""
     before: str = ""
     """Place that it stands before, for a place of one's own; empty for the end of the stack."""
 
@@ -40,12 +47,15 @@ class TransformConfig:
 def default_transforms() -> dict[str, TransformConfig]:
     """The stack by place, from the engine outwards.
 
-    The order that must hold: what shapes the command is passed from the far end inwards, so
-    `last_action` stands nearer to the engine than what it should see the result of. Sensing goes
-    noise, filter, clip, as on the car, and before what shows it. `waypoints` before what reads
-    them; whatever is to be seen before `observation`, and `history` right after it. What
-    terminates before the rewards, which may count it, and both before the step limit, which
-    closes `done`. A transform that cannot work where it stands says so when the stack is built.
+    Constraints on the order, checked when the stack is built:
+
+    1. A command passes the stack from its end to the engine, so `last_action` stands nearer to the
+       engine than the filters whose result it records.
+    2. Sensing is noise, filter, clip, as on the car, before `waypoints` and `observation`.
+    3. `waypoints` precedes everything that reads its keys.
+    4. What a policy sees precedes `observation`; `history` follows it.
+    5. Termination precedes `rewards`, which may count it; the step limit, which completes `done`,
+       is last.
     """
     return {
         "last_action": TransformConfig("last_action"),
@@ -66,12 +76,34 @@ def default_transforms() -> dict[str, TransformConfig]:
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """What a car is to do, whatever moves it."""
+    """The task of a car, independent of the engine."""
 
     paths: PathConfig = field(default_factory=PathConfig)
     transforms: dict[str, TransformConfig] = field(default_factory=default_transforms)
     """By place: last_action, command, noise, filter, clip, waypoints, target_speed, observation,
     history, leave_path, path_end, rewards, step_limit, or a place of one's own."""
+
+
+class TaskEnv(TransformedEnv):
+    """An engine, missing physics and a task; `set_seed` reaches the task's random transforms."""
+
+    def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
+        """Seeds engine and transforms: resets no longer depend on PyTorch's global generator.
+
+        Args:
+            seed: None gives the transforms back to the global generator.
+            static_seed: Returns `seed` itself.
+
+        Returns:
+            The seed for a further environment.
+        """
+        generator = None
+        if seed is not None:
+            generator = torch.Generator(self.device or "cpu").manual_seed(seed)
+        for transform in self.transform.modules():
+            if isinstance(transform, RandomTransform):
+                transform.generator = generator
+        return super().set_seed(seed, static_seed)
 
 
 def make_simulator(
@@ -81,7 +113,7 @@ def make_simulator(
     parameters: Mapping[str, float] | None = None,
     **options: Any,
 ) -> EnvBase:
-    """Builds an engine, or one with missing physics put into it (`effects:` of a .yaml file).
+    """Builds an engine, or an engine with effects (`effects:` of a .yaml file).
 
     Args:
         simulator: As for `make_engine`.
@@ -103,13 +135,23 @@ def make_simulator(
 
 
 def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:
-    """Puts missing physics over an engine, from the engine outwards; without any, it is itself."""
+    """Appends effects to an engine, from the engine outwards; without any, returns the engine."""
     if not effects:
         return engine
-    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
-    for effect in effects:
+    base, beneath = _parts(engine)
+    env = TransformedEnv(base, Compose([]))
+    for effect in (*beneath, *effects):
         env.append_transform(effect)
     return env
+
+
+def _parts(simulator: EnvBase) -> tuple[EnvBase, list[Transform]]:
+    """The engine of a simulator, in single precision, and copies of the transforms over it."""
+    if not isinstance(simulator, TransformedEnv):
+        return in_single_precision(simulator), []
+    stack = simulator.transform
+    parts = stack if isinstance(stack, Compose) else [stack]
+    return in_single_precision(simulator.base_env), [part.clone() for part in parts]
 
 
 def make_env(
@@ -119,14 +161,14 @@ def make_env(
     batch_size: int | Sequence[int] = (),
     device: str = "cpu",
     paths: PathSet | None = None,
-) -> TransformedEnv:
+) -> TaskEnv:
     """Puts missing physics and a task over an engine.
 
     Args:
         engine: A simulator, or what `make_simulator` makes one of.
         effects: Missing physics, from the engine outwards.
-        task: What to do; None is the original study's task, made sound.
-        batch_size: Number of cars or a shape, for an engine that is still to be made.
+        task: None is the default task.
+        batch_size: Number of environments or a shape, for an engine that is still to be made.
         device: Likewise.
         paths: To follow instead of `task.paths`.
 
@@ -136,21 +178,58 @@ def make_env(
     task = task or TaskConfig()
     if not isinstance(engine, EnvBase):
         engine = make_simulator(engine, batch_size, device)
-    # Over a simulator that is itself an engine with transforms, one stack grows from theirs.
-    env = TransformedEnv(engine, Compose([]), auto_unwrap=True)
+    base, beneath = _parts(engine)
+    env = TaskEnv(base, Compose([]))
     context = {
         "paths": make_paths(task.paths) if paths is None else paths,
-        "dt": getattr(engine, "dt", CONTROL_PERIOD),
+        "dt": getattr(base, "dt", CONTROL_PERIOD),
     }
     stack = [make_transform(c.name, c.options, **context) for c in in_order(task.transforms)]
-    for transform in (*effects, *stack):
+    for transform in (*beneath, *effects):
         env.append_transform(transform)
-    _ = env.output_spec  # a transform that stands in a wrong place says so here
+    for index, transform in enumerate(stack):
+        if isinstance(transform, TaskTransform):
+            env.append_transform(transform)
+        else:
+            _append_foreign(env, transform, behind=stack[index + 1 :])
+    _ = env.output_spec  # a transform of ours that stands in a wrong place says so here
     return env
 
 
-def judged(transforms: dict[str, TransformConfig]) -> dict[str, TransformConfig]:
-    """The stack in which drivers are compared: a path for each car, all set down at its start."""
+def _append_foreign(env: TaskEnv, transform: Transform, behind: Sequence[Transform]) -> None:
+    """Appends a transform that does not check its place itself, such as one of TorchRL's.
+
+    Raises:
+        ValueError: It reads a key that nothing before it writes, takes away one that the next step
+            needs, or cannot be used as it is.
+    """
+    name, reads = type(transform).__name__, getattr(transform, "in_keys", None) or ()
+    missing = sorted(str(key) for key in reads if key not in _written(env))
+    if missing:
+        raise ValueError(
+            f"{name} reads {', '.join(missing)}, which nothing before it writes: put the "
+            "transform that does before it in the stack, or name other in_keys"
+        )
+    if keys.REWARD in reads and any(isinstance(other, Rewards) for other in behind):
+        raise ValueError(f"{name} comes too early: it reads reward, which Rewards writes behind it")
+    state = set(env.full_state_spec.keys(True, True)) & _written(env)
+    try:
+        env.append_transform(transform)
+        lost = sorted(map(str, state - _written(env)))
+    except (KeyError, TypeError, RuntimeError, AttributeError) as error:
+        raise ValueError(f"{name} cannot stand here: {one_line(error)}") from error
+    if lost:
+        raise ValueError(f"{name} takes away {', '.join(lost)}, which the next step needs")
+
+
+def _written(env: EnvBase) -> set[NestedKey]:
+    """Keys, nested ones too, of what an environment gives out and takes in."""
+    specs = (env.full_observation_spec, env.full_done_spec, env.full_reward_spec)
+    return {key for spec in (*specs, env.full_action_spec) for key in spec.keys(True)}
+
+
+def evaluation_transforms(transforms: dict[str, TransformConfig]) -> dict[str, TransformConfig]:
+    """The stack in evaluation: environment i is on path i, and starts exactly where it begins."""
     waypoints = transforms["waypoints"]
     exact = {"order": "fixed", "start_lateral": 0.0, "start_heading": 0.0}
     options = {**waypoints.options, **exact}

@@ -73,10 +73,8 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         start = None
         if options and PATH in options:
             start = TensorDict({PATH: torch.tensor([int(options[PATH])])})
-        # Only resets draw random numbers, of PyTorch's global generator: theirs come from ours.
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(self.np_random.integers(2**63 - 1)))
-            self._state = self._env.reset(start)
+        self._env.set_seed(int(self.np_random.integers(2**63 - 1)))
+        self._state = self._env.reset(start)
         return self._shown(self._state)
 
     def step(

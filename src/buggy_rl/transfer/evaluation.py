@@ -1,34 +1,33 @@
-"""Drives of finished policies: on the concealed car, and in the simulator they were trained in."""
+"""Drives of trained policies: on the concealed car, and in the simulator of their training."""
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.exam import write_json
+from buggy_rl.blind_test.drives import joined
 from buggy_rl.config import from_plain
+from buggy_rl.files import write_json
+from buggy_rl.jobs import digest
 from buggy_rl.plants import make_plant
 from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.benchmark_paths import courses, judging
-from buggy_rl.policies.closed_loop import Driver, drive
-from buggy_rl.policies.track_reset import Marshal
+from buggy_rl.policies.benchmark_paths import benchmark_paths, judging
+from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.track_reset import TrackReset
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
-from buggy_rl.transfer.job import digest
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 ENDLESS = ("lap", "infinity")  # can be driven for any time; the tight random path ends
 ROOM = (*ENDLESS, "random")
-CAR = "car"  # the place that is no simulator
+CAR = "car"  # the place that is not a simulator
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,8 @@ class Judged:
     """Of each policy on each path."""
 
     @property
-    def asked(self) -> dict[str, Any]:
-        """What the file was made of, as JSON holds it."""
+    def settings(self) -> dict[str, Any]:
+        """What the drives depend on, as JSON holds it."""
         case = None if self.case is None else self.case.to_dict()
         listed = [[*policy, digest(policy[2])] for policy in self.policies]
         rest = {"seconds": self.seconds, "drives": self.drives, "marshal": True}
@@ -57,8 +56,8 @@ class Judged:
 
     @property
     def done(self) -> bool:
-        """Whether the file is there, of the same policies driven as long."""
-        return self.file.exists() and json.loads(self.file.read_text())["asked"] == self.asked
+        """Whether the file is there, of the same settings."""
+        return self.file.exists() and json.loads(self.file.read_text())["asked"] == self.settings
 
     def cars(self, count: int) -> EnvBase:
         """So many, of this place."""
@@ -106,7 +105,7 @@ def judge(judged: Judged) -> int:
         How many they are.
     """
     rows = list(driven(judged))
-    write_json(judged.file, {"asked": judged.asked, "drives": rows})
+    write_json(judged.file, {"asked": judged.settings, "drives": rows})
     return len(judged.policies)
 
 
@@ -114,14 +113,15 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
     """One row for each policy and path: means over its drives.
 
     Yields:
-        `arm`, `seed`, `course`, `minutes` allotted, the scores of `driving.Scores`, and `put_back`,
-        times that the marshal had to.
+        `arm`, `seed`, `course`, `minutes`, the fields of `closed_loop.Scores`, and `put_back`, the
+        number of resets to the path.
     """
     loaded = [load_policy(file) for _, _, file in judged.policies]
     task = from_plain(TaskConfig, loaded[0][1]["config"]["task"], judged.policies[0][2])
-    driver = side_by_side([policy.driver() for policy, _ in loaded])
+    drivers = [policy.driver() for policy, _ in loaded]
+    driver = joined(drivers, [judged.drives] * len(drivers))
     for course in ROOM:
-        known = courses(task.paths, 1)[course]
+        known = benchmark_paths(task.paths, 1)[course]
         endless = course in ENDLESS
         steps = round(judged.seconds / CONTROL_PERIOD) if endless else known.steps
         # The car is seen through its camera; a simulator as in training.
@@ -130,13 +130,13 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
             torch.manual_seed(0)
             cars = judged.cars(len(loaded) * judged.drives)
             env = make_env(cars, task=seen)
-            marshal = Marshal(env)
-            scores = drive(env, driver, steps, marshal)
+            reset = TrackReset(env)
+            scores = drive(env, driver, steps, reset)
         minutes = steps * CONTROL_PERIOD / 60.0
         for place, (arm, seed, _) in enumerate(judged.policies):
             rows = slice(place * judged.drives, (place + 1) * judged.drives)
             means = {name: mean_of(value[rows]) for name, value in vars(scores).items()}
-            means["put_back"] = mean_of(marshal.times[rows])
+            means["put_back"] = mean_of(reset.times[rows])
             yield {"arm": arm, "seed": seed, "course": course, "minutes": minutes, **means}
 
 
@@ -144,14 +144,3 @@ def mean_of(values: Tensor) -> float | None:
     """None where there is none, which JSON can hold."""
     mean = values.mean().item()
     return None if math.isnan(mean) else mean
-
-
-def side_by_side(drivers: Sequence[Callable[[TensorDictBase], TensorDictBase]]) -> Driver:
-    """Equal shares of the cars, one behind the other, each driven by a driver of its own."""
-
-    def every(state: TensorDictBase) -> TensorDictBase:
-        parts = state.select(keys.OBSERVATION).chunk(len(drivers))
-        actions = [one(part)[keys.ACTION] for one, part in zip(drivers, parts, strict=True)]
-        return state.set(keys.ACTION, torch.cat(actions))
-
-    return every

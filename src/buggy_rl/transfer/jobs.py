@@ -1,17 +1,31 @@
-"""The scripts that a study has to run: diagnoses, models, policies."""
+"""The scripts that a study runs: diagnoses, models, policies, and the simulators of these."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from buggy_rl.transfer.job import Job
+from torchrl.envs import EnvBase
+
+from buggy_rl.files import write_atomically
+from buggy_rl.jobs import Job
+from buggy_rl.transfer.parameter_posterior import posterior
 from buggy_rl.transfer.plan import Trained, TransferConfig
+from buggy_rl.transfer.randomised import randomised
 
 CHECKPOINT = "checkpoint.pt"
 LOGGED = Path("csv") / "scalars" / "reward.csv"  # steps, value: grows as a policy is trained
+FACTORY = '''"""{simulator}, {name}; written by scripts/transfer.py."""
+
+from functools import partial
+
+from {module} import {name}
+
+make = partial({name}, {simulator!r})
+'''
 
 
 def diagnoses(config: TransferConfig, scripts: Path) -> list[Job]:
-    """What has changed in each car since the simulator was right."""
+    """A diagnosis of each car, with the drives before the change as its baseline."""
     jobs = []
     for car in config.cars if "repaired" in config.arms else ():
         folder = config.car(car) / "diagnosis"
@@ -23,14 +37,14 @@ def diagnoses(config: TransferConfig, scripts: Path) -> list[Job]:
             f"output={folder}",
         )
         command = (str(scripts / "diagnose.py"), *options)
-        jobs.append(Job(f"diagnosis, {car}", folder, command, (config.simulator,)))
+        jobs.append(Job(f"diagnosis, {car}", folder, command, inputs=(config.simulator,)))
     return jobs
 
 
 def models(config: TransferConfig, scripts: Path) -> list[Job]:
-    """A model of each car from the same drives.
+    """A model of each car, learned from the same drives.
 
-    The script wants a drive to judge by, which no training sees: it is one of the car before.
+    The script needs a held-out drive: it is one of the car before the change.
     """
     jobs = []
     for car in config.cars if "learned" in config.arms else ():
@@ -43,7 +57,7 @@ def models(config: TransferConfig, scripts: Path) -> list[Job]:
             f"output={folder}",
         )
         command = (str(scripts / "train_models.py"), *options)
-        jobs.append(Job(f"model, {car}", folder, command, _files(config.model)))
+        jobs.append(Job(f"model, {car}", folder, command, inputs=_files(config.model)))
     return jobs
 
 
@@ -66,10 +80,10 @@ def _training(config: TransferConfig, policy: Trained, scripts: Path) -> Job:
         ", ".join(str(part) for part in policy if part != ""),
         folder,
         (str(scripts / "train_policy.py"), *options),
-        (*_files(config.policy), config.made_from(policy.arm, policy.car)),
-        config.steps,
-        CHECKPOINT,
-        partial(share_trained, folder, config.steps),
+        inputs=(*_files(config.policy), config.made_from(policy.arm, policy.car)),
+        work=config.steps,
+        checkpoint=CHECKPOINT,
+        share=partial(share_trained, folder, config.steps),
     )
 
 
@@ -84,3 +98,23 @@ def share_trained(folder: Path, steps: int) -> float:
     if not file.exists() or not (lines := file.read_text().splitlines()):
         return 0.0
     return min(int(float(lines[-1].partition(",")[0])) / steps, 1.0)
+
+
+def write_factories(config: TransferConfig) -> None:
+    """Writes the simulators of every arm whose environments differ in their parameters."""
+    for arm, car in config.places():
+        if (file := config.factory(arm, car)) is not None:
+            draw = randomised if arm == "randomised" else posterior
+            write_factory(draw, config.made_from(arm, car), file)
+
+
+def write_factory(draw: Callable[..., EnvBase], simulator: str, file: Path) -> None:
+    """Writes `FILE:make`, a simulator as every script takes it.
+
+    Args:
+        draw: Function of a module, of (simulator, batch_size, device).
+        simulator: Its first argument.
+        file: To be written.
+    """
+    text = FACTORY.format(simulator=simulator, module=draw.__module__, name=draw.__name__)
+    write_atomically(file, text)

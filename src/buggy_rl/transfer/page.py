@@ -1,26 +1,19 @@
-"""The page that shows what became of the policies, as Markdown."""
+"""The page that shows the drives of all policies, as Markdown."""
 
-from collections.abc import Mapping, Sequence
-from statistics import pstdev
+from collections.abc import Mapping
 from typing import Any
 
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from buggy_rl.transfer.plan import ARMS, TransferConfig
-from buggy_rl.transfer.score import (
-    Pair,
-    counted,
-    kinds,
-    mean,
-    original_loss,
-    over_seeds,
-    targets,
-    values,
-)
+from buggy_rl.transfer.score import counted, means, original_loss, over_seeds, targets
 
 
 def page(
     config: TransferConfig,
-    drives: Sequence[Pair],
-    said: Mapping[str, Mapping[str, Any]],
+    drives: pd.DataFrame,
+    answers: Mapping[str, Mapping[str, Any]],
     command: str,
     picture: str,
 ) -> str:
@@ -29,126 +22,91 @@ def page(
     Args:
         config: Of the study.
         drives: From `score.pairs`.
-        said: What the diagnosis said of each car.
+        answers: `diagnosis.json` of each car.
         command: That makes the page again.
         picture: Its path from the page.
     """
-    goals = [f"- {'Met' if t.met else '**Not met**'}: {t.sentence}" for t in targets(drives)]
-    parts = [
-        "# Transfer: policies on cars that their simulator was not made for",
-        _about(config, drives, command),
-        "\n".join(goals),
-        "Closed on the car (in its own simulator), waypoints a minute, mean over seeds and paths; "
-        "of the mean over the cars in which something is concealed the 95 % interval over seeds:",
-        closed_table(drives),
-        "Lost from simulator to car by path, waypoints a minute, mean ± sd over cars and seeds "
-        "(the original's table 7.7):",
-        lost_table(drives),
-        _original(),
-        f"![Waypoints closed in simulation and on the car]({picture})",
-        "Mean distance from the path on the car (in its own simulator) [m], and times a minute "
-        "that it had to be put back:",
-        lateral_table(drives),
-    ]
-    if said:
-        parts += ["What was concealed, and what the diagnosis said:", said_table(config, said)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    templates = Environment(
+        loader=PackageLoader("buggy_rl.transfer", ""),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
+    return templates.get_template("transfer.md.jinja").render(
+        config=config,
+        command=command,
+        picture=picture,
+        arms=list(drives.arm.unique()),
+        seeds=drives.seed.nunique(),
+        meaning=ARMS,
+        targets=targets(drives),
+        original=original_loss(),
+        closed=_closed(drives),
+        lost=_lost(counted(drives)),
+        lateral=_lateral(drives),
+        diagnosed=[_diagnosed(car, config.cars[car], answer) for car, answer in answers.items()],
+    )
 
 
-def closed_table(drives: Sequence[Pair]) -> str:
-    """A row for each car, one for their mean, and one for what is lost in the mean."""
-    arms, judged = kinds(drives, "arm"), counted(drives)
-
-    def cell(of: Sequence[Pair], **where: object) -> str:
-        return f"{mean(of, 'there', **where):.1f} ({mean(of, 'own', **where):.1f})"
+def _closed(drives: pd.DataFrame) -> list[list[str]]:
+    """A row for each car, one for their mean, and one for the mean loss."""
+    of_car, of_arm, judged = (
+        means(drives, "car", "arm"),
+        means(counted(drives), "arm"),
+        counted(drives),
+    )
 
     def interval(arm: str, column: str) -> str:
-        return _range(*over_seeds(judged, arm, column))
+        low, high = over_seeds(judged, arm, column)
+        return "-" if low != low else f"{low:.1f} .. {high:.1f}"
 
-    rows = [[c, *(cell(drives, car=c, arm=arm) for arm in arms)] for c in kinds(drives, "car")]
-    rows.append(["**mean**", *(f"**{cell(judged, arm=a)}**, {interval(a, 'there')}" for a in arms)])
-    lost = [f"**{mean(judged, 'lost', arm=a):.1f}**, {interval(a, 'lost')}" for a in arms]
-    return _markdown(["car", *arms], [*rows, ["**lost**", *lost]])
+    def cell(row: pd.Series) -> str:
+        return f"{row.there:.1f} ({row.own:.1f})"
 
-
-def lost_table(drives: Sequence[Pair]) -> str:
-    """A row for each path, as in the original's table 7.7."""
-    drives = counted(drives)
-    arms, rows = kinds(drives, "arm"), []
-    for course in kinds(drives, "course"):
-        lost = [values(drives, "lost", course=course, arm=arm) for arm in arms]
-        rows.append([course, *(f"{sum(v) / len(v):.1f} ± {pstdev(v):.1f}" for v in lost)])
-    share = [mean(drives, "lost", arm=arm) / mean(drives, "own", arm=arm) for arm in arms]
-    rows.append(["share of what it closed", *(f"{100 * s:.0f} %" for s in share)])
-    return _markdown(["path", *arms], rows)
+    arms = drives.arm.unique()
+    rows = [[c, *(cell(of_car.loc[(c, a)]) for a in arms)] for c in drives.car.unique()]
+    mean = [f"**{cell(of_arm.loc[a])}**, {interval(a, 'there')}" for a in arms]
+    lost = [f"**{of_arm.lost[a]:.1f}**, {interval(a, 'lost')}" for a in arms]
+    return [*rows, ["**mean**", *mean], ["**lost**", *lost]]
 
 
-def lateral_table(drives: Sequence[Pair]) -> str:
-    """A row for each car."""
-    arms = kinds(drives, "arm")
-
-    def cell(car: str, arm: str) -> str:
-        there, own, lost, own_lost = (
-            mean(drives, column, car=car, arm=arm)
-            for column in ("lateral", "own_lateral", "put_back", "own_put_back")
-        )
-        return f"{there:.3f} ({own:.3f}), {lost:.1f} ({own_lost:.1f}) times"
-
-    rows = [[car, *(cell(car, arm) for arm in arms)] for car in kinds(drives, "car")]
-    return _markdown(["car", *arms], rows)
+def _lost(drives: pd.DataFrame) -> list[list[str]]:
+    """A row for each path, and one for the share that is lost."""
+    lost = drives.groupby(["course", "arm"], sort=False).lost
+    mean, sd, arms = lost.mean(), lost.std(ddof=0), drives.arm.unique()
+    rows = [
+        [course, *(f"{mean[course, arm]:.1f} ± {sd[course, arm]:.1f}" for arm in arms)]
+        for course in drives.course.unique()
+    ]
+    share = means(drives, "arm").eval("100 * lost / own")
+    return [*rows, ["share of what it closed", *(f"{share[arm]:.0f} %" for arm in arms)]]
 
 
-def said_table(config: TransferConfig, said: Mapping[str, Mapping[str, Any]]) -> str:
-    """A row for each car that was diagnosed."""
-    rows = []
-    for car, answer in said.items():
-        hidden = [_effect(effect, v) for effect, v in config.cars[car].items()]
-        named = [
-            _effect(e["name"], {k: v["value"] for k, v in e["parameters"].items()})
-            + f" ({100 * e['confidence']:.0f} % sure)"
-            for e in answer["effects"]
-        ]
-        verdict = answer["verdict"].replace("_", " ")
-        rows.append([car, "; ".join(hidden) or "nothing", verdict, "; ".join(named) or "nothing"])
-    return _markdown(["car", "concealed", "verdict", "named"], rows)
+def _lateral(drives: pd.DataFrame) -> list[list[str]]:
+    """A row for each car: distances from the path, and resets to it."""
+    of_car = means(drives, "car", "arm")
+
+    def cell(row: pd.Series) -> str:
+        resets = f"{row.put_back:.1f} ({row.own_put_back:.1f}) times"
+        return f"{row.lateral:.3f} ({row.own_lateral:.3f}), {resets}"
+
+    arms = drives.arm.unique()
+    return [[c, *(cell(of_car.loc[(c, a)]) for a in arms)] for c in drives.car.unique()]
+
+
+def _diagnosed(
+    car: str, concealed: Mapping[str, Mapping[str, float]], answer: Mapping[str, Any]
+) -> list[str]:
+    """A car: what is concealed in it, the verdict, and what was named."""
+    named = [
+        _effect(e["name"], {k: v["value"] for k, v in e["parameters"].items()})
+        + f" ({100 * e['confidence']:.0f} % sure)"
+        for e in answer["effects"]
+    ]
+    hidden = [_effect(effect, values) for effect, values in concealed.items()]
+    verdict = answer["verdict"].replace("_", " ")
+    return [car, "; ".join(hidden) or "nothing", verdict, "; ".join(named) or "nothing"]
 
 
 def _effect(name: str, numbers: Mapping[str, float]) -> str:
     return f"{name} {', '.join(f'{k} {v:.3g}' for k, v in numbers.items())}"
-
-
-def _about(config: TransferConfig, drives: Sequence[Pair], command: str) -> str:
-    arms = "\n".join(f"- **{arm}**: {ARMS[arm]}" for arm in kinds(drives, "arm"))
-    return (
-        f"Made by\n\n```sh\n{command}\n```\n\n"
-        f"Policies of {config.steps / 1e6:g} million steps of PPO, "
-        f"{len(kinds(drives, 'seed'))} seeds each, trained in\n\n{arms}\n\n{_cars(config)} "
-        "The cars are reference cars in which something is wrong, seen through their camera; "
-        f"{config.drives} drives of {config.seconds:g} s by a room driver are all that is known of "
-        f"one. Lap and infinity are driven for {config.judged_seconds:g} s, the tight random path "
-        "for 5 s. A car that leaves its path, or closes no waypoint in 2 s, is put back on it, "
-        "at rest, and held for 2 s. Nothing on this page is written by hand."
-    )
-
-
-def _cars(config: TransferConfig) -> str:
-    if not config.undecided:
-        return "All cars of the first two are alike."
-    return "In the first two each car has its own share of what the fit of MuJoCo left open."
-
-
-def _original() -> str:
-    parts = [
-        f"{kind}: {lost:.1f} of {own:.1f} in an episode ({100 * lost / own:.0f} %)"
-        for kind, (own, lost) in original_loss().items()
-    ]
-    return f"The original study's policies lost, on its real car, {', '.join(parts)}."
-
-
-def _range(low: float, high: float) -> str:
-    return "-" if low != low else f"{low:.1f} .. {high:.1f}"
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

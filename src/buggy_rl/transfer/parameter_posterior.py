@@ -1,11 +1,10 @@
-"""A fitted simulator whose cars differ by what its fit could not decide.
+"""A fitted simulator whose environments have parameters drawn from the intervals of its fit.
 
-Drives in a room leave some parameters open: grip in front from grip behind, the shape of a tyre's
-curve. A policy that is trained at the single best guess learns to drive at the limit of that one
-car. Here each car of a batch keeps a guess of its own, evenly from twice the fit's 95 % intervals:
-narrow where the drives were telling, wide where they were not, and twice because an interval knows
-of noise and nothing of what no parameter of the simulator stands for. A learned correction is such
-a guess as well: of it a car feels anything from nothing to twice of what the repair put in.
+Drives in a room do not determine all parameters, such as front against rear grip or the shape of
+the tyre curve, and a policy trained at the best estimate drives at the limit of that one car. Each
+environment of a batch keeps parameters of its own, uniform over twice the fit's 95 % intervals:
+an interval accounts for noise, not for physics that no parameter of the simulator stands for. The
+strength of a learned correction is drawn from 0 to twice that of the repair.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,23 +25,23 @@ from buggy_rl.task.env import make_simulator, with_effects
 WIDER = 2.0  # than the fit's 95 % intervals, from its best guess
 
 
-def undecided(
+def posterior(
     simulator: str | Path,
     batch_size: int | Sequence[int],
     device: str = "cpu",
     tuned: Mapping[str, float] | None = None,
 ) -> EnvBase:
-    """Cars of a fitted simulator, each as likely as the others.
+    """A fitted simulator with parameters drawn for each environment.
 
-    Physics that has a name stays over it as it is. Parameters are drawn one by one: two that a fit
-    can tell only together differ by more than it leaves open. They come from PyTorch's global
-    generator, so that a run's seed fixes its cars.
+    p = best + 2 (drawn - best), drawn uniformly from the 95 % interval and clamped to the range.
+    Named effects stay as they are. Parameters are drawn independently, so correlated ones spread
+    more than their joint posterior. PyTorch's global generator draws them: the seed fixes them.
 
     Args:
         simulator: A file written by a fit, or one that puts effects over such a file.
-        batch_size: Number of cars or a shape.
+        batch_size: Number of environments or a shape.
         device: Where the state lives.
-        tuned: Parameters that are known otherwise, and not drawn.
+        tuned: Parameters with known values, which are not drawn.
 
     Raises:
         ValueError: No fit has written it, or a file cannot be read.
@@ -57,17 +56,17 @@ def undecided(
     fitted = yaml.safe_load(file.read_text()).get("_fit")
     if fitted is None:
         known = {**content["parameters"], **known}
-        engine = undecided(content["engine"], batch_size, device, known)
+        engine = posterior(content["engine"], batch_size, device, known)
     else:
         engine = make_simulator(file, batch_size, device, known)
         assert isinstance(engine, Engine)
         intervals = {name: fitted[name] for name in fitted.keys() - known}
         engine = engine.with_parameters(_drawn(engine, intervals))
-    effects = [_felt(effect, engine.batch_size) for effect in make_effects(content["effects"])]
+    effects = [_scaled(effect, engine.batch_size) for effect in make_effects(content["effects"])]
     return with_effects(engine, effects)
 
 
-def _felt(effect: Effect, batch_size: torch.Size) -> Effect:
+def _scaled(effect: Effect, batch_size: torch.Size) -> Effect:
     if not isinstance(effect, ResidualAcceleration):
         return effect
     strength = 2.0 * effect.values["strength"] * torch.rand(batch_size)

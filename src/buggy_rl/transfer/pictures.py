@@ -1,20 +1,19 @@
-"""One picture for all cars: what a policy closed in simulation, and what was left of it."""
+"""One picture for all cars: what a policy closes in simulation and on the car."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from buggy_rl.transfer.score import Pair, kinds, mean
 from buggy_rl.viz.style import COLOURS, MEASURED, tidy
 
 SPREAD = 0.7  # of the room between two cars that their arms take up
 BESIDE = 0.06  # [cars] how far the seeds stand beside their mean
 
 
-def transfer_figure(drives: Sequence[Pair]) -> Figure:
+def transfer_figure(drives: pd.DataFrame) -> Figure:
     """A place for each car, in it a line for each arm from its simulator (open) to the car (dot).
 
     Small dots are the seeds on the car.
@@ -22,15 +21,15 @@ def transfer_figure(drives: Sequence[Pair]) -> Figure:
     Args:
         drives: From `score.pairs`.
     """
-    arms, cars = kinds(drives, "arm"), kinds(drives, "car")
+    arms, cars = list(drives.arm.unique()), list(drives.car.unique())
     figure, axis = plt.subplots(
         figsize=(max(1.3 * len(cars) + 1.5, 9.0), 4.2), layout="constrained"
     )
     for number, arm in enumerate(arms):
         for place, car in enumerate(cars):
-            here, colour = [d for d in drives if (d.car, d.arm) == (car, arm)], COLOURS[number]
-            own, there = mean(here, "own"), mean(here, "there")
-            seeds = [mean(here, "there", seed=seed) for seed in kinds(here, "seed")]
+            here = drives[(drives.car == car) & (drives.arm == arm)]
+            own, there, colour = here.own.mean(), here.there.mean(), COLOURS[number]
+            seeds = here.groupby("seed", sort=False).there.mean()
             x = place + SPREAD * ((number + 0.5) / len(arms) - 0.5)
             axis.plot([x, x], [own, there], color=colour, lw=2.5, alpha=0.35)
             axis.plot(x, own, "o", color=colour, mfc="white", ms=6)

@@ -1,4 +1,4 @@
-"""What is compared: cars in which something is concealed, and where policies for them are trained.
+"""The study: cars in which something is concealed, and where policies for them are trained.
 
 OUTPUT/cars/CAR/recordings/      two minutes of driving, and baseline/ from before the change
 OUTPUT/cars/CAR/diagnosis/       repaired.yaml
@@ -16,7 +16,6 @@ from typing import NamedTuple
 from omegaconf import MISSING
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.preparation import LEARNED
 
 STAGES = ("drive", "diagnose", "learn", "train", "evaluate", "page")
 ARMS = {
@@ -27,7 +26,13 @@ ARMS = {
 }
 DRAWN = ("unrepaired", "repaired", "randomised")  # MuJoCo, whose cars may differ
 SHARED = ("unrepaired", "randomised")  # know nothing of the car, so they are trained once a seed
-FIRST_SEED = 700_000_000  # of cars: no case of the proof has it
+FIRST_SEED = 700_000_000  # of cars: no case of scripts/prove.py has it
+MODEL = (  # the history MLP of configs/demo.yaml, trained on rollouts
+    "runs.model.model.kind=mlp",
+    "runs.model.model.options.rows=20",
+    "runs.model.model.options.hidden=[128,128]",
+    "runs.model.training.weight_decay=1e-3",
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class TransferConfig:
     """Of drivers and cameras."""
     diagnosis: list[str] = field(default_factory=lambda: ["stretches=60"])
     """Options of scripts/diagnose.py; MuJoCo takes its time, so not all stretches of a second."""
-    model: list[str] = field(default_factory=lambda: list(LEARNED))
+    model: list[str] = field(default_factory=lambda: list(MODEL))
     """Options of scripts/train_models.py: the model, which must be called `model`."""
     undecided: bool = True
     """Whether cars that unrepaired and repaired policies train on differ by what the fit of

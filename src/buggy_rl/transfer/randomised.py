@@ -1,8 +1,6 @@
-"""A simulator none of whose cars is like another: physics drawn at random, for a policy to bear.
+"""Domain randomisation (Tobin et al., 2017; Peng et al., 2018): physics drawn for each environment.
 
-The other remedy for a simulator that is wrong (Tobin et al., 2017; Peng et al., 2018): not to find
-out what is wrong with it, but to train in many simulators, hoping that the car is one of them.
-Each car of a batch keeps what was drawn for it; one that begins a new episode stays the car it is.
+Each environment of a batch keeps its parameters, also over new episodes.
 """
 
 from collections.abc import Sequence
@@ -48,14 +46,14 @@ SPREADS = (
 
 
 def randomised(simulator: str, batch_size: int | Sequence[int], device: str = "cpu") -> EnvBase:
-    """Cars of a simulator, each with parameters of its own.
+    """A simulator with parameters drawn for each environment.
 
     p' = f p or p + a, with f, a evenly from `SPREADS`, then kept within the parameter's range.
-    Drawn from PyTorch's global generator, so that a run's seed fixes its cars.
+    PyTorch's global generator draws them: the seed fixes them.
 
     Args:
         simulator: As for `make_simulator`; one that declares parameters.
-        batch_size: Number of cars or a shape.
+        batch_size: Number of environments or a shape.
         device: Where the state lives.
 
     Raises:

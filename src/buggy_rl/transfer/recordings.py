@@ -1,23 +1,24 @@
-"""Two minutes of driving a concealed car, and as much from before anything was wrong with it."""
+"""Recordings of a concealed car, and of the same car before the change."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.measuring import measured
-from buggy_rl.blind_test.motion import moved
-from buggy_rl.recordings import save_recording
-
-NOISE = 100  # first number of a baseline drive's noise, well behind those of the others
+from buggy_rl.blind_test.drives import BASELINE_NOISE, moved, save_drives
 
 
 def recorded(case: Case, folder: Path) -> bool:
-    """Whether a car's drives are all there."""
-    return all(file.exists() for file in _files(case, folder))
+    """Whether a car's recordings are all there."""
+    kinds = {"recordings": "drive", "baseline": "before"}
+    return all(
+        (folder / kind / f"{name}_{number}.csv").exists()
+        for kind, name in kinds.items()
+        for number in range(case.drives)
+    )
 
 
 def record(cases: Sequence[Case], folders: Sequence[Path]) -> None:
-    """Drives cars, all at once, and writes `recordings/` and `baseline/` into each one's folder.
+    """Drives cars in one batch and writes `recordings/` and `baseline/` into the folder of each.
 
     Args:
         cases: Of one plant and length, with baseline drives.
@@ -25,15 +26,7 @@ def record(cases: Sequence[Case], folders: Sequence[Path]) -> None:
     """
     for case, folder, motion in zip(cases, folders, moved(cases), strict=True):
         assert motion.clean is not None
-        drives = [measured(case, motion.changed[n], True, n) for n in range(case.drives)]
-        drives += [measured(case, motion.clean[n], False, NOISE + n) for n in range(case.drives)]
-        for drive, file in zip(drives, _files(case, folder), strict=True):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            save_recording(drive, file)
-
-
-def _files(case: Case, folder: Path) -> list[Path]:
-    places = range(case.drives)
-    # A name tells a drive from all others, also from those before the change.
-    changed = [folder / "recordings" / f"drive_{place}.csv" for place in places]
-    return changed + [folder / "baseline" / f"before_{place}.csv" for place in places]
+        changed = {f"drive_{n}": n for n in range(case.drives)}
+        before = {f"before_{n}": BASELINE_NOISE + n for n in range(case.drives)}
+        save_drives(case, motion.changed[: case.drives], folder / "recordings", changed)
+        save_drives(case, motion.clean, folder / "baseline", before, changed=False)

@@ -1,43 +1,32 @@
-"""What became of the policies: waypoints closed on the car against in simulation."""
+"""Waypoints that policies close on the car, against those that they close in simulation.
+
+The drives are a table with a row for each policy and path: `car`, `arm`, `seed`, `course`,
+`control` (whether nothing is wrong with the car) and the columns of `UNITS`.
+"""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import pandas as pd
+
 from buggy_rl.policies.tables import ORIGINAL, mean_interval
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 
-CURED = 0.2  # share of the unrepaired one's loss that the repaired one may have
-COUNTED = ("own", "there", "lost", "own_lateral", "lateral", "own_put_back", "put_back")
-
-
-@dataclass(frozen=True)
-class Pair:
-    """One policy on one path: in its own simulator, and on the car."""
-
-    car: str
-    arm: str
-    seed: int
-    course: str
-    own: float
-    """Waypoints closed in its simulator, a minute."""
-    there: float
-    """Waypoints closed on the car, a minute."""
-    lost: float
-    """Their difference."""
-    own_lateral: float
-    """Mean distance from the path in its simulator [m]."""
-    lateral: float
-    """Mean distance from the path on the car [m]."""
-    own_put_back: float
-    """Times a minute that it had to be put back in its simulator."""
-    put_back: float
-    """Times a minute that it had to be put back on the car."""
-    control: bool = False
-    """Whether the car is one with nothing wrong."""
+CURED = 0.2  # share of the unrepaired policy's loss that the repaired one may have
+KEY = ["car", "arm", "seed", "course"]
+UNITS = {
+    "own": "waypoints closed in the policy's own simulator [1/min]",
+    "there": "waypoints closed on the car [1/min]",
+    "lost": "their difference [1/min]",
+    "own_lateral": "mean distance from the path in the own simulator [m]",
+    "lateral": "mean distance from the path on the car [m]",
+    "own_put_back": "resets to the path in the own simulator [1/min]",
+    "put_back": "resets to the path on the car [1/min]",
+}
+COUNTED = list(UNITS)
 
 
 @dataclass(frozen=True)
@@ -48,94 +37,72 @@ class Target:
     met: bool
 
 
-def pairs(config: TransferConfig) -> list[Pair]:
+def pairs(config: TransferConfig) -> pd.DataFrame:
     """Every policy and path that was driven both on a car and in simulation.
 
     Raises:
-        ValueError: None was.
+        ValueError: There is none.
     """
-    found = []
+    own, there = [], []
     for car in config.cars:
-        own = {}
+        there += [{"car": car, **row} for row in _drives(config.car_drives(car))]
         for arm in config.arms:
-            for row in _drives(config.own_drives(arm, "" if arm in SHARED else car)):
-                own[arm, row["seed"], row["course"]] = row
-        for row in _drives(config.car_drives(car)):
-            key = row["arm"], row["seed"], row["course"]
-            if key in own:
-                found.append(_pair(car, own[key], row, not config.cars[car]))
-    if not found:
+            file = config.own_drives(arm, "" if arm in SHARED else car)
+            own += [{"car": car, **row} for row in _drives(file)]
+    columns = [*KEY, "minutes", "waypoints", "lateral_mean", "put_back"]
+    on_car, simulated = (pd.DataFrame(rows, columns=columns) for rows in (there, own))
+    both = on_car.merge(simulated, on=KEY, suffixes=("", "_own"))
+    if both.empty:
         raise ValueError(f"{config.output} has no drives yet: run the stages before page")
-    return found
+    drives = both[KEY].assign(
+        own=both.waypoints_own / both.minutes_own, there=both.waypoints / both.minutes
+    )
+    return drives.assign(
+        lost=drives.own - drives.there,
+        own_lateral=both.lateral_mean_own,
+        lateral=both.lateral_mean,
+        own_put_back=both.put_back_own / both.minutes_own,
+        put_back=both.put_back / both.minutes,
+        control=[not config.cars[car] for car in both.car],
+    )
 
 
 def _drives(file: Path) -> list[dict[str, Any]]:
     return json.loads(file.read_text())["drives"] if file.exists() else []
 
 
-def _pair(car: str, own: dict[str, Any], there: dict[str, Any], control: bool) -> Pair:
-    at_home, away = (row["waypoints"] / row["minutes"] for row in (own, there))
-    return Pair(
-        car,
-        there["arm"],
-        there["seed"],
-        there["course"],
-        own=at_home,
-        there=away,
-        lost=at_home - away,
-        own_lateral=own["lateral_mean"],
-        lateral=there["lateral_mean"],
-        own_put_back=own["put_back"] / own["minutes"],
-        put_back=there["put_back"] / there["minutes"],
-        control=control,
-    )
-
-
-def counted(drives: Sequence[Pair]) -> list[Pair]:
+def counted(drives: pd.DataFrame) -> pd.DataFrame:
     """Without the cars that have nothing wrong, unless there are no others."""
-    return [drive for drive in drives if not drive.control] or list(drives)
+    return drives if drives.control.all() else drives.loc[~drives.control]
 
 
-def values(drives: Sequence[Pair], column: str, **where: object) -> list[float]:
-    """A column of `COUNTED`, of those drives that are as is said by name."""
-    chosen = [d for d in drives if all(getattr(d, k) == v for k, v in where.items())]
-    return [getattr(d, column) for d in chosen]
+def means(drives: pd.DataFrame, *by: str) -> pd.DataFrame:
+    """Means of all columns by car, arm, seed or course, in the order of their first appearance."""
+    return pd.DataFrame(drives.groupby(list(by), sort=False)[COUNTED].mean())
 
 
-def mean(drives: Sequence[Pair], column: str, **where: object) -> float:
-    """Its mean; cars, paths and seeds count alike."""
-    return fmean(values(drives, column, **where))
+def over_seeds(drives: pd.DataFrame, arm: str, column: str) -> tuple[float, float]:
+    """95 % interval of an arm's mean over seeds."""
+    return mean_interval(means(drives.loc[drives.arm == arm], "seed")[column].tolist())
 
 
-def kinds(drives: Sequence[Pair], name: str) -> list[Any]:
-    """All cars, arms, seeds or courses, in the order of their first appearance."""
-    return list(dict.fromkeys(getattr(drive, name) for drive in drives))
-
-
-def over_seeds(drives: Sequence[Pair], arm: str, column: str) -> tuple[float, float]:
-    """95 % interval of an arm's mean, seeds being what it varies over."""
-    return mean_interval([mean(drives, column, arm=arm, seed=s) for s in kinds(drives, "seed")])
-
-
-def targets(drives: Sequence[Pair]) -> list[Target]:
+def targets(drives: pd.DataFrame) -> list[Target]:
     """What the study has to show, and whether it does; none without both arms it is about."""
-    drives = counted(drives)
-    arms = kinds(drives, "arm")
-    if not {"unrepaired", "repaired"} <= set(arms):
+    arms = means(counted(drives), "arm")
+    if not {"unrepaired", "repaired"} <= set(arms.index):
         return []
-    lost = {arm: mean(drives, "lost", arm=arm) for arm in arms}
-    there = {arm: mean(drives, "there", arm=arm) for arm in arms}
-    best = max((arm for arm in arms if arm != "repaired"), key=lambda arm: there[arm])
+    lost, there = arms.lost, arms.there
+    best = there.drop("repaired").idxmax()
     return [
         Target(
             f"The repaired simulator's policy loses {lost['repaired']:.1f} waypoints a minute, "
             f"at most a fifth of the {lost['unrepaired']:.1f} that the unrepaired one's loses.",
-            lost["repaired"] <= CURED * max(lost["unrepaired"], 0.0),
+            bool(lost["repaired"] <= CURED * max(lost["unrepaired"], 0.0)),
         ),
         Target(
             f"It closes {there['repaired']:.1f} a minute on the car, at least as many as any "
             f"other ({best}: {there[best]:.1f}).",
-            there["repaired"] >= there[best],
+            bool(there["repaired"] >= there[best]),
         ),
     ]
 
@@ -147,26 +114,24 @@ def original_loss() -> dict[str, tuple[float, float]]:
 
 
 def answers(config: TransferConfig) -> dict[str, dict[str, Any]]:
-    """What the diagnosis said of each car."""
+    """`diagnosis.json` of each car."""
     files = {car: config.car(car) / "diagnosis" / "diagnosis.json" for car in config.cars}
     return {car: json.loads(file.read_text()) for car, file in files.items() if file.exists()}
 
 
-def results(config: TransferConfig, drives: Sequence[Pair]) -> dict[str, Any]:
-    """Everything that was counted, as JSON holds it."""
+def results(config: TransferConfig, drives: pd.DataFrame) -> dict[str, Any]:
+    """All drives, their means and the targets, as JSON holds them."""
 
-    def means(of: Sequence[Pair], *what: str) -> list[dict[str, Any]]:
-        groups = dict.fromkeys(tuple(getattr(d, name) for name in what) for d in of)
-        named = [dict(zip(what, group, strict=True)) for group in groups]
-        return [g | {column: mean(of, column, **g) for column in COUNTED} for g in named]
+    def listed(of: pd.DataFrame, *by: str) -> list[dict[Any, Any]]:
+        return means(of, *by).reset_index().to_dict("records")
 
     return {
         "unit": "waypoints a minute",
         "seeds": config.seeds,
         "steps": config.steps,
         "targets": [asdict(target) for target in targets(drives)],
-        "arms": means(counted(drives), "arm"),
-        "cars": means(drives, "car", "arm"),
-        "courses": means(counted(drives), "course", "arm"),
-        "drives": [asdict(drive) for drive in drives],
+        "arms": listed(counted(drives), "arm"),
+        "cars": listed(drives, "car", "arm"),
+        "courses": listed(counted(drives), "course", "arm"),
+        "drives": drives.to_dict("records"),
     }

@@ -9,13 +9,14 @@ from buggy_rl.policies.learning_curves import SHOWN, Curve
 from buggy_rl.viz.style import COLOURS, tidy
 
 MILLION = 1e6
+SPARSE = 30  # points of a curve below which they get markers; chosen
 
 
 def learning_figure(curves: Sequence[Curve]) -> Figure:
-    """Waypoints closed against steps: the mean of all seeds in a band from worst to best.
+    """Waypoints closed over training steps: mean of all seeds, and band from worst to best.
 
     Args:
-        curves: From `learning_curves.curves`; one colour each name, one panel each metric.
+        curves: From `learning_curves.curves`; a colour for each name, a panel for each metric.
     """
     figure, axes = plt.subplots(1, len(SHOWN), figsize=(10, 4), layout="constrained", sharey=True)
     names = list(dict.fromkeys(curve.name for curve in curves))
@@ -35,10 +36,9 @@ def learning_figure(curves: Sequence[Curve]) -> Figure:
 def _draw(axis, curve: Curve, colour: str) -> None:
     steps, band = curve.band.index / MILLION, curve.band
     label = f"{curve.name}, {curve.runs} seeds" if curve.runs > 1 else curve.name
-    marker = "o" if len(band) < 30 else None
+    marker = "o" if len(band) < SPARSE else None
     axis.fill_between(steps, band["low"], band["high"], color=colour, alpha=0.2, lw=0)
     axis.plot(steps, band["mean"], color=colour, lw=1.8, marker=marker, ms=4, label=label)
     if curve.score is not None:
-        axis.axhline(
-            curve.score, color=colour, ls="--", lw=1.2, label=f"{curve.name}, pure pursuit"
-        )
+        label = f"{curve.name}, pure pursuit"
+        axis.axhline(curve.score, color=colour, ls="--", lw=1.2, label=label)

@@ -12,13 +12,13 @@ from buggy_rl.viz.style import COLOURS, MEASURED, tidy
 def paths_figure(
     sets: Mapping[str, PathSet], shown: int = 5, waypoints: int = 100, columns: int = 3
 ) -> Figure:
-    """Sets of paths side by side, each with its tightest turn.
+    """Sets of paths side by side, each with its smallest turning radius.
 
     Args:
-        sets: By what they are called.
-        shown: Paths of a set in colour, with their waypoints; the others are drawn faintly.
-        waypoints: Of each open path that are drawn.
-        columns: Sets in a row.
+        sets: Name -> paths.
+        shown: Paths of a set in colour with their waypoints; the others are faint.
+        waypoints: Number drawn of each open path.
+        columns: Sets in a row of the figure.
     """
     rows = -(-len(sets) // columns)
     figure, axes = plt.subplots(

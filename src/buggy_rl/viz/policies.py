@@ -1,4 +1,4 @@
-"""Policies on their paths: the line each one drove, coloured by its speed."""
+"""Trajectories of policies on their paths, coloured by speed."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,36 +17,32 @@ from buggy_rl.policies.drives import Panel, Track
 from buggy_rl.viz.style import FAINT, MEASURED, tidy
 
 SPEEDS = "viridis"
-FASTEST_SHARE = 0.995  # of the speeds driven, where the colours end: one jump must not dim the rest
-MARGIN = 0.25  # [m] around what is drawn
+FASTEST = 0.995  # quantile of the speeds at the end of the colour scale; excludes outliers
+MARGIN = 0.25  # [m] around the trajectories
 PANEL = 3.2  # [inch] width of a panel
 
 
 def policies_figure(panels: Sequence[Panel]) -> Figure:
-    """A row for each path, a column for each policy and place; pure pursuit thin and grey.
+    """A row for each path, a column for each policy and simulator; pure pursuit thin and grey.
 
     Args:
-        panels: From `policy_drives.panels`, every course in every column.
+        panels: From `policies.drives.panels`, every path in every column.
     """
     columns = list(dict.fromkeys((panel.policy, panel.place) for panel in panels))
     limits = _limits(panels)
     rows = list(limits)
     figure, axes = _grid(list(limits.values()), len(columns))
     speeds = np.concatenate([panel.track.velocity[:, 0].numpy() for panel in panels])
-    colours = Normalize(0.0, max(float(np.quantile(speeds, FASTEST_SHARE)), 0.1))
+    colours = Normalize(0.0, max(float(np.quantile(speeds, FASTEST)), 0.1))
     for panel in panels:
         row, column = rows.index(panel.course), columns.index((panel.policy, panel.place))
         low, high = limits[panel.course]
         _draw(axes[row, column], panel, colours)
         axes[row, column].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     for axis, (policy, place) in zip(axes[0], columns, strict=True):
-        above: dict[str, Any] = {
-            "xycoords": "axes fraction",
-            "textcoords": "offset points",
-            "ha": "center",
-        }
-        text = f"{policy}, {place}"
-        axis.annotate(text, (0.5, 1.0), (0, 26), fontsize=11, weight="bold", **above)
+        text = axis.annotate(f"{policy}, {place}", (0.5, 1.0), (0, 26), ha="center", **above)
+        text.set(fontsize=11, weight="bold")
     for axis in axes[-1]:
         axis.set_xlabel("x [m]")
     for axis in axes[:, 0]:
@@ -58,7 +54,7 @@ def policies_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _grid(limits: Sequence[tuple[np.ndarray, np.ndarray]], columns: int) -> tuple[Figure, Any]:
-    """Panels [rows, columns] of one scale."""
+    """Axes [rows, columns] of one scale."""
     sizes = np.stack([high - low for low, high in limits])
     height = 0.94 * PANEL * sizes[:, 1].sum() / sizes[0, 0] + 0.45 * len(limits) + 1.0
     return plt.subplots(
@@ -72,7 +68,7 @@ def _grid(limits: Sequence[tuple[np.ndarray, np.ndarray]], columns: int) -> tupl
 
 
 def _limits(panels: Sequence[Panel]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Corners [2] of what is drawn of each path in all columns; all are equally wide."""
+    """Lower and upper corner [2] of the axes of each path, equally wide for all paths."""
     limits = {}
     for panel in panels:
         drawn = (panel.waypoints, panel.track.pose[:, :2], panel.compared.pose[:, :2])

@@ -1,9 +1,12 @@
-"""What all pictures have in common: colours, labels, quiet axes, no window."""
+"""Colours, labels and axes of all figures; the Agg backend opens no window."""
+
+from pathlib import Path
 
 import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 MEASURED = "#222222"
 FAINT = "#9a9a9a"
@@ -12,7 +15,15 @@ INPUT_LABELS = ("vx [m/s]", "vy [m/s]", "yaw rate [rad/s]", "throttle [-]", "ste
 
 
 def tidy(axis: Axes) -> None:
-    """A faint grid, and a frame on two sides only."""
+    """Draws a faint grid, and a frame on two sides only."""
     axis.grid(alpha=0.25)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
+
+
+def save_figure(figure: Figure, file: str | Path, dpi: int = 120) -> None:
+    """Writes a figure, with its folder, and prints where it is."""
+    file = Path(file)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=dpi)
+    print(f"written: {file}")

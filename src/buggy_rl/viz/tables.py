@@ -1,4 +1,4 @@
-"""The table of simulators, drawn."""
+"""Figure of the simulators' open-loop errors."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,17 +9,17 @@ from buggy_rl.viz.style import COLOURS
 
 
 def table_figure(rows: Sequence[Mapping[str, float | str]]) -> Figure:
-    """1 s position error of every simulator with its interval, best first; logarithmic."""
+    """1 s position MSE of each simulator with its interval, smallest first, logarithmic."""
     ordered = sorted(rows, key=lambda row: row["position_mse_1s"], reverse=True)
     figure, axis = plt.subplots(figsize=(8, 0.34 * len(ordered) + 1.2), constrained_layout=True)
-    for place, row in enumerate(ordered):
+    for line, row in enumerate(ordered):
         value, low, high = (float(row[k]) for k in ("position_mse_1s", "low", "high"))
-        axis.plot([max(low, 1e-6), high], [place, place], color=COLOURS[1], lw=3, alpha=0.45)
-        axis.plot(value, place, "o", color=COLOURS[1])
+        axis.plot([max(low, 1e-6), high], [line, line], color=COLOURS[1], lw=3, alpha=0.45)
+        axis.plot(value, line, "o", color=COLOURS[1])
     axis.set_yticks(range(len(ordered)), [str(row["simulator"]) for row in ordered])
     axis.set_ylim(-0.7, len(ordered) - 0.3)
     axis.set_xscale("log")
-    axis.set_xlabel("1 s open-loop position MSE on held-out drives [m²]")
+    axis.set_xlabel("1 s open-loop position MSE on held-out recordings [m²]")
     axis.grid(alpha=0.25, axis="x", which="both")
     axis.spines[["top", "right"]].set_visible(False)
     return figure

@@ -1,4 +1,4 @@
-"""Short drives of single-track cars, one batch of them for all tests."""
+"""Short recordings of single-track cars, one batch of them for all tests."""
 
 import pytest
 

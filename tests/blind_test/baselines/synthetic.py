@@ -15,7 +15,13 @@ def synthetic(coefficients, noise: float = 1.0, seed: int = 0) -> Columns:
     x, n = (torch.randn(k, *SHAPE, generator=generator, dtype=torch.float64) for k in (3, 1))
     weights = torch.tensor(coefficients, dtype=torch.float64)
     features = [
-        Feature(name, Library().unknowns([name])[:-1], (1.0,), (True,), name != "steering_lag")
+        Feature(
+            name,
+            Library().hypothesis([name]).coordinates[:-1],
+            (1.0,),
+            (True,),
+            name != "steering_lag",
+        )
         for name in NAMES
     ]
     return Columns(features, torch.einsum("f,fnkc->nkc", weights, x) + noise * n[0], x)

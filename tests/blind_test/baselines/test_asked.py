@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.blind_test.baselines.asked import asked, spread
+from buggy_rl.blind_test.baselines.asked import asked
 from tests.blind_test.baselines.folder import shown
 
 
@@ -16,16 +16,15 @@ def test_all_that_the_question_names_is_opened(drives, tmp_path):
     assert asked(seen) is question
 
 
-def test_stretches_are_thinned_evenly(drives, tmp_path):
+def test_segments_are_thinned_evenly(drives, tmp_path):
     question = asked(shown(tmp_path, drives["nothing"]))
-    cut = question.cut(question.recordings)
-    few = spread(cut, 5)
+    few = question.segments(question.recordings, 5)
     assert len(few) == 5
-    assert few.drive.tolist() == [0, 0, 0, 1, 1] or few.drive.tolist() == [0, 0, 1, 1, 1]
-    assert spread(few, 5) is few
+    assert few.recording.tolist() in ([0, 0, 0, 1, 1], [0, 0, 1, 1, 1])
+    assert few.spread(5) is few
 
 
-def test_a_folder_without_drives_is_refused(tmp_path):
+def test_a_folder_without_recordings_is_refused(tmp_path):
     seen = shown(tmp_path, [])
     (seen / "recordings").mkdir()
     with pytest.raises(ValueError, match="recordings"):

@@ -1,10 +1,10 @@
-"""Means over blocks of drives."""
+"""Means over blocks of recordings."""
 
 import pytest
 import torch
 
 from buggy_rl.blind_test.baselines.blockwise import mean_of_blocks, roots
-from buggy_rl.estimation.noise_model import Likelihood
+from buggy_rl.estimation.noise_model import NoiseModel
 
 
 def test_a_mean_is_judged_block_by_block():
@@ -17,12 +17,12 @@ def test_of_a_single_block_nothing_is_certain():
     assert mean_of_blocks(torch.ones(3), torch.zeros(3)) == (1.0, float("inf"))
 
 
-def test_a_gap_of_one_standard_deviation_is_one_and_a_huge_one_is_ten():
+def test_a_residual_of_one_standard_deviation_is_1_and_a_huge_one_is_capped_at_10():
     noise = 0.1
-    weighed = Likelihood(
+    noise_model = NoiseModel(
         torch.eye(12, dtype=torch.float64).expand(1, 12, 12) / noise, torch.ones(6)
     )
-    gap = torch.stack([torch.full((1, 2, 6), size) for size in (0.1, 0.3, 100.0)])
+    residual = torch.stack([torch.full((1, 2, 6), size) for size in (0.1, 0.3, 100.0)])
     torch.testing.assert_close(
-        roots(weighed, gap)[:, 0], torch.tensor([1.0, 3.0, 10.0], dtype=torch.float64)
+        roots(noise_model, residual)[:, 0], torch.tensor([1.0, 3.0, 10.0], dtype=torch.float64)
     )

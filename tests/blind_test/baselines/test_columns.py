@@ -7,7 +7,8 @@ from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.baselines.columns import SPAN, columns, features
 from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.segments import sensor_noise, stretches
+from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.estimation.sensor_noise import sensor_noise
 from tests.blind_test.baselines.folder import shown
 
 CHANNELS = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
@@ -27,7 +28,7 @@ def test_a_right_simulator_lacks_no_more_than_noise(drives, tmp_path):
 
 def test_an_effect_explains_what_a_car_with_it_lacks(drives, tmp_path):
     made = found(drives["draggy"], tmp_path, "viscous_drag", "steering_gain")
-    assert [feature.cause for feature in made.features] == ["viscous_drag", "steering_gain"]
+    assert [feature.effect for feature in made.features] == ["viscous_drag", "steering_gain"]
     # 0.8 1/s is four times the effect's size of 0.2 1/s.
     left = made.lacking - 4 * made.explained[0]
     assert float(left[..., 3].norm()) < 0.4 * float(made.lacking[..., 3].norm())
@@ -36,7 +37,7 @@ def test_an_effect_explains_what_a_car_with_it_lacks(drives, tmp_path):
 
 def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
     made = found(drives["nothing"], tmp_path, "gyro_bias", engine="hold")
-    noise = sensor_noise(stretches(drives["nothing"], 1.3, 1.0))
+    noise = sensor_noise(cut_segments(drives["nothing"], 1.3, 1.0))
     # `hold` turns on with the yaw rate it is given; of 0.08 rad/s less, that much is left over in
     # the heading: 0.08 rad/s over ten rows in units of its noise, and nothing in any other rate.
     expected = -0.08 * SPAN * 0.01 / float(noise[2])
@@ -47,7 +48,7 @@ def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cause", "count", "both_ways"),
+    ("effect", "count", "both_ways"),
     [
         ("steering_gain", 1, True),
         ("steering_lag", 1, False),
@@ -56,21 +57,21 @@ def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
         ("grip_patch", 16, True),
     ],
 )
-def test_a_vector_has_a_column_for_each_part_and_a_patch_for_each_place(
-    drives, cause, count, both_ways
+def test_a_vector_has_a_column_for_each_part_and_a_patch_for_each_position(
+    drives, effect, count, both_ways
 ):
-    made = features(Library(), cause, stretches(drives["nothing"], 1.3, 1.0))
+    made = features(Library(), effect, cut_segments(drives["nothing"], 1.3, 1.0))
     assert [feature.both_ways for feature in made] == [both_ways] * count
 
 
 def test_every_effect_of_the_library_has_a_column_with_numbers_within_bounds(drives):
-    cut, library = stretches(drives["nothing"], 1.3, 1.0), Library()
-    for cause in EFFECTS:
-        for feature in features(library, cause, cut):
+    segments, library = cut_segments(drives["nothing"], 1.3, 1.0), Library()
+    for effect in EFFECTS:
+        for feature in features(library, effect, segments):
             numbers = feature.numbers(50.0, 1.0)
-            assert numbers, cause
-            for unknown in feature.unknowns:
-                p = unknown.parameter
+            assert numbers, effect
+            for coordinate in feature.coordinates:
+                p = coordinate.parameter
                 if p.name in numbers:
                     said = numbers[p.name]
                     assert said["low"] <= said["value"] <= said["high"]
@@ -78,9 +79,9 @@ def test_every_effect_of_the_library_has_a_column_with_numbers_within_bounds(dri
                     assert said["high"] <= p.upper * (1 + 1e-6)
 
 
-def test_a_coefficient_scales_the_grip_of_a_patch_and_leaves_its_place(drives):
-    cut = stretches(drives["nothing"], 1.3, 1.0)
-    feature = features(Library(), "grip_patch", cut)[0]
+def test_a_coefficient_scales_the_grip_of_a_patch_and_leaves_its_position(drives):
+    segments = cut_segments(drives["nothing"], 1.3, 1.0)
+    feature = features(Library(), "grip_patch", segments)[0]
     whole, half = feature.numbers(1.0, 0.0), feature.numbers(0.5, 0.0)
     assert whole["x"] == half["x"]
     # The trial is half the grip; a coefficient of a half takes half of that away.

@@ -41,7 +41,7 @@ def test_a_direction_that_an_effect_does_not_have_does_not_count(answer):
     assert answer(made.synthetic([0.0, 0.0, 0.5]))["effects"][0]["name"] == "steering_lag"
 
 
-def test_chance_is_judged_by_stretches_in_another_order():
+def test_chance_is_estimated_by_shuffling_the_segments():
     found = made.synthetic([0.0, 3.0, 0.0])
     assert by_chance(found) == by_chance(found)
     assert by_chance(found) < 0.1 < float(correlations(found).max())

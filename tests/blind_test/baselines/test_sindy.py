@@ -45,7 +45,7 @@ def test_a_negative_lag_is_left_out_and_the_rest_regressed_again():
     assert not sparse(x[:, 2:], y, [False]).any()
 
 
-def test_columns_that_nothing_excites_are_no_cause():
+def test_a_column_that_is_not_excited_has_no_coefficient():
     pytest.importorskip("pysindy")
     x = np.stack([np.zeros(100), np.linspace(-1, 1, 100)], 1)
     np.testing.assert_allclose(sparse(x, 2 * x[:, 1], [True, True]), [0.0, 2.0], atol=0.01)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from buggy_rl.blind_test.baselines.sysid import Gaps, identified
+from buggy_rl.blind_test.baselines.sysid import Residuals, identified
 from buggy_rl.engines import make_engine
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import stretches
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import cut_segments
 from tests.blind_test.baselines.folder import shown
 from tests.diagnosis.planted import planted_drives
 
@@ -30,15 +30,15 @@ def test_the_parameter_that_is_off_is_named(tmp_path):
     assert effect["parameters"]["steering_left"]["value"] == pytest.approx(0.22, rel=0.05)
 
 
-def test_sets_of_parameters_are_played_as_one_batch(drives):
+def test_sets_of_parameters_are_rolled_out_in_one_batch(drives):
     def make(cars):
         return make_engine("single_track", cars)
 
     grip = make(1).declared["front_grip"]
-    gaps = Gaps(Player(make), stretches(drives["nothing"][:1], 1.0, 4.0), [grip])
-    places = np.array([[0.2, 0.7]])  # of one parameter, two sets
-    both = gaps(places, None)[0][0]
-    one = gaps(places[:, 1], None)[0][0]
+    residuals = Residuals(Simulation(make), cut_segments(drives["nothing"][:1], 1.0, 4.0), [grip])
+    scaled = np.array([[0.2, 0.7]])  # of one parameter, two sets
+    both = residuals(scaled, None)[0][0]
+    one = residuals(scaled[:, 1], None)[0][0]
     assert both.shape == (len(one), 2)
     np.testing.assert_allclose(both[:, 1], one, atol=1e-5)
     assert np.abs(both[:, 0] - one).max() > 1e-3

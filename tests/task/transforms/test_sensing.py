@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl import keys as task
-from buggy_rl.recordings.windows import past_mean
+from buggy_rl.recordings.filters import past_mean
 from buggy_rl.task.transforms.clip import ClipVelocity
 from buggy_rl.task.transforms.noise import ObservationNoise, normal
 from buggy_rl.task.transforms.observation import Observation

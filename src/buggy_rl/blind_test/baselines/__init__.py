@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.exam import write_json
-from buggy_rl.blind_test.sealing import Vault
+from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.config import load_named
+from buggy_rl.files import write_json
 
 METHODS = {  # as the page calls it -> seen folder -> answer
     "random guess": "buggy_rl.blind_test.baselines.guess:guess",
@@ -26,24 +26,24 @@ METHODS = {  # as the page calls it -> seen folder -> answer
 FILE = "baselines.json"
 
 
-def missing(vault: Vault, case: Case) -> list[str]:
+def missing(store: CaseStore, case: Case) -> list[str]:
     """Methods that have not answered a case yet."""
-    answered = _answers(vault.said(case.id))
+    answered = _answers(store.diagnosis(case.id))
     return [method for method in METHODS if method not in answered]
 
 
-def compare(vault: Vault, case: Case) -> int:
+def compare(store: CaseStore, case: Case) -> int:
     """Lets every method answer a case that has not yet; what one gives up on is an answer too.
 
     Returns:
         1, the number of cases.
     """
-    folder = vault.said(case.id)
-    for method in missing(vault, case):
+    folder = store.diagnosis(case.id)
+    for method in missing(store, case):
         answer: Callable[[Path], dict[str, Any]] = load_named(METHODS[method])
         begun = time.monotonic()
         try:
-            said = answer(vault.seen(case.id))
+            said = answer(store.inputs(case.id))
         except (ValueError, ArithmeticError, RuntimeError) as error:
             said = {"verdict": "crashed", "effects": [], "notes": [str(error)]}
         said["seconds"] = time.monotonic() - begun
@@ -51,9 +51,9 @@ def compare(vault: Vault, case: Case) -> int:
     return 1
 
 
-def uncompared(vault: Vault, cases: Sequence[Case]) -> list[Case]:
+def uncompared(store: CaseStore, cases: Sequence[Case]) -> list[Case]:
     """Cases that some method has not answered yet."""
-    return [case for case in cases if missing(vault, case)]
+    return [case for case in cases if missing(store, case)]
 
 
 def _answers(folder: Path) -> dict[str, Any]:

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
-import torch
 import yaml
 from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.case import stretches_of
+from buggy_rl.diagnosis.case import segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.estimation.baseline import correct
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments
 from buggy_rl.recordings import Recording, load_recordings
 from buggy_rl.task.env import make_simulator
 
@@ -38,29 +37,22 @@ class Asked:
         return make
 
     @cached_property
-    def corrected(self) -> Player:
+    def corrected(self) -> Simulation:
         """Plays into the simulator; with baseline drives, corrected as the diagnosis does it.
 
         What the simulator got wrong before anything changed is closed by the same small network
         (`correct`), so that a method sees what is left: what has changed.
         """
         make = self.maker()
-        player = Player(make, options=measurable_options(make)[0])
+        simulation = Simulation(make, options=measurable_options(make)[0])
         if not self.baseline:
-            return player
-        return correct(player, self.cut(self.baseline)).player(player)
+            return simulation
+        return correct(simulation, self.segments(self.baseline)).simulation(simulation)
 
-    def cut(self, recordings: Sequence[Recording], most: int | None = None) -> Stretches:
-        """Stretches of drives as the question has them, `most` of them, spread evenly."""
-        cut = stretches_of(recordings, self.config)
-        return cut if most is None else spread(cut, most)
-
-
-def spread(cut: Stretches, most: int) -> Stretches:
-    """At most so many stretches, spread evenly over the drives."""
-    if len(cut) <= most:
-        return cut
-    return cut[torch.linspace(0, len(cut) - 1, most).round().long()]
+    def segments(self, recordings: Sequence[Recording], most: int | None = None) -> Segments:
+        """Segments of recordings as the question has them, `most` of them, spread evenly."""
+        segments = segments_of(recordings, self.config)
+        return segments if most is None else segments.spread(most)
 
 
 @lru_cache(maxsize=1)

@@ -1,15 +1,15 @@
-"""Means over stretches of drives, whose neighbours go together."""
+"""Means over segments of drives, whose neighbours go together."""
 
 import torch
 from torch import Tensor
 
 from buggy_rl.estimation.misfit import CAP
-from buggy_rl.estimation.noise_model import Likelihood
+from buggy_rl.estimation.noise_model import NoiseModel
 
 
-def roots(weighed: Likelihood, gap: Tensor) -> Tensor:
-    """|W e| / sqrt(D) [C, N] of gaps [C, N, K, 6]: 1 is noise; far off counts as sqrt(`CAP`)."""
-    return weighed.white(gap).square().mean(-1).clamp_max(CAP).sqrt()
+def roots(noise: NoiseModel, residual: Tensor) -> Tensor:
+    """|W e| / sqrt(D) [C, N] of residuals [C, N, K, 6], at most sqrt(`CAP`); 1 is noise."""
+    return noise.whiten(residual).square().mean(-1).clamp_max(CAP).sqrt()
 
 
 def mean_of_blocks(values: Tensor, group: Tensor) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from buggy_rl.blind_test.baselines.answers import named, unnamed
 from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.baselines.columns import Columns, columns
 
-SHUFFLES = 200  # of the stretches, to see what chance alone brings about
+SHUFFLES = 200  # of the segments, to see what chance alone brings about
 LEVEL = 0.99  # of their largest correlations, above which one is none of chance
 
 
@@ -19,9 +19,9 @@ def correlation(seen: Path) -> dict[str, Any]:
 
     rho_f = <r, c_f> / (|r| |c_f|) with the columns c_f of `columns`, each channel about its mean;
     a negative one counts only where an effect has two directions. Chance is the largest rho of all
-    effects when the stretches of r are in another order than those of c. The confidence is a
+    effects when the segments of r are in another order than those of c. The confidence is a
     softmax of the explained share: exp(-n/2 ln(1 - rho^2)) over the sum of all effects', with n
-    stretches as independent. The size is <r, c> / <c, c>.
+    segments as independent. The size is <r, c> / <c, c>.
 
     Baseline drives are used as the diagnosis uses them: the simulator is corrected by a small
     network first.
@@ -35,7 +35,7 @@ def correlation(seen: Path) -> dict[str, Any]:
     feature = found.features[best]
     numbers = feature.numbers(*_slope(found, best))
     note = f"correlation {float(rho[best]):.3f}, by chance up to {chance:.3f}"
-    return named("missing_physics", feature.cause, _sure(found, rho, best), numbers, [note])
+    return named("missing_physics", feature.effect, _sure(found, rho, best), numbers, [note])
 
 
 def correlations(found: Columns) -> Tensor:
@@ -45,7 +45,7 @@ def correlations(found: Columns) -> Tensor:
 
 
 def by_chance(found: Columns) -> float:
-    """The largest correlation when the stretches are shuffled, at `LEVEL`."""
+    """The largest correlation when the segments are shuffled, at `LEVEL`."""
     x, y = _normal(found.explained), _centred(found.lacking[None])[0]
     generator = torch.Generator().manual_seed(0)
     largest = []
@@ -86,6 +86,6 @@ def _sure(found: Columns, rho: Tensor, best: int) -> float:
     nats = -0.5 * len(found.lacking) * torch.log1p(-rho.square().clamp_max(1 - 1e-9))
     of: dict[str, Tensor] = {}
     for feature, value in zip(found.features, nats, strict=True):
-        of[feature.cause] = torch.maximum(of.get(feature.cause, value), value)
+        of[feature.effect] = torch.maximum(of.get(feature.effect, value), value)
     share = torch.softmax(torch.stack(list(of.values())), 0)
-    return float(share[list(of).index(found.features[best].cause)])
+    return float(share[list(of).index(found.features[best].effect)])

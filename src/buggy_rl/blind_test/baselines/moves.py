@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from buggy_rl.blind_test.baselines.answers import named, number, unnamed
-from buggy_rl.blind_test.names import meant
+from buggy_rl.blind_test.equivalents import meant
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import OWN
 
@@ -19,7 +19,7 @@ class Move:
 
     parameter: EffectParameter
     """As it was before."""
-    place: float
+    vector: float
     """Where it came to, in units of its size: a fifth of its value."""
     spread: float
     """Standard deviation of that."""
@@ -27,7 +27,7 @@ class Move:
     @property
     def certain(self) -> bool:
         """Whether it is no chance; never, where the spread is not a number."""
-        return abs(self.place) >= CERTAIN * self.spread
+        return abs(self.vector) >= CERTAIN * self.spread
 
 
 def farthest(moves: Sequence[Move], *notes: str) -> dict[str, Any]:
@@ -37,15 +37,15 @@ def farthest(moves: Sequence[Move], *notes: str) -> dict[str, Any]:
     A parameter that is an effect by another name (`SAME`) is called by that, without its number,
     which is of another kind. The confidence is its share of the way that they went.
     """
-    far = [move for move in moves if abs(move.place) >= MOVED]
+    far = [move for move in moves if abs(move.vector) >= MOVED]
     if not far:
         return unnamed("no_mismatch", *notes, "no parameter has moved")
     far = [move for move in far if move.certain] or far
-    first = max(far, key=lambda move: abs(move.place))
+    first = max(far, key=lambda move: abs(move.vector))
     own = OWN + first.parameter.name
     name = meant(own)
-    value = number(first.parameter, first.place, first.spread)
-    share = abs(first.place) / sum(abs(move.place) for move in far)
+    value = number(first.parameter, first.vector, first.spread)
+    share = abs(first.vector) / sum(abs(move.vector) for move in far)
     told = f"{first.parameter.name} is {value['value']:.4g}, not {first.parameter.value:.4g}"
     numbers = {first.parameter.name: value} if name == own else {}
     return named("wrong_parameters", name, share, numbers, [*notes, told])

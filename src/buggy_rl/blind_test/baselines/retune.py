@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +12,18 @@ from buggy_rl.blind_test.baselines.answers import unnamed
 from buggy_rl.blind_test.baselines.asked import Asked, asked
 from buggy_rl.blind_test.baselines.blockwise import mean_of_blocks, roots
 from buggy_rl.blind_test.baselines.moves import Move, farthest
-from buggy_rl.diagnosis.search import EAGER
-from buggy_rl.diagnosis.selection import NATS
-from buggy_rl.estimation.cross_validation import advantage, blocks, evidence
-from buggy_rl.estimation.gauss_newton import Fitted, Fitter
-from buggy_rl.estimation.hypothesis import OWN, Library
+from buggy_rl.diagnosis.config import DEFAULTS
+from buggy_rl.diagnosis.retuning import tuned as fitted_to
+from buggy_rl.estimation.cross_validation import advantage, blocks, cross_validated
+from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
+from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.misfit import NOTHING
-from buggy_rl.estimation.noise_model import likelihood
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches
+from buggy_rl.estimation.noise_model import noise_model
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments
 
-STRETCHES = 24  # of a second, spread evenly: a simulator declares up to 43 parameters
-CERTAIN = 3.0  # standard errors of a misfit, within which it is as usual
+SEGMENTS = 24  # of a second, spread evenly: a simulator declares up to 43 parameters
+CERTAIN = 3.0  # standard errors of a misfit, within which it is as baseline_misfit
 ROUNDS, ITERATIONS = 2, 2  # of the fit: between them it learns how much a nat counts
 
 
@@ -38,65 +38,61 @@ class Tuned:
     @property
     def values(self) -> dict[str, float]:
         """Of all parameters."""
-        return {m.parameter.name: float(m.parameter.value_at(m.place)) for m in self.moves}
+        return {m.parameter.name: float(m.parameter.value_at(m.vector)) for m in self.moves}
 
 
 def retune(seen: Path) -> dict[str, Any]:
-    """Names the parameter that moved most, in units of its size: see `farthest`.
+    """Names the parameter that moved most, in prior scales: see `farthest`.
 
     Every parameter that the simulator declares is fitted to rollouts of a second, about what it
     is, also where the question keeps them from the diagnosis. Where that does not help on what was
-    held out, nothing is named. With baseline drives the parameters are fitted to those first, and
-    what counts is how they move from there. The confidence is the share of the way that all
-    parameters went.
+    held out, nothing is named. With a baseline the parameters are fitted to that first, and what
+    counts is how they move from there. The confidence is the share of the way that all went.
 
     A simulator that declares nothing cannot be re-tuned: the answer is `no_mismatch` where it
-    foretells the drives, `cannot_tell` where it does not.
+    predicts the recordings, `cannot_tell` where it does not.
     """
     question = asked(seen)
     make = question.maker()
     if not getattr(make(1), "declared", {}):
-        return _as_given(question, Player(make))
+        return _as_given(question, Simulation(make))
     if question.baseline:
-        make = question.maker(tuned(make, question.cut(question.baseline, STRETCHES)).values)
-    found = tuned(make, question.cut(question.recordings, STRETCHES))
+        before = question.segments(question.baseline, SEGMENTS)
+        make = question.maker(tuned(make, before).values)
+    found = tuned(make, question.segments(question.recordings, SEGMENTS))
     note = f"re-tuned it gains {found.gain:.1f} nats on what was held out"
-    if found.gain <= NATS:
+    if found.gain <= DEFAULTS.min_nats:
         return unnamed("no_mismatch", note)
     return farthest(found.moves, note)
 
 
-def tuned(make: Callable[[int], EnvBase], cut: Stretches) -> Tuned:
-    """Fits all parameters of a simulator to stretches."""
-    player = Player(make)
+def tuned(make: Callable[[int], EnvBase], segments: Segments) -> Tuned:
+    """Fits all parameters of a simulator to segments."""
+    simulation = Simulation(make)
     library = Library([], getattr(make(1), "declared", {}))
-    fitter = Fitter(player, cut, likelihood(player, cut), library)
-    null = fitter.fit([fitter.start(())], 1)[0]  # with the clock at its best
-    best = fitter.start([OWN + name for name in library.parameters])
-    best = fitter.fit([best], 0)[0]
-    for _ in range(ROUNDS):
-        fitter.temper = max(1.0, EAGER * _typical(fitter, best))
-        best = fitter.fit([best], ITERATIONS)[0]
-    fitter.temper = max(1.0, _typical(fitter, best))
-    group = blocks(cut)
-    better, worse = (evidence(fitter, fitted, group) for fitted in (best, null))
-    won = advantage(fitter.likelihood, fitter.temper, better, worse, group)
+    problem = Problem(simulation, segments, noise_model(simulation, segments), library)
+    [null] = fitted(problem, [library.hypothesis(())], 1)  # with the clock at its best
+    problem, best = fitted_to(problem, ROUNDS, ITERATIONS, DEFAULTS.expected_left)
+    problem = replace(problem, dispersion=max(1.0, _typical(problem, best)))
+    group = blocks(segments)
+    better, worse = cross_validated(problem, [best, null], group)
+    won = advantage(problem.noise, problem.dispersion, better, worse, group)
     spread = better.covariance.diagonal().clamp_min(0.0).sqrt()
-    places = zip(best.unknowns, best.place.tolist(), spread.tolist(), strict=True)
-    moves = [Move(u.parameter, z, sd) for u, z, sd in places if u.cause]
+    numbers = zip(best.coordinates, best.vector.tolist(), spread.tolist(), strict=True)
+    moves = [Move(c.parameter, z, sd) for c, z, sd in numbers if c.effect]
     return Tuned(moves, won.won - won.lost)
 
 
-def _typical(fitter: Fitter, fitted: Fitted) -> float:
-    return float(fitted.square.median()) / fitter.likelihood.readings
+def _typical(problem: Problem, fit: Fit) -> float:
+    return float(fit.square.median()) / problem.noise.dimension
 
 
-def _as_given(question: Asked, player: Player) -> dict[str, Any]:
+def _as_given(question: Asked, simulation: Simulation) -> dict[str, Any]:
     """Whether a simulator without parameters is as right as it is where it counts as right."""
-    off, error = _misfit(player, question.cut(question.recordings))
+    off, error = _misfit(simulation, question.segments(question.recordings))
     usual = 1.0  # noise
     if question.baseline:
-        usual, other = _misfit(player, question.cut(question.baseline))
+        usual, other = _misfit(simulation, question.segments(question.baseline))
         error = math.hypot(error, other)
     allowed = max(NOTHING, CERTAIN * error) if math.isfinite(error) else NOTHING
     note = (
@@ -106,6 +102,7 @@ def _as_given(question: Asked, player: Player) -> dict[str, Any]:
     return unnamed("no_mismatch" if off - usual <= allowed else "cannot_tell", note)
 
 
-def _misfit(player: Player, cut: Stretches) -> tuple[float, float]:
-    """Size of whitened gaps over that of noise, and its standard error."""
-    return mean_of_blocks(roots(likelihood(player, cut), player.play(cut, {}))[0], blocks(cut))
+def _misfit(simulation: Simulation, segments: Segments) -> tuple[float, float]:
+    """Mean standardised residual, and its standard error over blocks."""
+    residuals = simulation.residuals(segments)
+    return mean_of_blocks(roots(noise_model(simulation, segments), residuals)[0], blocks(segments))

@@ -77,11 +77,11 @@ def _standardised(
 ) -> dict[str, float]:
     """Effect -> root mean square of its terms over that of the target."""
     result = {}
-    for cause in dict.fromkeys(feature.cause for feature in found.features):
-        own = np.array([feature.cause == cause for feature in found.features])
+    for effect in dict.fromkeys(feature.effect for feature in found.features):
+        own = np.array([feature.effect == effect for feature in found.features])
         if coefficients[own].any():
             part = x[:, own] @ coefficients[own]
-            result[cause] = float(np.sqrt((part**2).mean() / (y**2).mean()))
+            result[effect] = float(np.sqrt((part**2).mean() / (y**2).mean()))
     return result
 
 
@@ -99,8 +99,8 @@ def _spread(x: np.ndarray, y: np.ndarray, coefficients: np.ndarray) -> np.ndarra
 def _numbers(
     found: Columns, coefficients: np.ndarray, spread: np.ndarray, name: str
 ) -> dict[str, dict[str, Any]]:
-    """Of the parts of a vector all, of the places of a patch the strongest."""
-    own = [i for i, feature in enumerate(found.features) if feature.cause == name]
+    """Of the parts of a vector all, of the vectors of a patch the strongest."""
+    own = [i for i, feature in enumerate(found.features) if feature.effect == name]
     own.sort(key=lambda i: abs(coefficients[i]))
     if not all(found.features[own[0]].scaled):
         own = own[-1:]

@@ -19,18 +19,18 @@ from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.baselines.moves import Move, farthest
 from buggy_rl.engines.mujoco import MujocoEngine
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.rollout import Player
-from buggy_rl.estimation.segments import Stretches
-from buggy_rl.identification.residuals import CHANNEL_SCALE, STEP
+from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.segments import Segments
+from buggy_rl.identification.least_squares import SCALES, STEP
 from buggy_rl.parameters import Parameter
 
-STRETCHES = 16  # of a second, spread evenly
-ITERATIONS = 6  # at most: each is a rollout of all stretches for every parameter
+SEGMENTS = 16  # of a second, spread evenly
+ITERATIONS = 6  # at most: each is a rollout of all segments for every parameter
 DAMPING = (
     10.0  # growth of its damping at each refused step: by its own 1.26 it takes a hundred tries
 )
 EDGE = 2e-3  # of a parameter's range: no fit starts nearer to its ends
-WEIGHTS = 1 / np.array([CHANNEL_SCALE["position"], *CHANNEL_SCALE.values()])  # x, y, yaw, ...
+WEIGHTS = 1 / np.array(SCALES)  # of x, y, yaw, vx, vy, yaw_rate
 
 
 def identified(seen: Path) -> dict[str, Any]:
@@ -52,60 +52,63 @@ def identified(seen: Path) -> dict[str, Any]:
     if not hasattr(sysid, "optimize"):  # without its extra it is an empty module
         raise ImportError("mujoco.sysid is empty: pip install 'mujoco[sysid]'")
     if question.baseline:
-        moves = fitted(make, question.cut(question.baseline, STRETCHES))
-        values = {m.parameter.name: float(m.parameter.value_at(m.place)) for m in moves}
+        moves = fitted(make, question.segments(question.baseline, SEGMENTS))
+        values = {m.parameter.name: float(m.parameter.value_at(m.vector)) for m in moves}
         make = question.maker(values)
-    found = fitted(make, question.cut(question.recordings, STRETCHES))
+    found = fitted(make, question.segments(question.recordings, SEGMENTS))
     return farthest([move for move in found if move.certain])
 
 
-def fitted(make: Callable[[int], EnvBase], cut: Stretches) -> list[Move]:
+def fitted(make: Callable[[int], EnvBase], segments: Segments) -> list[Move]:
     """How `mujoco.sysid` moves the parameters of a simulator."""
     declared = _engine(make(1)).declared
     library = Library([], declared)
-    gaps = Gaps(Player(make), cut, list(declared.values()))
+    residuals = Residuals(Simulation(make), segments, list(declared.values()))
     start = sysid.ParameterDict()
     for p in declared.values():
-        place = (p.value - p.lower) / (p.upper - p.lower)
-        start.add(sysid.Parameter(p.name, min(max(place, EDGE), 1 - EDGE), 0.0, 1.0))
+        vector = (p.value - p.lower) / (p.upper - p.lower)
+        start.add(sysid.Parameter(p.name, min(max(vector, EDGE), 1 - EDGE), 0.0, 1.0))
     # An engine hands out float32, in which sysid's own step of 1.5e-8 does not exist.
     options = {"eps": STEP, "mu_factor": DAMPING, "max_iters": ITERATIONS}
-    _, result = sysid.optimize(start, gaps, output=io.StringIO(), **options)
+    _, result = sysid.optimize(start, residuals, output=io.StringIO(), **options)
     jacobian = np.asarray(result.jac)
-    left = gaps(result.x, start)[0]
+    left = residuals(result.x, start)[0]
     half = sysid.calculate_intervals(left, jacobian)[1]
     spread = half / stdtrit(sum(map(len, left)) - jacobian.shape[1], 0.975)
     moves = []
-    for p, place, sd in zip(declared.values(), result.x, spread, strict=True):
+    for p, vector, sd in zip(declared.values(), result.x, spread, strict=True):
         own, width = library.parameters[p.name], p.upper - p.lower
-        value = p.lower + float(place) * width
+        value = p.lower + float(vector) * width
         moves.append(Move(own, float(own.coordinate(value)), float(sd) * width / own.size))
     return moves
 
 
-class Gaps:
+class Residuals:
     """Residuals as `mujoco.sysid.optimize` asks for them, many sets of parameters in one batch.
 
     Args:
-        player: Plays into the simulator.
-        cut: Stretches to compare with.
+        simulation: Of the simulator.
+        segments: Segments to compare with.
         parameters: That are free, each scaled to its range.
     """
 
-    def __init__(self, player: Player, cut: Stretches, parameters: Sequence[Parameter]) -> None:
-        self.player, self.cut, self.parameters = player, cut, parameters
+    def __init__(
+        self, simulation: Simulation, segments: Segments, parameters: Sequence[Parameter]
+    ) -> None:
+        self.simulation, self.segments, self.parameters = simulation, segments, parameters
         self.lower = np.array([p.lower for p in parameters])
         self.width = np.array([p.upper - p.lower for p in parameters])
 
     def __call__(self, x: np.ndarray, _params: Any) -> tuple[list[np.ndarray], None, None]:
-        """Residuals [M] of places [P], or [M, C] of [P, C]."""
-        places = np.atleast_2d(x.T)  # (C, P)
-        values = torch.as_tensor(self.lower + places * self.width, dtype=torch.float32)
+        """Residuals [M] of vectors [P], or [M, C] of [P, C]."""
+        vectors = np.atleast_2d(x.T)  # (C, P)
+        values = torch.as_tensor(self.lower + vectors * self.width, dtype=torch.float32)
         own = {p.name: values[:, column] for column, p in enumerate(self.parameters)}
-        gap = self.player.play(self.cut, {}, own).double().numpy()  # (C, N, K, 6)
-        if not np.isfinite(gap).all():
+        settings = Settings(parameters=own)
+        residual = self.simulation.residuals(self.segments, settings).double().numpy()
+        if not np.isfinite(residual).all():
             raise FloatingPointError("the MuJoCo car runs away within the ranges of its parameters")
-        flat = (gap * WEIGHTS).reshape(len(places), -1)
+        flat = (residual * WEIGHTS).reshape(len(vectors), -1)
         return [flat[0] if x.ndim == 1 else flat.T], None, None
 
 

@@ -1,4 +1,4 @@
-"""The page that shows a diagnosis to whoever drives the car; nothing else in here draws."""
+"""The HTML report of a diagnosis; the only part of the diagnosis that draws."""
 
 from buggy_rl.diagnosis.report.page import report
 

@@ -1,47 +1,39 @@
-"""Explanations by what speaks for them."""
+"""Hypotheses by their loss on held-out blocks."""
 
 from dataclasses import dataclass
 
-from buggy_rl.diagnosis.search import Found, Search
+from buggy_rl.diagnosis.candidate import substitutes
+from buggy_rl.diagnosis.search import SearchResult
 
 
 @dataclass(frozen=True)
 class Rank:
-    """An explanation and how much better than the simulator as given it foretells."""
+    """A hypothesis and how much better than the simulator as given it predicts."""
 
-    causes: tuple[str, ...]
+    effects: tuple[str, ...]
     nats: float
-    """Of evidence on what was held out, priors counted; below 0 where it foretells worse."""
+    """Decrease of the held-out loss, prior penalty included; below 0 where it predicts worse."""
     chosen: bool
 
 
-def ranking(search: Search, found: Found, most: int) -> list[Rank]:
-    """What was chosen, then the single causes, best first; at most so many of these."""
-    base = search.loss(found.null)
-    chosen = found.best.causes
+def ranking(found: SearchResult, most: int) -> list[Rank]:
+    """The selected hypothesis, then single effects, best first; at most so many of these."""
+    base = found.loss(found.null)
+    chosen = found.best.effects
     singles = [
-        Rank(causes, base - search.loss(candidate), causes == chosen)
-        for causes, candidate in found.tried.items()
-        if len(causes) == 1
+        Rank(effects, base - found.loss(candidate), effects == chosen)
+        for effects, candidate in found.tried.items()
+        if len(effects) == 1
     ]
-    singles.sort(key=lambda rank: -rank.nats)
-    singles = singles[:most]
+    singles = sorted(singles, key=lambda rank: -rank.nats)[:most]
     if not chosen or any(rank.chosen for rank in singles):
         return singles
-    return [Rank(chosen, base - search.loss(found.best), True), *singles]
+    return [Rank(chosen, base - found.loss(found.best), True), *singles]
 
 
-def losers(search: Search, found: Found, cause: str) -> list[tuple[str, float]]:
-    """What was tried in a cause's place, and by how many nats it was worse; the closest first.
-
-    The empty name is that of nothing in its place.
-    """
-    others = frozenset(found.best.causes) - {cause}
-    best = search.loss(found.best)
-    result = []
-    for causes, candidate in found.tried.items():
-        rest = frozenset(causes) - others
-        same = others <= frozenset(causes) and cause not in causes
-        if same and len(rest) <= 1:
-            result.append((next(iter(rest), ""), search.loss(candidate) - best))
+def alternatives(found: SearchResult, effect: str) -> list[tuple[str, float]]:
+    """Effects tried instead of one, "" for none, and how much worse [nats]; the closest first."""
+    best = found.loss(found.best)
+    tried = substitutes(found.tried, frozenset(found.best.effects) - {effect})
+    result = [(other, found.loss(c) - best) for other, c in tried.items() if other != effect]
     return sorted(result, key=lambda item: item[1])

@@ -1,4 +1,4 @@
-"""Names of the computing modules in the words of somebody who drives."""
+"""Names and numbers of the computing modules as the report prints them."""
 
 import math
 
@@ -6,50 +6,43 @@ from buggy_rl.diagnosis.answer import Verdict
 from buggy_rl.diagnosis.localisation import Region
 from buggy_rl.estimation.hypothesis import OWN
 
-VERDICTS: dict[Verdict, str] = {
-    "missing_physics": "missing physics",
-    "wrong_parameters": "wrong parameters",
-    "unknown_physics": "unknown physics",
-    "no_mismatch": "no mismatch",
-    "cannot_tell": "cannot tell",
-}
 MEANINGS: dict[Verdict, str] = {
-    "missing_physics": "With what is named below in it, the simulator foretells drives it was not "
+    "missing_physics": "With the effects below, the simulator predicts recordings that it was not "
     "fitted to.",
-    "wrong_parameters": "What is named below is in the simulator already, with wrong numbers; here "
-    "are the right ones.",
-    "unknown_physics": "There is a gap that no cause in the library closes well enough to be "
-    "called its name. What is named below, if anything, is at most a part of it.",
-    "no_mismatch": "Nothing is named because nothing has to be: what is left is the sensor's noise "
-    "or too small to matter.",
-    "cannot_tell": "More than one cause would explain these drives about as well. Names below are "
-    "candidates, not answers; the last section says what to drive to decide.",
+    "wrong_parameters": "The simulator has the physics but wrong values of the parameters below; "
+    "the fitted values are given.",
+    "unknown_physics": "There is a residual that no effect in the library explains well enough. "
+    "Effects named below, if any, explain at most a part of it.",
+    "no_mismatch": "No effect is named because none is needed: the residual is sensor noise or "
+    "negligible.",
+    "cannot_tell": "More than one hypothesis explains these recordings about as well: the effects "
+    "below are candidates. What to drive next says which manoeuvres decide.",
 }
 FEATURES = {  # feature -> words, unit, how many of the unit are 1 of what is computed with
     "vx": ("speed", "m/s", 1.0),
     "steering": ("steering command", "", 1.0),
     "throttle": ("throttle command", "", 1.0),
-    "steering_rate": ("steering movement", "commands/s", 1.0),
-    "lateral_acceleration": ("sideways acceleration", "m/s²", 1.0),
+    "steering_rate": ("steering rate", "commands/s", 1.0),
+    "lateral_acceleration": ("lateral acceleration", "m/s²", 1.0),
     "heading": ("heading", "°", 180 / math.pi),
     "elapsed": ("time since the start", "s", 1.0),
-    "x": ("place along x", "m", 1.0),
-    "y": ("place along y", "m", 1.0),
+    "x": ("position x", "m", 1.0),
+    "y": ("position y", "m", 1.0),
 }
 CHANNELS = {
-    "x": "position lengthwise",
-    "y": "position sideways",
+    "x": "longitudinal position",
+    "y": "lateral position",
     "yaw": "heading",
-    "vx": "speed (vx)",
-    "vy": "sideways speed (vy)",
-    "yaw_rate": "turning (yaw rate)",
+    "vx": "longitudinal speed (vx)",
+    "vy": "lateral speed (vy)",
+    "yaw_rate": "yaw rate",
 }
 
 
-def cause(name: str) -> str:
-    """An effect or a parameter of the simulator, for reading."""
+def effect(name: str) -> str:
+    """An effect, or a parameter of the simulator's own."""
     if not name:
-        return "the simulator as given"
+        return "no effect"
     if name.startswith(OWN):
         return f"the simulator's {plain(name.removeprefix(OWN))}"
     return plain(name.rpartition(":")[2])
@@ -60,6 +53,11 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def capital(text: str) -> str:
+    """With its first letter in upper case; the others stay as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def unit(symbol: str) -> str:
     """A unit as it is printed, with the space before it."""
     symbol = symbol.replace("^2", "²")
@@ -67,50 +65,66 @@ def unit(symbol: str) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits, no more than the drives can tell."""
+    """Three significant digits."""
     return f"{value:.3g}"
 
 
-def coarse(value: float) -> str:
-    """Two digits, for the ends of a region: they are only where a bin ended."""
-    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
+def quantity(value: float, symbol: str) -> str:
+    """A number with its unit."""
+    return number(value) + unit(symbol)
 
 
-def interval(low: float, high: float, symbol: str = "") -> str:
-    """Bounds of what a value lies in."""
-    return f"{number(low)} to {number(high)}{unit(symbol)}"
+def neutral(value: float, symbol: str) -> str:
+    """What the simulator has; a limit that is never reached is none."""
+    return "none" if abs(value) >= 1e3 else quantity(value, symbol)
 
 
 def percent(share: float) -> str:
-    """A share; never rounded to all or nothing where it is not."""
-    if 0 < share < 0.005:
-        return "under 1%"
-    return f"{share:.0%}"
+    """A share; a small one is not rounded to 0%."""
+    return "under 1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
-def sure(confidence: float) -> str:
-    """How sure a name is."""
-    return f"{percent(confidence)} sure"
+def width(share: float) -> str:
+    """Length of a bar [% of its track]; 0 where the share is not finite."""
+    return f"{100 * min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0:.1f}"
 
 
 def region(found: Region) -> str:
-    """Where in what was driven errors crowd."""
+    """Range of the features in which errors are large, and its shares."""
     parts = []
     for name, (low, high) in found.where.items():
         words, symbol, scale = FEATURES.get(name, (plain(name), "", 1.0))
-        parts.append(f"{words} {coarse(low * scale)} to {coarse(high * scale)}{unit(symbol)}")
-    place = " and ".join(parts)
+        parts.append(f"{words} {_coarse(low * scale)} to {_coarse(high * scale)}{unit(symbol)}")
     return (
-        f"{place[:1].upper()}{place[1:]}: {percent(found.error_share)} of the error in "
-        f"{percent(found.data_share)} of the driving"
+        f"{capital(' and '.join(parts))}: {percent(found.error_share)} of the error in "
+        f"{percent(found.data_share)} of the data"
     )
+
+
+def _coarse(value: float) -> str:
+    """Two digits: a region ends where a bin does."""
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 def lags(found: dict[str, dict[str, float]]) -> list[str]:
     """Which errors follow which command, and how long after it."""
     return [
-        f"Errors in {CHANNELS[channel]} come about {1000 * lag:.0f} ms after the {command} moves"
+        f"Errors in {CHANNELS[channel]} follow changes of the {command} by {1000 * lag:.0f} ms"
         for command, channels in found.items()
         for channel, lag in channels.items()
         if math.isfinite(lag)
     ]
+
+
+def distance(square: float | None, median: float | None) -> str:
+    """Root of a mean square [m^2] and, in brackets, a median [m]; a dash where there is none."""
+    if square is None or not math.isfinite(square):
+        return "–"
+    bracket = "" if median is None else f" ({1000 * median:.0f})"
+    return f"{1000 * math.sqrt(square):.0f} mm{bracket}"
+
+
+FILTERS = {
+    f.__name__: f
+    for f in (effect, plain, capital, number, quantity, neutral, percent, width, region)
+} | {"channel": CHANNELS.__getitem__}

@@ -1,1 +1,1 @@
-"""Missing physics between the command that is given and the one that acts."""
+"""Missing physics between the command given and the command that acts."""

@@ -1,4 +1,4 @@
-"""What effects on a command have in common: one channel, and what it was told before."""
+"""What effects on a command have in common: one channel, and a state that depends on the past."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -12,86 +12,79 @@ from torchrl.data.utils import DEVICE_TYPING
 from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 
-RESTING = (-1.0, 0.0)  # no drive, wheels straight: what a standing car was told
-STANDING = 0.05  # [m/s] a car set down at less than this stands
-GIVEN = "_given"  # ends the key of the next memory, which is there only while a step is taken
+RESTING = (-1.0, 0.0)  # [-] throttle and steering commands of a car at rest: no drive, straight
+STANDING = 0.05  # [m/s] speed below which a reset is a car at rest; chosen
+GIVEN = "_given"  # ends the key of the next memory, present only while a step is taken
 
 
 class CommandEffect(Effect):
-    """u'_k = f(u_k) of one command, both in [-1, 1]; the engine would clamp what lies beyond."""
+    """u'_k = f(u_k) of one command, both clamped to [-1, 1]."""
 
     kind = "actuation"
     channel: ClassVar[int]
     """0 throttle, 1 steering."""
 
     @abstractmethod
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        """What the engine gets for the command [n] of the cars that feel the effect."""
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        """Command [n] that acts instead of `command` [n], of the active rows."""
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if not self.active:
             return tensordict
         action = tensordict.get(keys.ACTION)
-        asked = action[..., self.channel]
-        acted = self._acted(self._take(asked, 0).clamp(-1.0, 1.0), tensordict).clamp(-1.0, 1.0)
+        given = action[..., self.channel]
+        acting = self._acting(self._gather(given, 0).clamp(-1.0, 1.0), tensordict).clamp(-1.0, 1.0)
         commands = list(action.unbind(-1))
-        commands[self.channel] = self._put(asked, acted, 0)
+        commands[self.channel] = self._scatter(given, acting, 0)
         return tensordict.set(keys.ACTION, torch.stack(commands, -1))
 
 
 class RememberingCommand(CommandEffect):
-    """u'_k, s_k = f(u_k, s_{k-1}) with a state s [size] that rides in the TensorDict.
+    """u'_k, s_k = f(u_k, s_{k-1}) with a latent state s [size] in the TensorDict.
 
-    A car that is set down standing had no drive and straight wheels before; one that is set down
-    in motion is taken to have been told before what it is told first. The last number of the
-    memory says that this is still to come.
+    After a reset at rest s is that of the resting commands. After a reset in motion s is unknown
+    until the first command, which is then taken to have been given before as well; the last number
+    of the memory is 1 until then.
     """
 
     lasting: ClassVar[bool] = False
-    """Whether what was told seconds ago still matters: where there is play, on a long way of a slow
-    servo, after a long lag."""
+    """Whether commands of seconds ago still matter: play, a rate limit, a long lag."""
 
     @property
     def size(self) -> int:
-        """Numbers of the state."""
+        """Numbers of the latent state."""
         return 1
 
     def remembered(self, memory: Tensor, commands: Tensor) -> Tensor:
-        """The memory [n, size + 1] of cars that were told `commands` [n, T] of this channel."""
-        told = self._take(commands).clamp(-1.0, 1.0)
-        state = told[:, :1].expand(-1, self.size)
-        for command in told.unbind(1):
-            state = self._moved(command, state)[1]
-        return self._put(memory, torch.cat([state, torch.zeros_like(state[:, :1])], -1))
+        """Memory [n, size + 1] after the commands [n, T] of this channel."""
+        given = self._gather(commands).clamp(-1.0, 1.0)
+        state = given[:, :1].expand(-1, self.size)
+        for command in given.unbind(1):
+            state = self._next(command, state)[1]
+        return self._scatter(memory, torch.cat([state, torch.zeros_like(state[:, :1])], -1))
 
     @abstractmethod
-    def _moved(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        """What the engine gets [n], and the next state [n, size]."""
+    def _next(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Command [n] that acts, and the next latent state [n, size]."""
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         memory = tensordict.get(self.memory)  # (*, size + 1)
-        mine = self._take(memory)
-        state, unknown = mine[..., :-1], mine[..., -1:]
+        rows = self._gather(memory)
+        state, unknown = rows[..., :-1], rows[..., -1:]
         state = torch.where(unknown > 0.5, command.unsqueeze(-1), state)
-        acted, state = self._moved(command, state)
-        memory_given = torch.cat([state, torch.zeros_like(unknown)], -1)
-        tensordict.set(self.memory + GIVEN, self._put(memory, memory_given))
-        return acted
+        acting, state = self._next(command, state)
+        next_rows = torch.cat([state, torch.zeros_like(unknown)], -1)
+        tensordict.set(self.memory + GIVEN, self._scatter(memory, next_rows))
+        return acting
 
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        if not self.active:
-            return next_tensordict
-        return next_tensordict.set(self.memory, tensordict.get(self.memory + GIVEN))
+    def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
+        after.set(self.memory, before.get(self.memory + GIVEN))
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        if not self.active:
-            return tensordict_reset
-        velocity = tensordict_reset.get(keys.VELOCITY)
+    def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
+        velocity = state.get(keys.VELOCITY)
         moving = torch.linalg.vector_norm(velocity[..., :2], dim=-1, keepdim=True) > STANDING
-        state = velocity.new_full((*velocity.shape[:-1], self.size), RESTING[self.channel])
-        return tensordict_reset.set(self.memory, torch.cat([state, moving.to(velocity)], -1))
+        resting = velocity.new_full((*velocity.shape[:-1], self.size), RESTING[self.channel])
+        state.set(self.memory, torch.cat([resting, moving.to(velocity)], -1))
 
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None

@@ -1,4 +1,4 @@
-"""A linkage that turns the wheels otherwise than it is told."""
+"""A linkage with another static map from command to road-wheel angle."""
 
 from collections.abc import Mapping
 
@@ -7,35 +7,39 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl.effects.actuation.command import CommandEffect
-from buggy_rl.effects.base import EffectParameter, one_in
+from buggy_rl.effects.base import EffectParameter, more_or_less
+
+STEERING_MAP = "Lyons et al. 2024, DART, dart_dynamic_models.py"
 
 
 class SteeringGain(CommandEffect):
-    """The wheels turn further, or less far, than told, up to full lock."""
+    """Another gain of the steering, up to full lock."""
 
     name = "steering_gain"
     channel = 1
     equation = "steering' = gain steering"
+    source = f"{STEERING_MAP} (slope of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
-            "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering asked.", 0.15, 0.02
+            "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering given.", 0.15, 0.02
         ),
     )
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the wheels turn {one_in(values['gain'])} than the steering says"
+        return f"the wheels turn {more_or_less(values['gain'])} than the steering says"
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return self._here("gain") * command
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return self._value("gain") * command
 
 
 class SteeringOffset(CommandEffect):
-    """Wheels that are not straight when told so."""
+    """Road wheels that are not straight at zero command."""
 
     name = "steering_offset"
     channel = 1
     equation = "steering' = steering + offset"
+    source = f"{STEERING_MAP} (offset of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
             "offset", 0.0, -0.8, 0.8, "-", "Added to the steering command.", 0.06, 0.01
@@ -48,19 +52,21 @@ class SteeringOffset(CommandEffect):
         share = 100 * abs(values["offset"])
         return f"the car pulls to the {side}, as if steered by {share:.3g} % of full lock"
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return command + self._here("offset")
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return command + self._value("offset")
 
 
 class SteeringAsymmetry(CommandEffect):
-    """More steering to one side than to the other.
+    """Another gain to the left than to the right.
 
-    Left times sqrt(q), right over sqrt(q), up to full lock: what they have in common is a gain.
+    Left times sqrt(q), right over sqrt(q), up to full lock: a gain common to both is
+    `steering_gain`.
     """
 
     name = "steering_asymmetry"
     channel = 1
     equation = "steering' = sqrt(q) steering to the left, steering / sqrt(q) to the right"
+    source = f"{STEERING_MAP} (separate branches of that map to the left and to the right)"
     declared = (
         EffectParameter(
             "left_to_right", 1.0, 0.2, 5.0, "-", "Gain to the left over gain right.", 0.2, 0.02
@@ -69,8 +75,9 @@ class SteeringAsymmetry(CommandEffect):
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the wheels turn {one_in(values['left_to_right'])} to the left than to the right"
+        ratio = more_or_less(values["left_to_right"])
+        return f"the wheels turn {ratio} to the left than to the right"
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        gain = self._here("left_to_right").clamp_min(1e-3).sqrt()
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        gain = self._value("left_to_right").clamp_min(1e-3).sqrt()
         return torch.where(command > 0, command * gain, command / gain)

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -12,74 +11,74 @@ from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
 from buggy_rl.effects.actuation.command import CommandEffect
-from buggy_rl.effects.base import EffectParameter, numbers_spec, one_in
+from buggy_rl.effects.base import EffectParameter, more_or_less, numbers_spec
 
 MINUTE = 60.0  # [s]
 
 
 class DriveEffect(CommandEffect):
-    """d' = f(d), kept within 0..1: no simulator is asked for more than full drive."""
+    """d' = f(d), clamped to 0..1: no simulator is asked for more than full drive."""
 
     channel = 0
 
     @abstractmethod
-    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _acting_drive(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
         """f, of drives [n]."""
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return 2 * self._driven(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return 2 * self._acting_drive(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
 
 
-class PullEffect(DriveEffect):
-    """d' = onset + g (d - onset) where the motor pulls: a factor of the pull, not of the command.
+class DriveGainEffect(DriveEffect):
+    """d' = onset + g (d - onset) above the onset: a gain of the motor's force, not of the command.
 
-    A simulated motor with a deadband does nothing below it, and a weaker one still sets off at the
-    same throttle. `measured_onset` finds the onset for a simulator.
-
-    Args:
-        onset: Drive in 0..1 at which the simulated motor begins to pull.
-        dt, values: As for the other effects.
+    A simulated motor with a deadband gives no force below it; with another gain it starts at the
+    same throttle. `measured_onset` finds the onset of a simulator.
     """
 
-    def __init__(self, *, onset: float = 0.0, **rest: Any) -> None:
-        self.onset = float(onset)
-        super().__init__(**rest)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        return super().options | ({"onset": self.onset} if self.onset else {})
+    option_names = ("onset",)
+    onset: float = 0.0
+    """Drive in 0..1 at which the simulated motor begins to give force."""
 
     @abstractmethod
-    def _more(self, tensordict: TensorDictBase) -> Tensor:
-        """The change g - 1 of the cars that feel the effect."""
+    def _gain_change(self, tensordict: TensorDictBase) -> Tensor:
+        """Gain less 1, g - 1, of the active rows [n]."""
 
-    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return drive + self._more(tensordict) * (drive - self.onset).clamp_min(0.0)
+    def _acting_drive(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return drive + self._gain_change(tensordict) * (drive - self.onset).clamp_min(0.0)
 
 
-class ThrottleGain(PullEffect):
-    """More or less drive than asked for, up to full drive."""
+class ThrottleGain(DriveGainEffect):
+    """Another gain of the drive, up to full drive."""
 
     name = "throttle_gain"
     equation = "drive' - onset = gain (drive - onset)"
+    source = (
+        "Lyons et al. 2024, DART, dart_dynamic_models.py (force in proportion to the throttle "
+        "above its deadband)"
+    )
     declared = (
-        EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive asked.", 0.2, 0.02),
+        EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive given.", 0.2, 0.02),
     )
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the motor is driven {one_in(values['gain'])} than the throttle says"
+        return f"the motor is driven {more_or_less(values['gain'])} than the throttle says"
 
-    def _more(self, tensordict: TensorDictBase) -> Tensor:
-        return self._here("gain") - 1
+    def _gain_change(self, tensordict: TensorDictBase) -> Tensor:
+        return self._value("gain") - 1
 
 
 class ThrottleOffset(CommandEffect):
-    """A throttle channel whose zero has shifted."""
+    """A throttle channel whose zero is shifted, as by the trim of a radio."""
 
     name = "throttle_offset"
     channel = 0
     equation = "throttle' = throttle + offset"
+    source = (
+        "Astrom & Murray 2008, Feedback Systems, sec. 11.1 (constant load disturbance at the input "
+        "of the process)"
+    )
     declared = (
         EffectParameter("offset", 0.0, -1.0, 1.0, "-", "Added to the throttle command.", 0.1, 0.01),
     )
@@ -92,20 +91,23 @@ class ThrottleOffset(CommandEffect):
             f"{more} open"
         )
 
-    def _acted(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return command + self._here("offset")
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        return command + self._value("offset")
 
 
 class ThrottleDeadband(DriveEffect):
-    """The first part of the drive does nothing, and is missing from the rest, or not quite.
+    """Dead zone: drive below the width does nothing; above, all, part or none of it is restored.
 
-    Many speed controllers stretch what lies beyond their deadband so that full throttle is full
-    drive all the same (restored = 1); where nothing is restored, a deadband is an offset.
+    Many speed controllers stretch the range above their deadband so that full throttle is full
+    drive (restored = 1). With restored = 0 the deadband is an offset.
     """
 
     name = "throttle_deadband"
     equation = "drive' = max(0, drive - width) (1 + restored width / (1 - width))"
-    source = "DART, Lyons et al., whose motor acts on the drive less a deadband: restored = 0"
+    source = (
+        "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (dead zone); with restored = 0 the "
+        "motor of Lyons et al. 2024, DART"
+    )
     deciding = ("width",)
     declared = (
         EffectParameter(
@@ -120,19 +122,24 @@ class ThrottleDeadband(DriveEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         return f"the first {100 * values['width']:.3g} % of the throttle do nothing"
 
-    def _driven(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
-        width, restored = self._here("width"), self._here("restored")
+    def _acting_drive(self, drive: Tensor, tensordict: TensorDictBase) -> Tensor:
+        width, restored = self._value("width"), self._value("restored")
         return (drive - width).clamp_min(0.0) * (1 + restored * width / (1 - width))
 
 
-class BatterySag(PullEffect):
-    """The drive weakens as the battery empties, by a clock that rides in the TensorDict.
+class BatterySag(DriveGainEffect):
+    """The drive weakens as the battery empties, linear in the time driven.
 
-    A reset or an edit may set `elapsed` [*, 1] s; it is 0 at a reset that does not.
+    The time is in the TensorDict: a reset or an edit may set `elapsed` [*, 1] s; after a reset
+    without it, it is 0.
     """
 
     name = "battery_sag"
     equation = "drive' - onset = (1 - loss_per_minute elapsed / 60 s) (drive - onset)"
+    source = (
+        "Linden & Reddy 2002, Handbook of Batteries, 3rd ed., ch. 3 (voltage during discharge), "
+        "linearised in time"
+    )
     declared = (
         EffectParameter(
             "loss_per_minute",
@@ -152,24 +159,17 @@ class BatterySag(PullEffect):
         verb = "weakens" if loss >= 0 else "strengthens"
         return f"the drive {verb} by {abs(loss):.3g} % a minute as the battery empties"
 
-    def _more(self, tensordict: TensorDictBase) -> Tensor:
-        elapsed = self._take(tensordict.get(keys.ELAPSED)).squeeze(-1)
-        return -self._here("loss_per_minute") * elapsed / MINUTE
+    def _gain_change(self, tensordict: TensorDictBase) -> Tensor:
+        elapsed = self._gather(tensordict.get(keys.ELAPSED)).squeeze(-1)
+        return -self._value("loss_per_minute") * elapsed / MINUTE
 
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        if not self.active:
-            return next_tensordict
-        return next_tensordict.set(keys.ELAPSED, tensordict.get(keys.ELAPSED) + self.dt)
+    def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
+        after.set(keys.ELAPSED, before.get(keys.ELAPSED) + self.dt)
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        if not self.active:
-            return tensordict_reset
-        pose = tensordict_reset.get(keys.POSE)
-        given = tensordict.get(keys.ELAPSED, None)
-        elapsed = torch.zeros_like(pose[..., :1]) if given is None else given.to(pose)
-        return tensordict_reset.set(keys.ELAPSED, elapsed.clone())
+    def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
+        pose, elapsed = state.get(keys.POSE), given.get(keys.ELAPSED, None)
+        elapsed = torch.zeros_like(pose[..., :1]) if elapsed is None else elapsed.to(pose)
+        state.set(keys.ELAPSED, elapsed.clone())
 
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None

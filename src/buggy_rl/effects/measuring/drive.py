@@ -1,4 +1,4 @@
-"""What a simulator's motor gives and loses, and where it begins to pull."""
+"""Identification of a simulator's coasting deceleration, back-EMF and motor deadband."""
 
 from typing import Any
 
@@ -7,29 +7,30 @@ import torch
 
 from buggy_rl.effects.measuring.holding import Make, next_velocity, period
 
-SPEEDS = (1.0, 3.0)  # [m/s] over which the drive is measured
-DRIVES = (0.4, 0.55)  # at which the motor is measured: past any deadband; more would spin wheels
-ONSET_SPEEDS = (0.5, 1.0)  # [m/s] at which the motor's onset is looked for
-ONSETS = (0.0, 0.6)  # of the drive, between which it is looked for
-LEAST_PULL = 0.2  # [m/s^2] of any motor at over half its drive
+SPEEDS = (1.0, 3.0)  # [m/s] range of the fit of acceleration over speed
+DRIVES = (0.4, 0.55)  # [-] drives of that fit: above deadbands up to 0.3, below wheel spin
+ONSET_SPEEDS = (0.5, 1.0)  # [m/s] speeds from which the onset is extrapolated to rest
+ONSETS = (0.0, 0.6)  # [-] range of drives searched for the onset
+LEAST_PULL = 0.2  # [m/s^2] least acceleration of a motor at over half its drive
+RISING = (0.1, 0.6)  # [-] shares of the largest acceleration between which a line is fitted
 
 
 def measured_drive(make: Make) -> dict[str, Any]:
-    """What a simulator loses coasting, and what its motor loses with the speed.
+    """Deceleration while coasting, and decrease of the motor's acceleration with the speed.
 
     Returns:
         `coasting` c0 [m/s^2], c1 [1/s] and `speed_loss` b0, b1 [1/s], as `TopSpeed` takes them.
 
     Raises:
-        ValueError: The simulator's answer is not finite.
+        ValueError: A velocity of the simulator is not finite.
     """
     speeds, dt = torch.linspace(*SPEEDS, 6), period(make)
     held = torch.stack([speeds, torch.zeros(6), torch.zeros(6)], -1)
 
     def line(drive: float) -> tuple[float, float]:
         """Slope [1/s] and level [m/s^2] of the acceleration over the speed."""
-        gained = (next_velocity(make, held, 2 * drive - 1)[:, 0] - speeds) / dt
-        slope, level = np.polyfit(speeds.numpy(), gained.numpy(), 1)
+        acceleration = (next_velocity(make, held, 2 * drive - 1)[:, 0] - speeds) / dt
+        slope, level = np.polyfit(speeds.numpy(), acceleration.numpy(), 1)
         return float(slope), float(level)
 
     rolling, level = line(0.0)
@@ -42,26 +43,28 @@ def measured_drive(make: Make) -> dict[str, Any]:
 
 
 def measured_onset(make: Make) -> float:
-    """Drive in 0..1 at which a simulator's motor begins to pull, at rest.
+    """Drive in 0..1 at which a simulator's motor begins to give force, at rest.
 
-    From the line that the acceleration follows once it pulls, back to what the car loses coasting;
-    and from two speeds back to rest, because a turning motor asks for some drive by itself.
+    The acceleration over the drive is a line above the onset; it is extrapolated down to the
+    coasting acceleration, and from two speeds to rest, because back-EMF takes some drive too.
 
     Raises:
-        ValueError: The simulator's answer is not finite, or it does not pull.
+        ValueError: A velocity of the simulator is not finite, or the motor gives no force.
     """
     drives = torch.linspace(*ONSETS, 25)
     found = []
     for speed in ONSET_SPEEDS:
         held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(drives), 3)
-        gained = (next_velocity(make, held, 2 * drives - 1)[:, 0] - speed) / period(make)
-        pull = (gained - gained[0]).double()
+        acceleration = (next_velocity(make, held, 2 * drives - 1)[:, 0] - speed) / period(make)
+        pull = (acceleration - acceleration[0]).double()
         top = float(pull.max())
         if top < LEAST_PULL:
             raise ValueError(f"at {speed:g} m/s no drive up to {ONSETS[1]:g} makes it faster")
-        rising = (pull > 0.1 * top) & (pull < 0.6 * top)
+        rising = (pull > RISING[0] * top) & (pull < RISING[1] * top)
         if int(rising.sum()) < 2:
-            raise ValueError(f"at {speed:g} m/s its pull jumps: there is no line to an onset")
+            raise ValueError(
+                f"at {speed:g} m/s its acceleration jumps with the drive: no line to an onset"
+            )
         slope, level = np.polyfit(drives[rising].numpy(), pull[rising].numpy(), 1)
         found.append(-level / slope)
     low, high = ONSET_SPEEDS

@@ -1,59 +1,65 @@
-"""A simulator held in a motion until its delays have settled; then its next steps."""
+"""A simulator held at a velocity until its delays have settled; then its next steps."""
 
 from collections.abc import Callable
+from itertools import islice
 
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 Make = Callable[[int], EnvBase]
+"""Builds the simulator for a number of environments."""
 
-SETTLING = 40  # steps in which delays and wheel speeds settle
-THROTTLES = (-1.0, 0.0)  # among which one is looked for that gains so much, or nothing
+SETTLING = 40  # [steps] 0.4 s: DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
+THROTTLES = (-1.0, 0.0)  # [-] range of commands searched for one that gives an acceleration
 
 
 def period(make: Make) -> float:
+    """Control period of a simulator [s]."""
     return getattr(make(1), "dt", CONTROL_PERIOD)
 
 
 def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
-    """Velocity [n, 3] a step after the velocities [n, 3] were held until delays have settled."""
+    """Velocity [n, 3] one step after the velocities [n, 3] were held until delays settled."""
     return next_velocities(make, held, throttle, 0.0, 0)[0]
 
 
-def throttle_for(make: Make, speed: float, gained: float) -> float:
-    """Throttle with which the simulator, rolling straight ahead, gains [m/s^2] most nearly."""
+def throttle_for(make: Make, speed: float, acceleration: float) -> float:
+    """Throttle at which the simulator, rolling straight, comes closest to an acceleration."""
     throttles = torch.linspace(*THROTTLES, 21)
     held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
     after = next_velocity(make, held, throttles)[:, 0]
-    return float(throttles[int((after - speed - gained * period(make)).abs().argmin())])
+    return float(throttles[int((after - speed - acceleration * period(make)).abs().argmin())])
 
 
-@torch.no_grad()
 def next_velocities(
     make: Make, held: Tensor, throttle: float | Tensor, steering: float, rows: int
 ) -> Tensor:
-    """Velocities [rows + 1, n, 3], each a step after the velocities [n, 3] were held.
+    """Velocities [rows + 1, n, 3], each one step after the velocities [n, 3] were held.
 
-    First until all delays have settled, then for `rows` steps with `steering`.
+    First straight ahead until all delays have settled, then for `rows` steps with `steering`.
+
+    Raises:
+        ValueError: A velocity is not finite.
     """
     engine = make(len(held))
     state = engine.reset(TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device))
     drive = torch.as_tensor(throttle).expand(len(held))
     straight = torch.stack([drive, torch.zeros_like(drive)], -1)
     turned = torch.stack([drive, torch.full_like(drive, steering)], -1)
-    found = []
-    for row in range(SETTLING + rows):
+
+    def hold(row: int, state: TensorDictBase) -> TensorDictBase:
         state[keys.VELOCITY] = held.to(state[keys.VELOCITY])
-        state[keys.ACTION] = (straight if row < SETTLING else turned).to(state[keys.VELOCITY])
-        state = engine.step(state)["next"]
-        if row >= SETTLING - 1:
-            found.append(state[keys.VELOCITY].cpu())
-    after = torch.stack(found)
+        action = straight if row < SETTLING else turned
+        return state.set(keys.ACTION, action.to(state[keys.VELOCITY]))
+
+    states = trajectory(engine, state, hold, SETTLING + rows)
+    after = torch.stack([s[keys.VELOCITY].cpu() for s in islice(states, SETTLING, None)])
     if not bool(after.isfinite().all()):
         raise ValueError(
             f"the simulator is not finite when held in motion at throttle {float(drive.max()):g} "

@@ -1,24 +1,27 @@
-"""How late a simulator's front wheels follow the steering."""
+"""Identification of the first-order lag of a simulator's steering servo."""
 
 import numpy as np
 import torch
 
 from buggy_rl.effects.measuring.holding import Make, next_velocities, period
 
-SERVO_SPEED = 2.0  # [m/s] at which the servo is measured,
-SERVO_STEP = 0.15  # by a step of the steering so small that no servo is at its fastest,
-SERVO_ROWS = 60  # that it has this many rows to follow
-LEAST_TURN = 0.5  # [rad/s^2] of any car that steers
+SERVO_SPEED = 2.0  # [m/s] speed of the experiment; chosen
+SERVO_STEP = 0.15  # [-] step of the steering, so small that no rate limit acts; chosen
+SERVO_ROWS = 60  # [steps] length of the response, 0.6 s: over four time constants of DART's servo
+LEAST_TURN = 0.5  # [rad/s^2] least yaw acceleration of a car that steers
+MISSING = (0.05, 0.85)  # [-] range of the missing share of the response that is fitted
 
 
 def measured_steering_lag(make: Make) -> float:
-    """Time constant [s] with which a simulator's wheels follow a step of the steering.
+    """Time constant [s] of the road wheels' response to a step of the steering; 0: none seen.
 
-    The car is held in straight motion; what its next step would turn grows as the wheels do. Of
-    what is still missing, the logarithm falls by dt / T each step: no dead time changes that.
+    The car is held in straight motion; the yaw rate after one further step grows with the
+    road-wheel angle. The logarithm of the missing share falls by dt / T each step, whatever the
+    dead time.
 
     Raises:
-        ValueError: The simulator's answer is not finite, or it does not turn.
+        ValueError: A velocity of the simulator is not finite, it does not turn, or the response is
+            not over after `SERVO_ROWS`.
     """
     dt = period(make)
     held = torch.tensor([[SERVO_SPEED, 0.0, 0.0]])
@@ -28,14 +31,16 @@ def measured_steering_lag(make: Make) -> float:
     if abs(last) / dt < LEAST_TURN:
         raise ValueError(f"at {SERVO_SPEED:g} m/s it does not turn for steering {SERVO_STEP:g}")
     missing = 1 - turn / last
-    falling = (missing < 0.85) & (missing > 0.05)
-    gone = falling.logical_not().nonzero().flatten()
-    first = int(falling.nonzero()[0]) if bool(falling.any()) else 0
-    end = int(gone[gone > first][0]) if bool(falling.any()) else 0
-    if end - first < 2:  # over before it can be seen
+    fitted = (missing < MISSING[1]) & (missing > MISSING[0])
+    others = fitted.logical_not().nonzero().flatten()
+    first = int(fitted.nonzero()[0]) if bool(fitted.any()) else 0
+    end = int(others[others > first][0]) if bool(fitted.any()) else 0
+    if end - first < 2:  # over within two steps
         return 0.0
     row = np.arange(first, end)
-    fall = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
-    if -fall * SERVO_ROWS * dt < 1:
-        raise ValueError(f"its wheels have not come to rest {SERVO_ROWS * dt:g} s after a step")
-    return round(-1.0 / float(fall), 4)
+    slope = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
+    if -slope * SERVO_ROWS * dt < 1:
+        raise ValueError(
+            f"its wheels still turn {SERVO_ROWS * dt:g} s after a step of the steering"
+        )
+    return round(-1.0 / float(slope), 4)

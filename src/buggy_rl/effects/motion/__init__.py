@@ -1,1 +1,1 @@
-"""Forces on the car that a simulator leaves out."""
+"""Forces and moments on the car that a simulator lacks."""

@@ -1,9 +1,8 @@
-"""What effects on the motion have in common: an acceleration added to what the engine did.
+"""What effects on the motion have in common: an acceleration added to the engine's.
 
-The engine makes a step; then the effect changes the velocity at its end, and moves the pose by
-what that velocity would have done on the way. The next step begins from there, because engines
-honour what was edited, so the sum is what an engine with that force inside would have done, to
-first order in the step.
+After a step of the engine, the effect changes the velocity at its end, and the pose by the way that
+the changed velocity makes more. The engine's next step starts from the edited state, so the result
+is that of an engine with the force inside, to first order in the step.
 """
 
 from abc import abstractmethod
@@ -22,13 +21,13 @@ from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
 
-LOCK = 0.45  # [rad] further than that no front wheel of such a car turns; chosen
-SETTING_OFF = 0.1  # [m/s] forces that a standing car resists come up to 76 % at this speed; chosen
+LOCK = 0.45  # [rad] largest road-wheel angle; DART's locks are 0.32 and 0.40
+SETTING_OFF = 0.1  # [m/s] speed at which a force that rest cancels reaches tanh(1) = 76 %; chosen
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What an engine did in one step, at the centre of gravity."""
+    """The engine's step at the centre of gravity, n rows."""
 
     pose: Tensor
     """[n, 3] of the sensor, before the step, world frame."""
@@ -40,12 +39,12 @@ class Motion:
     """[n, 2] the command that reached the engine."""
     dt: float
     """[s]"""
-    carried: Tensor | None = None
-    """[n, size] of the effect's own state before the step, where it has one."""
+    state: Tensor | None = None
+    """[n, state_size] the effect's latent state before the step, where it has one."""
 
     @property
     def drive(self) -> Tensor:
-        """Drive [n] that was asked for, 0..1."""
+        """Drive command [n], 0..1."""
         return 0.5 * (self.action[..., 0] + 1)
 
     @cached_property
@@ -55,7 +54,7 @@ class Motion:
 
     @cached_property
     def turn_rate(self) -> Tensor:
-        """Mean yaw rate [n] of the step [rad/s]."""
+        """Yaw rate [n], mean of the step [rad/s]."""
         return 0.5 * (self.before[..., 2] + self.after[..., 2])
 
     @cached_property
@@ -65,15 +64,15 @@ class Motion:
 
     @cached_property
     def setting_off(self) -> Tensor:
-        """Share [n] in 0..1 that the car moves: tanh(speed / 0.1 m/s), 0 at a standstill."""
+        """tanh(speed / 0.1 m/s) [n]: 0 at rest, 1 in motion."""
         return torch.tanh(self.speed / SETTING_OFF)
 
     @cached_property
     def acceleration(self) -> tuple[Tensor, Tensor, Tensor]:
         """Force over mass ax, ay [m/s^2] and yaw acceleration [rad/s^2], means of the step [n].
 
-        In the body frame of the middle of the step, a turn by 2 h = r dt between both ends:
-        a = (R(h) v' - R(-h) v) / dt, so that a frame that turns adds nothing.
+        In the body frame of the middle of the step, between whose ends it turns by 2 h = r dt:
+        a = (R(h) v' - R(-h) v) / dt, without the apparent forces of a turning frame.
         """
         h = 0.5 * self.dt * self.turn_rate
         start, end = rotate(self.before[..., :2], -h), rotate(self.after[..., :2], h)
@@ -82,7 +81,7 @@ class Motion:
 
 
 class MotionEffect(Effect):
-    """v' = v_engine + dv, at the centre of gravity, with the pose moved along.
+    """v' = v_engine + dv at the centre of gravity, and the pose with it.
 
     Args:
         dimensions: Of the car, or those that differ from the buggy's, by name.
@@ -90,8 +89,8 @@ class MotionEffect(Effect):
     """
 
     kind = "motion"
-    carries: int = 0
-    """Numbers of a state of its own; 0 at a reset."""
+    state_size: int = 0
+    """Numbers of its latent state, which is 0 after a reset."""
 
     def __init__(
         self,
@@ -108,73 +107,59 @@ class MotionEffect(Effect):
     def options(self) -> dict[str, Any]:
         shipped = asdict(VehicleDimensions())
         changed = {k: v for k, v in asdict(self.dimensions).items() if v != shipped[k]}
-        return super().options | ({"dimensions": changed} if changed else {})
+        return ({"dimensions": changed} if changed else {}) | super().options
 
     @abstractmethod
     def _change(self, motion: Motion) -> Tensor:
         """Change [n, 3] of the velocity of the centre of gravity over the step, body frame."""
 
-    def _carried_on(self, motion: Motion) -> tuple[Tensor, Tensor | None]:
-        """That change, and the state [n, carries] after the step, where there is one."""
+    def _change_and_state(self, motion: Motion) -> tuple[Tensor, Tensor | None]:
+        """That change, and the latent state [n, state_size] after the step, where there is one."""
         return self._change(motion), None
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        if not (self.active and self.carries):
-            return tensordict_reset
-        velocity = tensordict_reset.get(keys.VELOCITY)
-        none = velocity.new_zeros(*velocity.shape[:-1], self.carries)
-        return tensordict_reset.set(self.memory, none)
+    def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
+        if self.state_size:
+            velocity = state.get(keys.VELOCITY)
+            state.set(self.memory, velocity.new_zeros(*velocity.shape[:-1], self.state_size))
 
     def _state_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None
     ) -> dict[str, TensorSpec]:
-        if not self.carries:
+        if not self.state_size:
             return {}
-        return {self.memory: numbers_spec(shape, self.carries, device=device)}
+        return {self.memory: numbers_spec(shape, self.state_size, device=device)}
 
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        if not self.active:
-            return next_tensordict
-        next_pose, next_velocity = (
-            next_tensordict.get(keys.POSE),
-            next_tensordict.get(keys.VELOCITY),
+    def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
+        next_pose, next_velocity = after.get(keys.POSE), after.get(keys.VELOCITY)
+        pose, start, end = (
+            self._gather(part)
+            for part in (before.get(keys.POSE), before.get(keys.VELOCITY), next_velocity)
         )
-        pose, before, after, action = (
-            self._take(part)
-            for part in (
-                tensordict.get(keys.POSE),
-                tensordict.get(keys.VELOCITY),
-                next_velocity,
-                tensordict.get(keys.ACTION),
-            )
-        )
+        action = self._gather(before.get(keys.ACTION)).clamp(-1, 1)
         arm = self.dimensions.sensor_to_cg
-        at_cg = shift_velocity(torch.stack([before, after]), -arm)
-        memory = tensordict.get(self.memory) if self.carries else None
-        carried = None if memory is None else self._take(memory)
-        change, carried = self._carried_on(
-            Motion(pose, at_cg[0], at_cg[1], action.clamp(-1, 1), self.dt, carried)
-        )
-        if memory is not None and carried is not None:
-            next_tensordict.set(self.memory, self._put(memory, carried))
-        moved = after + shift_velocity(change, arm)
-        # From the origin, so that far from it the difference of both ways is still exact.
+        at_cg = shift_velocity(torch.stack([start, end]), -arm)
+        memory = before.get(self.memory) if self.state_size else None
+        state = None if memory is None else self._gather(memory)
+        motion = Motion(pose, at_cg[0], at_cg[1], action, self.dt, state)
+        change, state = self._change_and_state(motion)
+        if memory is not None and state is not None:
+            after.set(self.memory, self._scatter(memory, state))
+        changed = end + shift_velocity(change, arm)
+        # Both poses are computed from x = y = 0: far from there their difference would be rounded.
         origin = torch.cat([torch.zeros_like(pose[..., :2]), pose[..., 2:]], -1)
-        ways = integrate_pose(origin, before, torch.stack([after, moved]), self.dt)
-        placed = self._take(next_pose) + (ways[1] - ways[0])
-        next_tensordict.set(keys.POSE, self._put(next_pose, placed))
-        return next_tensordict.set(keys.VELOCITY, self._put(next_velocity, moved))
+        ends = integrate_pose(origin, start, torch.stack([end, changed]), self.dt)
+        placed = self._gather(next_pose) + (ends[1] - ends[0])
+        after.set(keys.POSE, self._scatter(next_pose, placed))
+        after.set(keys.VELOCITY, self._scatter(next_velocity, changed))
 
 
-def along(x: Tensor) -> Tensor:
-    """A change of the velocity [n, 3] by x [n] lengthwise."""
-    zero = torch.zeros_like(x)
-    return torch.stack([x, zero, zero], -1)
+def along(vx: Tensor) -> Tensor:
+    """Change of the velocity [n, 3] by vx [n] alone."""
+    zero = torch.zeros_like(vx)
+    return torch.stack([vx, zero, zero], -1)
 
 
 def turning(yaw_rate: Tensor) -> Tensor:
-    """A change of the velocity [n, 3] by a yaw rate [n]."""
+    """Change of the velocity [n, 3] by a yaw rate [n] alone."""
     zero = torch.zeros_like(yaw_rate)
     return torch.stack([zero, zero, yaw_rate], -1)

@@ -1,84 +1,66 @@
-"""A motor that gives less, or a car that is heavier, than simulated.
+"""A motor with less force, or a car with more mass, than simulated.
 
-From outside only the sum of drive and resistance is seen. What the motor gives is that sum, plus
-what the simulated car loses while it coasts, c0 tanh(vx / 0.1 m/s) + c1 vx, plus what its front
-wheels, which push square to where they point, brake in a turn. `measuring` finds c0 and c1 for a
-simulator, and by how much its motor loses with the speed.
+The acceleration of a black box is the sum of motor, resistance and tyres. The motor's part is that
+sum, plus the deceleration of the simulated car while it coasts, c0 tanh(vx / 0.1 m/s) + c1 vx, plus
+the longitudinal part of the side force of its turned front wheels. `measuring` finds c0 and c1 of a
+simulator, and the decrease of its motor force with the speed.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.base import EffectParameter, one_in
+from buggy_rl.effects.base import EffectParameter, more_or_less
 from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect, along
 from buggy_rl.vehicle import VehicleDimensions
 
-COASTING = (0.5, 0.25)  # [m/s^2], [1/s] of the buggy as the single-track preset has it
-SPEED_LOSS = (0.6, 0.0)  # [1/s] of the reference car's motor, whatever the drive
-ROLLING = 0.15  # [m/s^2] rubber on a hard floor, 0.015 of the load; chosen
-SLOWEST = 0.2  # [m/s] below it a limit of power is one of force, and a turn is not sharper
-UNLIMITED = 1000.0  # [W/kg] more than any such car has
-DRIVING = 0.1  # [m/s^2] drive at which 76 % of the back-EMF is felt: none while it coasts
-ASKED = 0.03  # drive from which on the motor is taken to work: none without throttle; chosen
+ROLLING = 0.15  # [m/s^2] rolling resistance of rubber on a hard floor, 0.015 of the load; chosen
+SLOWEST = (
+    0.2  # [m/s] speed below which a power limit is a force limit, and an arc no tighter; chosen
+)
+UNLIMITED = 1000.0  # [W/kg] neutral power limit; tyres pass 0.84 g x 10 m/s = 82 W/kg
+SPEED_LOSS = (0.6, 0.0)  # [1/s] b0 and b1 of the reference car's motor
+DRIVING = 0.1  # [m/s^2] motor acceleration at which back-EMF is at tanh(1) = 76 %; chosen
+ASKED = 0.03  # [-] drive command at which the motor is at tanh(1) = 76 % of its force; chosen
 
 
 class Payload(MotionEffect):
-    """A load: what does not grow with it - motor, gear, air - moves more mass.
+    """More mass behind the forces that do not grow with the load: motor, gear and air.
 
-    Tyres grip, and rubber rolls, in proportion to their load: they turn and slow the car as before.
-
-    Args:
-        rolling: Deceleration of the simulated car that is in proportion to its load [m/s^2].
-        dimensions, dt, values: As for the other motion effects.
+    Tyre forces and rolling resistance are in proportion to the load: their accelerations stay.
     """
 
     name = "payload"
     equation = "(dvx/dt + rolling + braking of the turned wheels) / mass_ratio"
+    source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1)"
     declared = (
         EffectParameter("mass_ratio", 1.0, 0.5, 3.0, "-", "Mass over the simulated.", 0.2, 0.02),
     )
-
-    def __init__(self, *, rolling: float = ROLLING, **rest: Any) -> None:
-        self.rolling = float(rolling)
-        super().__init__(**rest)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        return super().options | ({"rolling": self.rolling} if self.rolling != ROLLING else {})
+    option_names = ("rolling",)
+    rolling: float = ROLLING
+    """Deceleration of the simulated car that is in proportion to its load [m/s^2]."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the car weighs {one_in(values['mass_ratio'])} than simulated"
+        return f"the car weighs {more_or_less(values['mass_ratio'])} than simulated"
 
     def _change(self, motion: Motion) -> Tensor:
         ax, _, _ = motion.acceleration
         grown = self.rolling * torch.tanh(motion.after[..., 0] / SETTING_OFF)
         moved = ax + grown + turning_drag(motion, self.dimensions)
-        return along(self.dt * moved * (1 / self._here("mass_ratio").clamp_min(1e-2) - 1))
+        return along(self.dt * moved * (1 / self._value("mass_ratio").clamp_min(1e-2) - 1))
 
 
 class MotorEffect(MotionEffect):
-    """The motor's acceleration, as another motor would have made it.
+    """The motor's acceleration, replaced by that of another motor."""
 
-    Args:
-        coasting: c0 [m/s^2] and c1 [1/s] of what the simulated car loses without drive.
-        dimensions, dt, values: As for the other motion effects.
-    """
-
-    def __init__(self, *, coasting: Sequence[float] = COASTING, **rest: Any) -> None:
-        self.coasting = (float(coasting[0]), float(coasting[1]))
-        super().__init__(**rest)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        changed = self.coasting != COASTING
-        return super().options | ({"coasting": list(self.coasting)} if changed else {})
+    option_names = ("coasting",)
+    coasting: tuple[float, float] = (0.5, 0.25)
+    """c0 [m/s^2] and c1 [1/s] of the coasting simulated car; those of the single-track buggy."""
 
     def _drive(self, motion: Motion) -> Tensor:
-        """What the motor gives [n] >= 0 [m/s^2]; nothing where nothing was asked of it."""
+        """Acceleration [n] >= 0 [m/s^2] by the motor; 0 without a drive command."""
         ax, _, _ = motion.acceleration
         vx = 0.5 * (motion.before[..., 0] + motion.after[..., 0])
         loss = self.coasting[0] * torch.tanh(vx / SETTING_OFF) + self.coasting[1] * vx
@@ -87,10 +69,11 @@ class MotorEffect(MotionEffect):
 
 
 class MotorPowerLimit(MotorEffect):
-    """The motor's power has a limit: the faster, the less it pulls."""
+    """Limit of the motor's power: force at most power / speed."""
 
     name = "motor_power_limit"
     equation = "drive acceleration <= power_per_mass / vx"
+    source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 2 (power-limited acceleration)"
     declared = (
         EffectParameter(
             "power_per_mass",
@@ -112,38 +95,32 @@ class MotorPowerLimit(MotorEffect):
     def _change(self, motion: Motion) -> Tensor:
         drive = self._drive(motion)
         speed = motion.before[..., 0].abs().clamp_min(SLOWEST)
-        limit = self._here("power_per_mass").clamp_min(0.0) / speed
+        limit = self._value("power_per_mass").clamp_min(0.0) / speed
         return along(self.dt * (torch.minimum(drive, limit) - drive))
 
 
 class TopSpeed(MotorEffect):
-    """A motor that turns slower: back-EMF takes the drive away earlier, from the same start.
+    """Another no-load speed of the motor: back-EMF reduces its force earlier, from the same stall.
 
-    a' = a - b vx (1 / speed_ratio - 1), never below zero, and nothing while the car coasts, with
-    b = b0 + b1 drive what the simulated motor loses with the speed: b0 of one that is given a
-    voltage, b1 of one that is given a share of its force.
-
-    Args:
-        speed_loss: b0 and b1 [1/s].
-        coasting, dimensions, dt, values: As for the other motion effects.
+    a' = a - b vx (1 / speed_ratio - 1), not below 0, and a' = a while the car coasts, with
+    b = b0 + b1 drive the decrease of the simulated motor's acceleration with the speed: b0 of a
+    motor whose command is a voltage, b1 of one whose command is a share of its force.
     """
 
     name = "top_speed"
     equation = "drive acceleration - speed_loss vx (1 / speed_ratio - 1)"
+    source = (
+        "Franklin, Powell & Emami-Naeini 2010, Feedback Control of Dynamic Systems, 6th ed., "
+        "sec. 2.3 (back-EMF of a DC motor)"
+    )
     declared = (
         EffectParameter(
             "speed_ratio", 1.0, 0.2, 3.0, "-", "No-load speed over the simulated.", 0.15, 0.02
         ),
     )
-
-    def __init__(self, *, speed_loss: Sequence[float] = SPEED_LOSS, **rest: Any) -> None:
-        self.speed_loss = (float(speed_loss[0]), float(speed_loss[1]))
-        super().__init__(**rest)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        changed = self.speed_loss != SPEED_LOSS
-        return super().options | ({"speed_loss": list(self.speed_loss)} if changed else {})
+    option_names = ("coasting", "speed_loss")
+    speed_loss: tuple[float, float] = SPEED_LOSS
+    """b0 and b1 [1/s]."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -154,13 +131,13 @@ class TopSpeed(MotorEffect):
     def _change(self, motion: Motion) -> Tensor:
         drive = self._drive(motion)
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
-        slower = 1 / self._here("speed_ratio").clamp_min(1e-2) - 1
+        slower = 1 / self._value("speed_ratio").clamp_min(1e-2) - 1
         loss = lost * motion.before[..., 0] * slower * torch.tanh(drive / DRIVING)
         return along(-self.dt * torch.minimum(loss, drive))
 
 
 def turning_drag(motion: Motion, dimensions: VehicleDimensions) -> Tensor:
-    """What the front wheels brake [n] [m/s^2]: F tan(delta), delta taken to be L r / vx."""
+    """Deceleration [n] [m/s^2] by turned front wheels: F tan(delta), with delta = L r / vx."""
     d = dimensions
     _, ay, yaw = motion.acceleration
     front = (d.cg_to_rear_axle * ay + d.yaw_inertia / d.mass * yaw) / d.wheelbase

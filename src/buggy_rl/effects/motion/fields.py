@@ -1,7 +1,7 @@
-"""Forces that are fixed to the room, not to the car.
+"""Forces with a fixed direction in the world: slope and wind.
 
-A standing car is held by its tyres: they come up with tanh(speed / 0.1 m/s). So a car on a
-slope neither rolls off by itself nor comes to rest in another way than on the level.
+Tyres hold a car at rest, so both forces are multiplied by tanh(speed / 0.1 m/s): a car on a slope
+neither rolls off by itself nor comes to rest in another way than on the level.
 """
 
 import math
@@ -14,16 +14,17 @@ from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
 from buggy_rl.vehicle import GRAVITY, rotate
 
-SIDE_AREA = 2.0  # side over front; the buggy is about twice as long as it is wide
-STREAM = 0.0068  # [1/m] rho c_d A / (2 m): 0.15 m x 0.12 m in front, c_d 1, 1.6 kg
-FAINT = 0.03  # [m/s^2] below which the wind's speed grows with its push, not with the root of it
+SIDE_AREA = 2.0  # [-] side over frontal area: 0.273 m of length over about 0.14 m of width
+STREAM = 0.0068  # [1/m] rho c_d A / (2 m): 1.2 kg/m^3, c_d = 1, 0.15 m x 0.12 m, 1.6 kg
+FAINT = 0.03  # [m/s^2] push below which the wind speed is linear in it instead of its root; chosen
 
 
 class FloorSlope(MotionEffect):
-    """A floor that is not level: the same pull whatever way the car heads."""
+    """A floor that is not level: a constant acceleration in the world."""
 
     name = "floor_slope"
     equation = "dv_world/dt = (along_x, along_y) tanh(speed / 0.1 m/s)"
+    source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1) (m g sin(slope))"
     declared = (
         EffectParameter("along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.25, 0.03),
         EffectParameter("along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.25, 0.03),
@@ -37,21 +38,22 @@ class FloorSlope(MotionEffect):
         return f"the floor slopes by {angle:.3g} degrees, down towards {down:.0f} degrees from x"
 
     def _change(self, motion: Motion) -> Tensor:
-        world = torch.stack([self._here("along_x"), self._here("along_y")], -1)
+        world = torch.stack([self._value("along_x"), self._value("along_y")], -1)
         return _pushed(motion, rotate(world.expand(*motion.heading.shape, 2), -motion.heading))
 
 
 class Wind(MotionEffect):
-    """A steady draught: what it adds to the air that the car drives through anyway.
+    """Steady wind, added to the still air whose drag the simulator has.
 
-    F(w) = c |w| (w_x, 2 w_y) of an air stream w past the car: it finds twice the area on the side
-    that it finds on the front. The wind W adds F(W - v) - F(-v), so it holds a car that drives
-    against it by the more, the faster that is. W is told by what it does to a standing car,
-    c (1 + 2) / 2 W^2, the mean of front and side. Where on the side the wind presses is left out.
+    An air stream w past the car gives F(w) = c |w| (w_x, 2 w_y), with twice the area from the side
+    than from the front. The wind W adds F(W - v) - F(-v), which grows with the speed against it.
+    The parameters are the acceleration of a car at rest, c (1 + 2) / 2 W^2, mean of front and
+    side. The yaw moment is left out.
     """
 
     name = "wind"
     equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
+    source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 4.1.1 (drag with wind)"
     declared = (
         EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.2, 0.03),
         EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.2, 0.03),
@@ -67,7 +69,7 @@ class Wind(MotionEffect):
         )
 
     def _change(self, motion: Motion) -> Tensor:
-        force = torch.stack([self._here("force_x"), self._here("force_y")], -1)
+        force = torch.stack([self._value("force_x"), self._value("force_y")], -1)
         size = (force.square().sum(-1, keepdim=True) + FAINT**2).sqrt()
         wind = force / (0.5 * (1 + SIDE_AREA) * STREAM * size).sqrt()  # [m/s]
         still = -motion.after[..., :2]
@@ -82,6 +84,6 @@ def _pushed(motion: Motion, acceleration: Tensor) -> Tensor:
 
 
 def _air(stream: Tensor) -> Tensor:
-    """Acceleration [n, 2] by an air stream [n, 2] [m/s] past the car."""
-    flow = (stream.square().sum(-1, keepdim=True) + 1e-12).sqrt()  # differentiable at none
+    """Acceleration [n, 2] [m/s^2] by an air stream [n, 2] [m/s] past the car."""
+    flow = (stream.square().sum(-1, keepdim=True) + 1e-12).sqrt()  # differentiable at 0
     return STREAM * flow * stream * stream.new_tensor([1.0, SIDE_AREA])

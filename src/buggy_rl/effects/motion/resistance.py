@@ -1,4 +1,4 @@
-"""What slows the car down: it vanishes at rest and never turns a motion round."""
+"""Resistances: 0 at rest, and within a step at most to a stop."""
 
 from collections.abc import Mapping
 
@@ -8,23 +8,24 @@ from torch import Tensor
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect, along
 
-TYPICAL_SPEED = 2.0  # [m/s] at which the sentences quote a deceleration
-STOPPING = 0.05  # [m/s] dry friction comes up to 76 % at this speed; chosen
+TYPICAL_SPEED = 2.0  # [m/s] speed of the decelerations quoted in sentences; chosen
+STOPPING = 0.05  # [m/s] speed at which dry friction is at tanh(1) = 76 %; chosen
 
 
 def slowed(speed: Tensor, loss: Tensor) -> Tensor:
-    """Change [n] of a speed [n] of either sign by a loss [n] >= 0, at most to a stop."""
+    """Change [n] of a speed [n] of either sign by a loss [n] >= 0 [m/s], at most to a stop."""
     return -torch.sign(speed) * torch.minimum(loss, speed.abs())
 
 
 class AerodynamicDrag(MotionEffect):
-    """Drag with the square of the speed, against the motion.
+    """Drag in proportion to the square of the speed.
 
     Over a step dv/dt = -c v^2 has the solution v' = v / (1 + c v dt).
     """
 
     name = "aerodynamic_drag"
     equation = "dv/dt = -coefficient |v| v"
+    source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (aerodynamic drag)"
     declared = (
         EffectParameter(
             "coefficient", 0.0, -0.05, 2.0, "1/m", "Deceleration over speed squared.", 0.08, 0.01
@@ -37,19 +38,17 @@ class AerodynamicDrag(MotionEffect):
         return f"the air slows the car by {loss:.3g} m/s a second at {TYPICAL_SPEED:g} m/s"
 
     def _change(self, motion: Motion) -> Tensor:
-        passed = self._here("coefficient") * motion.speed * self.dt
+        passed = self._value("coefficient") * motion.speed * self.dt
         share = -passed / (1 + passed).clamp_min(1e-3)
         return torch.cat([share.unsqueeze(-1) * motion.after[..., :2], _still(motion)], -1)
 
 
 class RollingResistance(MotionEffect):
-    """Dry friction of wheels and gear, against the rolling.
-
-    It comes up with tanh(|vx| / 0.05 m/s), so a standing car feels none.
-    """
+    """Dry friction of wheels and gear, multiplied by tanh(|vx| / 0.05 m/s)."""
 
     name = "rolling_resistance"
     equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s)"
+    source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (rolling resistance)"
     declared = (
         EffectParameter("deceleration", 0.0, -0.5, 5.0, "m/s^2", "Whatever the speed.", 0.3, 0.05),
     )
@@ -60,15 +59,16 @@ class RollingResistance(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
-        loss = self._here("deceleration") * torch.tanh(vx.abs() / STOPPING) * self.dt
+        loss = self._value("deceleration") * torch.tanh(vx.abs() / STOPPING) * self.dt
         return along(slowed(vx, loss))
 
 
 class ViscousDrag(MotionEffect):
-    """Resistance with the speed of the rolling; exact over a step: vx' = vx exp(-rate dt)."""
+    """Resistance in proportion to vx; exact over a step: vx' = vx exp(-rate dt)."""
 
     name = "viscous_drag"
     equation = "dvx/dt = -rate vx"
+    source = "Armstrong-Helouvry, Dupont & Canudas de Wit 1994, Automatica 30(7) (viscous friction)"
     declared = (
         EffectParameter("rate", 0.0, -0.2, 5.0, "1/s", "Deceleration over speed.", 0.2, 0.02),
     )
@@ -80,17 +80,18 @@ class ViscousDrag(MotionEffect):
         )
 
     def _change(self, motion: Motion) -> Tensor:
-        return along(motion.after[..., 0] * torch.expm1(-self._here("rate") * self.dt))
+        return along(motion.after[..., 0] * torch.expm1(-self._value("rate") * self.dt))
 
 
 class CorneringDrag(MotionEffect):
-    """Extra drag in turns, in proportion to the lateral acceleration that turns the car.
-
-    It grows with steering and speed alike; the speed squared over the radius is what matters.
-    """
+    """Drag in turns, in proportion to the lateral acceleration vx yaw_rate."""
 
     name = "cornering_drag"
     equation = "dvx/dt = -coefficient |vx yaw_rate|"
+    source = (
+        "Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.3 (longitudinal part of the "
+        "front side force in a turn)"
+    )
     declared = (
         EffectParameter(
             "coefficient", 0.0, -0.3, 2.0, "-", "Deceleration over lateral one.", 0.15, 0.02
@@ -104,7 +105,7 @@ class CorneringDrag(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
-        loss = self._here("coefficient") * (vx * motion.turn_rate).abs() * self.dt
+        loss = self._value("coefficient") * (vx * motion.turn_rate).abs() * self.dt
         return along(slowed(vx, loss))
 
 

@@ -1,9 +1,8 @@
-"""Moments about the vertical, and how much of them the tyres let through within a step."""
+"""Yaw moments, and the share of them that the tyres leave at the end of a step."""
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
@@ -12,51 +11,47 @@ from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect, turning
 from buggy_rl.vehicle import GRAVITY
 
-SLOWEST = 0.5  # [m/s] below it tyres straighten a car out no faster
-ROLLING = 0.3  # [m/s] a wheel drags with 76 % of its force at this speed; chosen
+SLOWEST = 0.5  # [m/s] speed below which the yaw damping of the tyres grows no further; chosen
+ROLLING = 0.3  # [m/s] speed at which a dragging wheel is at tanh(1) = 76 % of its force; chosen
 
 
 class YawEffect(MotionEffect):
-    """dr = dt M / I, less what tyres take back before the step is over.
+    """dr = dt M / I, less what the yaw damping of the tyres takes back within the step.
 
-    Tyres straighten a car out at the rate L = m g (s_f C_f a^2 + s_r C_r b^2) / (I v), with s the
-    axles' shares of the load and C their stiffness over it: 40 /s at 4 m/s. So what a moment leaves
-    at the end of a step is (1 + L dt / 2)^-1 of it. `measured_tyres` finds C for a simulator.
-
-    Args:
-        stiffness: C of front and rear [1/rad]; none for a simulator without tyres.
-        dimensions, dt, values: As for the other motion effects.
+    Tyres damp the yaw rate at L = m g (s_f C_f a^2 + s_r C_r b^2) / (I v), with s the axles' shares
+    of the load and C their cornering stiffness over it: 40 /s at 4 m/s. A moment M leaves
+    (1 + L dt / 2)^-1 of dt M / I. `measured_tyres` finds C of a simulator.
     """
 
-    def __init__(self, *, stiffness: Sequence[float] = (0.0, 0.0), **rest: Any) -> None:
-        self.stiffness = (float(stiffness[0]), float(stiffness[1]))
-        super().__init__(**rest)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        return super().options | ({"stiffness": [*self.stiffness]} if any(self.stiffness) else {})
+    option_names = ("stiffness",)
+    stiffness: tuple[float, float] = (0.0, 0.0)
+    """C of front and rear axle [1/rad]; 0 for a simulator without tyres."""
 
     @abstractmethod
-    def _gained(self, motion: Motion) -> Tensor:
+    def _moment_change(self, motion: Motion) -> Tensor:
         """Change [n] of the yaw rate by the moment alone."""
 
     def _change(self, motion: Motion) -> Tensor:
         d, (front, rear) = self.dimensions, self.stiffness
         a, b = d.cg_to_front_axle, d.cg_to_rear_axle
-        # Shares of the load are b / L in front and a / L behind.
-        back = GRAVITY * d.mass / d.yaw_inertia * a * b * (front * a + rear * b) / d.wheelbase
-        rate = back / motion.after[..., 0].abs().clamp_min(SLOWEST)
-        return turning(self._gained(motion) / (1 + 0.5 * self.dt * rate))
+        # Load shares are b / L in front and a / L behind: m g s_f C_f a^2 = m g C_f a^2 b / L.
+        damping = GRAVITY * d.mass / d.yaw_inertia * a * b * (front * a + rear * b) / d.wheelbase
+        rate = damping / motion.after[..., 0].abs().clamp_min(SLOWEST)
+        return turning(self._moment_change(motion) / (1 + 0.5 * self.dt * rate))
 
 
 class OneSidedDrag(YawEffect):
-    """A wheel on one side that drags, and turns the car as long as it moves.
+    """Yaw moment of a wheel that drags on one side while the car moves.
 
-    What it takes from the speed is left out: that is `rolling_resistance`.
+    Its longitudinal force is left out: that is `rolling_resistance`.
     """
 
     name = "one_sided_drag"
     equation = "dr/dt = yaw_acceleration tanh(vx / 0.3 m/s)"
+    source = (
+        "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., ch. 8 (yaw moment of unequal left "
+        "and right longitudinal forces)"
+    )
     declared = (
         EffectParameter(
             "yaw_acceleration", 0.0, -100.0, 100.0, "rad/s^2", "Positive to the left.", 5.0, 0.5
@@ -72,16 +67,17 @@ class OneSidedDrag(YawEffect):
             "each second if nothing held it"
         )
 
-    def _gained(self, motion: Motion) -> Tensor:
+    def _moment_change(self, motion: Motion) -> Tensor:
         rolling = torch.tanh(motion.after[..., 0] / ROLLING)
-        return self._here("yaw_acceleration") * rolling * self.dt
+        return self._value("yaw_acceleration") * rolling * self.dt
 
 
 class YawDamping(YawEffect):
-    """Turning is resisted; over a step, r' = r exp(-rate dt)."""
+    """Damping of the yaw rate; exact over a step: r' = r exp(-rate dt)."""
 
     name = "yaw_damping"
     equation = "dr/dt = -rate r"
+    source = "Milliken & Milliken 1995, Race Car Vehicle Dynamics, ch. 5 (yaw damping derivative)"
     declared = (
         EffectParameter("rate", 0.0, -5.0, 100.0, "1/s", "Yaw deceleration over rate.", 3.0, 0.3),
     )
@@ -91,5 +87,5 @@ class YawDamping(YawEffect):
         share = -100 * math.expm1(-0.1 * values["rate"])
         return f"turning dies out: {share:.3g} % of a spin is gone after a tenth of a second"
 
-    def _gained(self, motion: Motion) -> Tensor:
-        return motion.after[..., 2] * torch.expm1(-self._here("rate") * self.dt)
+    def _moment_change(self, motion: Motion) -> Tensor:
+        return motion.after[..., 2] * torch.expm1(-self._value("rate") * self.dt)

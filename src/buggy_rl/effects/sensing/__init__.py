@@ -1,1 +1,1 @@
-"""A sensor that does not show the motion as it is."""
+"""Sensors whose measurement differs from the true motion."""

@@ -1,4 +1,4 @@
-"""What effects on the sensing have in common: they write what is measured, and move nothing."""
+"""What effects on the sensing have in common: they write what is measured and move nothing."""
 
 from abc import abstractmethod
 
@@ -13,15 +13,16 @@ from buggy_rl.effects.base import Effect, numbers_spec
 
 
 class SensingEffect(Effect):
-    """z = h(pose, velocity), of what the sensing so far made of them."""
+    """z = h(pose, velocity), of the measurement of the sensing effects nearer to the engine."""
 
     kind = "sensing"
 
-    def _write(
-        self, td: TensorDictBase, pose: Tensor, velocity: Tensor, seen: Tensor, rate: Tensor
-    ) -> TensorDictBase:
-        td.set(keys.MEASURED_POSE, self._put(pose, seen))
-        return td.set(keys.MEASURED_VELOCITY, self._put(velocity, rate))
+    def _set_measured(
+        self, td: TensorDictBase, true: tuple[Tensor, Tensor], rows: tuple[Tensor, ...]
+    ) -> None:
+        """Writes pose and velocity: `true` [*, 3], the active rows replaced by `rows` [n, 3]."""
+        td.set(keys.MEASURED_POSE, self._scatter(true[0], rows[0]))
+        td.set(keys.MEASURED_VELOCITY, self._scatter(true[1], rows[1]))
 
     def _reading_specs(
         self, shape: torch.Size, device: DEVICE_TYPING | None
@@ -32,28 +33,24 @@ class SensingEffect(Effect):
         }
 
 
-class InstantSensing(SensingEffect):
-    """A sensing effect without memory."""
+class MemorylessSensing(SensingEffect):
+    """A sensing effect without latent state."""
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+    def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
+        self._write_step(given, state)
 
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        if not self.active:
-            return next_tensordict
-        pose, velocity = measured(next_tensordict)
-        seen = self._sensed(self._take(pose), self._take(velocity))
-        return self._write(next_tensordict, pose, velocity, *seen)
+    def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
+        pose, velocity = measured(after)
+        rows = self._measurement(self._gather(pose), self._gather(velocity))
+        self._set_measured(after, (pose, velocity), rows)
 
     @abstractmethod
-    def _sensed(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
-        """Pose and velocity as measured, of the cars that feel the effect [n, 3]."""
+    def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
+        """Pose and velocity [n, 3] as measured, of the active rows."""
 
 
 def measured(tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
-    """Pose and velocity [*, 3] as the sensing so far left them."""
+    """Pose and velocity [*, 3] as the sensing effects so far left them."""
     pose = tensordict.get(keys.MEASURED_POSE, None)
     velocity = tensordict.get(keys.MEASURED_VELOCITY, None)
     return (

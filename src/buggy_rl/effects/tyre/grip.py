@@ -1,27 +1,29 @@
-"""Another friction than the simulated: everywhere, on one axle, in one place."""
+"""Another friction than the simulated: of all tyres, front against rear, in one place."""
 
 from collections.abc import Mapping
 
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.base import EffectParameter, one_in
+from buggy_rl.effects.base import EffectParameter, more_or_less
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.tyre.base import TyreEffect
 from buggy_rl.vehicle import GRAVITY
 
-NO_BOUND = 1000.0  # [m/s^2] more than any tyre gives
-EDGE = 0.05  # [m] of a patch: over twice this its grip changes from 12 to 88 %
+NO_BOUND = 1000.0  # [m/s^2] neutral bound: 100 g, beyond any tyre
+EDGE = 0.05  # [m] scale of the sigmoid at the edge: 12 to 88 % over 0.2 m; chosen
+PACEJKA = "Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed."
 
 
 class TireGrip(TyreEffect):
-    """Less friction than simulated, on both axles; or a bound on the lateral acceleration.
+    """Another friction of both axles; or a bound on the lateral acceleration.
 
     `max_acceleration` is shared between the axles in proportion to their loads.
     """
 
     name = "tire_grip"
     equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
+    source = f"{PACEJKA}, sec. 4.2 (similarity method)"
     alternatives = ("max_acceleration",)
     declared = (
         EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
@@ -43,25 +45,26 @@ class TireGrip(TyreEffect):
         grip, most = values.get("grip", 1.0), values.get("max_acceleration", NO_BOUND)
         words = []
         if grip != 1.0 or most >= NO_BOUND:
-            words.append(f"the tyres hold {one_in(grip)} than simulated before they slide")
+            words.append(f"the tyres hold {more_or_less(grip)} than simulated before they slide")
         if most < NO_BOUND:
             words.append(f"the tyres give at most {most / GRAVITY:.2g} g sideways")
         return ", and ".join(words)
 
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        grip = self._here("grip").clamp_min(1e-2)
+        grip = self._value("grip").clamp_min(1e-2)
         return grip, grip
 
     def _bounded(self, force: Tensor, load: Tensor) -> Tensor:
-        most = self._here("max_acceleration").unsqueeze(-1) * load
+        most = self._value("max_acceleration").unsqueeze(-1) * load
         return torch.minimum(torch.maximum(force, -most), most)
 
 
 class GripBalance(TyreEffect):
-    """One axle holds more than simulated, the other less, their product as it was."""
+    """Friction of the front axle against the rear one; their product stays."""
 
     name = "grip_balance"
     equation = "front friction sqrt(q), rear friction / sqrt(q), at the same stiffness"
+    source = f"{PACEJKA}, sec. 4.2 (similarity method), by axle"
     declared = (
         EffectParameter(
             "front_to_rear",
@@ -79,23 +82,24 @@ class GripBalance(TyreEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         ratio = values["front_to_rear"]
         end = "nose pushes outwards" if ratio < 1 else "tail comes round"
-        return f"the {end} earlier: front against rear, the tyres hold {one_in(ratio)}"
+        return f"the {end} earlier: front against rear, the tyres hold {more_or_less(ratio)}"
 
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        front = self._here("front_to_rear").clamp_min(1e-2).sqrt()
+        front = self._value("front_to_rear").clamp_min(1e-2).sqrt()
         return front, 1 / front
 
 
 class GripPatch(TyreEffect):
-    """A slippery place: `tire_grip` of an axle inside of a circle, with an edge of centimetres."""
+    """Another friction inside a circle on the floor, of each axle by its own place."""
 
     name = "grip_patch"
     equation = "tire_grip within radius of (x, y)"
+    source = f"{PACEJKA}, sec. 4.2 (similarity method), by place"
     deciding = ("grip",)
     declared = (
-        EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
-        EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Middle of the place, world.", 2.0, 0.1),
-        EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the place.", 0.5, 0.1),
+        EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
+        EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
+        EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the patch.", 0.5, 0.1),
         EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
     )
 
@@ -103,7 +107,7 @@ class GripPatch(TyreEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         return (
             f"within {values['radius']:.2g} m of ({values['x']:.2f}, {values['y']:.2f}) m the "
-            f"tyres hold {one_in(values['grip'])} than simulated"
+            f"tyres hold {more_or_less(values['grip'])} than simulated"
         )
 
     def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
@@ -114,8 +118,8 @@ class GripPatch(TyreEffect):
         return self._grip_at(place + front * ahead), self._grip_at(place - behind * ahead)
 
     def _grip_at(self, place: Tensor) -> Tensor:
-        """Share of the friction [n] that an axle has at a place [n, 2]."""
-        away = place - torch.stack([self._here("x"), self._here("y")], -1)
+        """Friction over the simulated one, q [n], of an axle at a place [n, 2] [m]."""
+        away = place - torch.stack([self._value("x"), self._value("y")], -1)
         distance = (away.square().sum(-1) + 1e-12).sqrt()
-        inside = torch.sigmoid((self._here("radius") - distance) / EDGE)
-        return 1 + (self._here("grip").clamp_min(1e-2) - 1) * inside
+        inside = torch.sigmoid((self._value("radius") - distance) / EDGE)
+        return 1 + (self._value("grip").clamp_min(1e-2) - 1) * inside

@@ -1,7 +1,7 @@
-"""From commands to what the car feels: dead time, lag, steering range, speed controller.
+"""From commands to road-wheel angle and drive: dead time, lag, steering range, speed controller.
 
-Arrays are numpy float64 with the cars first, and the columns throttle, steering; a parameter is
-[1] where all cars are alike, else [n].
+Arrays are numpy float64 [n, 2] over environments, columns throttle and steering; a parameter is [1]
+where all environments share it, else [n].
 """
 
 from collections.abc import Mapping
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 
 from buggy_rl.engines.mujoco.declared import LONGEST_DEAD_TIME
 
-RESTING = (-1.0, 0.0)  # throttle, steering of a car nobody drives
+RESTING = (-1.0, 0.0)  # [-] throttle and steering commands of a car at rest: no drive, straight
 _CHANNELS = ("throttle", "steering")
 
 
 def memory_length(dt: float) -> int:
-    """Past commands to keep so that the longest dead time can be interpolated."""
+    """Past commands that the longest dead time needs, with interpolation."""
     return int(np.ceil(LONGEST_DEAD_TIME / dt - 1e-6)) + 1
 
 
 class Actuators:
-    """Servo and speed controller of n cars; the state they have is handed in and out.
+    """Servo and speed controller of n environments, without state of their own.
 
     Args:
         values: Parameter name -> [1] or [n].
         dt: Control period [s].
 
     Raises:
-        ValueError: A dead time is negative or longer than the engine remembers.
+        ValueError: A dead time is negative or longer than the memory of commands.
     """
 
     def __init__(self, values: Mapping[str, NDArray], dt: float) -> None:
@@ -36,11 +36,11 @@ class Actuators:
         self._time_constants = self._by_channel(values, "lag")
         periods = self._by_channel(values, "dead_time") / dt  # (1 or n, 2)
         longest = memory_length(dt) - 1
-        # A float32 0.2 s is a hair above 0.2: let rounding pass, nothing more.
+        # 0.2 s in float32 is above 0.2 by its rounding, which is let pass.
         if (periods < 0).any() or (periods > longest * (1 + 1e-6)).any():
             raise ValueError(
-                f"dead times of {periods.min() * dt:.4g} to {periods.max() * dt:.4g} s: the "
-                f"engine remembers 0 to {LONGEST_DEAD_TIME} s"
+                f"dead times of {periods.min() * dt:.4g} to {periods.max() * dt:.4g} s: must be "
+                f"within 0 to {LONGEST_DEAD_TIME} s"
             )
         periods = periods.clip(0, longest)
         whole = np.floor(periods).clip(max=longest - 1)
@@ -53,10 +53,10 @@ class Actuators:
         return np.stack(np.broadcast_arrays(*channels), -1)
 
     def delayed(self, memory: NDArray, action: NDArray) -> NDArray:
-        """Command [n, 2] that gets through in this control period, a dead time late.
+        """Command [n, 2] of this control period behind the dead time.
 
         u' = (1 - f) u[k - m] + f u[k - m - 1],  dead time = (m + f) dt: the mean over the period
-        of the delayed staircase, so smooth in the dead time.
+        of the delayed staircase, continuous in the dead time.
 
         Args:
             memory: [n, N, 2] past commands, oldest first.
@@ -78,7 +78,7 @@ class Actuators:
 
         y(t) = u + (y(0) - u) exp(-t / time_constant).
         """
-        # A time constant of zero follows at once.
+        # A time constant of 0 is no lag.
         decay = np.exp(-elapsed / np.maximum(self._time_constants, 1e-9))
         return target + (start - target) * decay
 
@@ -103,7 +103,7 @@ class Actuators:
 def motor_torque(
     values: Mapping[str, NDArray], drive: NDArray, spin: NDArray, radius: float
 ) -> tuple[NDArray, NDArray]:
-    """Torque of a DC motor at one rear wheel, the other getting as much.
+    """Torque of a DC motor at each rear wheel.
 
     T = d (F_stall - c omega r) r / 2,  dT/domega = -d c r^2 / 2.
 
@@ -117,6 +117,6 @@ def motor_torque(
         Torque [n] [N m] and its slope [n] [N m s].
     """
     loss = values["drive_speed_loss"]
-    speed = 0.5 * radius * (spin[0] + spin[1])  # an open differential turns with the mean
+    speed = 0.5 * radius * (spin[0] + spin[1])  # of an open differential
     torque = 0.5 * radius * drive * (values["drive_force"] - loss * speed)
     return torque, -0.5 * radius**2 * drive * loss

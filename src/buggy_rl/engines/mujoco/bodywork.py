@@ -1,4 +1,4 @@
-"""What the buggy looks like: geoms that weigh nothing and touch nothing, a floor and a light."""
+"""Appearance of the buggy: geoms without mass and contact, a floor and a light."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from buggy_rl.vehicle import VehicleDimensions
 
 
 def add_shell(chassis, dimensions: VehicleDimensions) -> None:
-    """What the chassis looks like; it weighs nothing and touches nothing."""
+    """Geoms of the chassis, without mass and contact."""
     front = dimensions.cg_to_front_axle - dimensions.sensor_to_cg
     middle = front - dimensions.wheelbase / 2
     half_length, half_width = dimensions.length / 2, dimensions.track_width / 2
@@ -27,7 +27,7 @@ def add_shell(chassis, dimensions: VehicleDimensions) -> None:
 
 
 def add_scenery(root) -> None:
-    """Floor and light; the floor is the only thing besides the tyres that can be touched."""
+    """Floor and light; only the floor and the tyres have contact."""
     root.asset.add(
         "texture",
         name="tiles",
@@ -44,12 +44,12 @@ def add_scenery(root) -> None:
 
 
 def add_rim(body, dimensions: VehicleDimensions) -> None:
-    """A wheel as the eye sees it, on the body that spins."""
+    """Geoms of a wheel, on the spinning body."""
     radius, half_width = dimensions.wheel_radius, dimensions.wheel_width / 2
     style = dict(type="cylinder", euler=[np.pi / 2, 0, 0], mass=0, contype=0, conaffinity=0)
     body.add("geom", size=[radius, half_width], rgba=[0.08, 0.08, 0.08, 1], **style)
     body.add("geom", size=[0.55 * radius, 1.02 * half_width], rgba=[0.85, 0.8, 0.2, 1], **style)
-    # A bolt off the axis, so that one sees the wheel turn.
+    # A bolt off the axis, which shows the spin.
     body.add(
         "geom",
         pos=[0.7 * radius, 0, 0],

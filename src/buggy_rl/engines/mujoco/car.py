@@ -1,8 +1,8 @@
 """The buggy as an MJCF model: chassis on a free joint, four sprung wheels, a floor.
 
 The body frame sits at the tracking sensor, at the height of the centre of gravity. Visual geoms
-weigh nothing: chassis and wheels have explicit inertias. The suspension is preloaded so that the
-car stands level whatever its mass. Both front wheels steer by the same angle (no Ackermann).
+have no mass: chassis and wheels have explicit inertias. The suspension is preloaded, so the car is
+level at rest whatever its mass. Both front wheels steer by the same angle (no Ackermann).
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -35,21 +35,20 @@ from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 Tyres = Literal["explicit", "contact"]
 """`explicit`: frictionless wheels and a slip-angle law; `contact`: MuJoCo's own friction."""
 
-# MuJoCo's contact solver does not see the implicit damper: without some inertia along the strut
-# the light wheels hop, at 5 ms always, and at 2.5 ms with 0.1 kg still where a slide ends abruptly,
-# which kicks the car (measured: up to 1.2 % of the slide's energy; with 0.2 kg 0.03 %).
-STRUT_ARMATURE = 0.2  # [kg]
-SUSPENSION_TRAVEL = 0.015  # [m] either way
-STEERING_ARMATURE = 1.0  # [kg m^2] so large that no tyre can turn the servo
-# Next to 1, so that the tyres carry the sprung car with a tenth of a millimetre of penetration;
-# with MuJoCo's default of 0.9 the light wheels sink in by one millimetre.
+# MuJoCo's contact solver does not include the implicit damper: without inertia along the strut the
+# light wheels hop at a step of 5 ms, and at 2.5 ms with 0.1 kg still after an abrupt end of a slide
+# (measured: the hop has up to 1.2 % of the slide's energy; with 0.2 kg 0.03 %).
+STRUT_ARMATURE = 0.2  # [kg] inertia along the strut
+SUSPENSION_TRAVEL = 0.015  # [m] to each side; chosen
+STEERING_ARMATURE = 1.0  # [kg m^2] a servo that no tyre moment turns
+# Contact penetration is 0.1 mm under the sprung car; 1 mm with MuJoCo's default of 0.9.
 CONTACT_IMPEDANCE = (0.99, 0.99, 0.001)  # [-], [-], [m] solimp
-SETTLING_TIME = 3.0  # [s] after which the parked car no longer moves on its springs
+SETTLING_TIME = 3.0  # [s] time after which the car is at rest on its springs
 
 
 @dataclass(frozen=True)
 class Car:
-    """The compiled model and where to find its parts."""
+    """The compiled model and the indices of its parts."""
 
     dimensions: VehicleDimensions
     tyres: Tyres
@@ -71,7 +70,7 @@ class Car:
     steer: np.ndarray
     """[2] degree of freedom of each front wheel's steering; its qpos index is one higher."""
     parked: np.ndarray
-    """[nq] the car standing still at the origin, its springs settled."""
+    """[nq] the car at rest at the origin, springs settled."""
 
     @property
     def timestep(self) -> float:
@@ -83,13 +82,13 @@ class Car:
 def make_car(
     dimensions: VehicleDimensions, tyres: Tyres, timestep: float, visual: bool = True
 ) -> Car:
-    """Builds and compiles the model; the result is shared, so it must not be written to.
+    """Builds and compiles the model; the result is cached and must not be changed.
 
     Args:
         dimensions: Of the car.
         tyres: `explicit` or `contact`.
         timestep: Of the physics [s].
-        visual: With what only the eye needs; it moves alike without, and steps 15 % faster.
+        visual: With visual geoms, which do not change the motion; without, 15 % faster.
 
     Raises:
         ValueError: `tyres` is neither of the two.
@@ -129,7 +128,7 @@ def model_fields(car: Car, values: Mapping[str, np.ndarray]) -> dict[str, np.nda
         values: Parameter name -> [1] or [n].
 
     Returns:
-        Field name -> [n, ...] as `MjModel` has it, or [1, ...] where all cars are alike.
+        Field name -> [n, ...] as `MjModel` has it, or [1, ...] where all environments share it.
     """
     inertia = chassis_inertia(
         car.dimensions, values["mass"], values["yaw_inertia"], values["cg_to_front_axle"]
@@ -152,18 +151,17 @@ def model_fields(car: Car, values: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 
 def car_mjcf(dimensions: VehicleDimensions, tyres: Tyres, timestep: float) -> Any:
-    """The model as dm_control MJCF, for whoever wants to add to it before compiling."""
+    """The model as dm_control MJCF, not compiled."""
     root: Any = mjcf.RootElement(model="buggy")
     root.compiler.angle = "radian"  # mjcf compiles degrees by default
     root.option.timestep = timestep
     root.option.gravity = [0.0, 0.0, -GRAVITY]
     root.option.integrator = "implicitfast"
     root.option.cone = "elliptic"
-    # A step has to be a function of the state that rides in the TensorDict, and nothing is to
-    # be put right behind the caller's back.
+    # A step must depend on the state in the TensorDict alone, without automatic resets.
     root.option.flag.warmstart = "disable"
     root.option.flag.autoreset = "disable"
-    root.option.flag.island = "disable"  # one car, one island: finding it takes 4 % of a step
+    root.option.flag.island = "disable"  # one car is one island; finding it takes 4 % of a step
     add_scenery(root)
     chassis = root.worldbody.add("body", name="chassis", pos=[0, 0, dimensions.cg_height])
     chassis.add("freejoint", name="free")
@@ -217,7 +215,7 @@ def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres)
 
 
 def _add_tyre(body, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
-    # A sphere touches a plane in one point, right under the hub, at every steering and roll angle.
+    # A sphere has one contact point with a plane, under the hub at every steering and roll angle.
     body.add(
         "geom",
         name=f"tyre_{wheel}",
@@ -225,7 +223,7 @@ def _add_tyre(body, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> 
         size=[dimensions.wheel_radius],
         mass=0,
         condim=1 if tyres == "explicit" else 3,
-        priority=1,  # its friction counts, not the floor's
+        priority=1,  # its friction applies, not the floor's
         solimp=CONTACT_IMPEDANCE,
         rgba=[0, 0, 0, 0],
     )

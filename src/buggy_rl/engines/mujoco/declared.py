@@ -1,14 +1,13 @@
 """The parameters of the MuJoCo buggy as shipped.
 
-The values are a plausible hand-tuned guess for a small rear-driven buggy, set the way one sets a
-simulator up before there are recordings. They are fitted to nothing; mass, yaw inertia and the
-place of the centre of gravity come from the car's dimensions.
+Hand-tuned values for a small rear-driven buggy, as before there are recordings; not fitted to any
+data. Mass, yaw inertia and centre of gravity are those of the car's dimensions.
 """
 
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import VehicleDimensions
 
-LONGEST_DEAD_TIME = 0.2  # [s] how far back the engine remembers commands
+LONGEST_DEAD_TIME = 0.2  # [s] length of the memory of commands; DART's longest dead time is 0.14 s
 
 
 def declared_parameters(dimensions: VehicleDimensions) -> list[Parameter]:
@@ -78,7 +77,7 @@ def _steering() -> list[Parameter]:
         Parameter("steering_right", 0.36, 0.1, 0.7, "rad", "Wheel angle at full right command."),
         Parameter("steering_offset", 0.0, -0.15, 0.15, "rad", "Wheel angle at zero command."),
         Parameter("steering_lag", 0.06, 0.0, 0.4, "s", "Time constant of the servo."),
-        Parameter("steering_dead_time", 0.02, 0.0, longest, "s", "Until the servo reacts."),
+        Parameter("steering_dead_time", 0.02, 0.0, longest, "s", "Dead time of the servo."),
     ]
 
 
@@ -86,7 +85,9 @@ def _drive() -> list[Parameter]:
     longest = LONGEST_DEAD_TIME
     return [
         Parameter("throttle_lag", 0.05, 0.0, 0.4, "s", "Time constant of the speed controller."),
-        Parameter("throttle_dead_time", 0.02, 0.0, longest, "s", "Until the controller reacts."),
+        Parameter(
+            "throttle_dead_time", 0.02, 0.0, longest, "s", "Dead time of the speed controller."
+        ),
         Parameter("throttle_deadband", 0.1, 0.0, 0.4, "-", "Drive in 0..1 below which none acts."),
         Parameter("drive_force", 18.0, 3.0, 50.0, "N", "Full drive at standstill, both wheels."),
         Parameter(

@@ -1,10 +1,9 @@
-"""Many MuJoCo buggies stepped at once, as a TorchRL environment.
+"""A batch of MuJoCo buggies as a TorchRL environment.
 
-What rides in the TensorDict, after the batch dimensions:
+State in the TensorDict, after the batch dimensions:
 
-- `physics_state` [nq + nv + 6] float64: qpos, qvel, and the pose and velocity last shown to the
-  outside, against which an edit is noticed. Nothing else decides a step: MuJoCo's warm start is
-  off.
+- `physics_state` [nq + nv + 6] float64: qpos, qvel, and the pose and velocity last
+  returned, by which an edit is noticed. A step depends on nothing else: MuJoCo's warm start is off.
 - `commands` [N, 2]: the last N actions, oldest first, for the dead times.
 - `actuators` [2] float64: throttle and steering command behind their lags.
 """
@@ -12,9 +11,9 @@ What rides in the TensorDict, after the batch dimensions:
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,7 +22,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.mujoco.actuators import RESTING, Actuators, memory_length
@@ -32,16 +31,16 @@ from buggy_rl.engines.mujoco.declared import declared_parameters
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
 from buggy_rl.engines.rows import RowsEngine
-from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
+from buggy_rl.vehicle import VehicleDimensions
 
 PHYSICS_STATE = "physics_state"
 COMMANDS = "commands"
 ACTUATORS = "actuators"
 
-# Measured: the longest whole fraction of the control period of which a half changes 1 s paths by
-# less than 1 % of their length, over the full range of throttle and steering. Explicit, worst of
-# 1534 random drives: 0.96 % at 2.5 ms, 1.3 % at 3.3 ms. Contact does not get there: at 1 ms 0.3 %
-# in the mean, but 1.1 % for one drive in twenty and 7 % for the worst of 512, at the limit of grip.
+# Substeps of a control period: the fewest of which twice as many change 1 s paths by less than 1 %
+# of their length. Explicit, worst of 1534 random drives over the full range of throttle and
+# steering: 0.96 % at 2.5 ms, 1.3 % at 3.3 ms. Contact does not reach it: at 1 ms 0.3 % on average,
+# 1.1 % for one drive in twenty and 7 % for the worst of 512, at the limit of friction.
 SUBSTEPS: dict[Tyres, int] = {"explicit": 4, "contact": 10}
 
 
@@ -51,14 +50,11 @@ class MujocoEngine(RowsEngine):
     The parameter values as shipped are a plausible guess, not fitted to any drive.
 
     Args:
-        batch_size: Number of cars, or a shape.
-        device: Where the TensorDicts live; the physics itself always runs on the CPU.
-        parameters: Values that differ from those shipped, by name.
-        dt: Control period [s].
         tyres: `explicit` slip-angle law, or MuJoCo's friction at the `contact`.
         timestep: Of the physics [s], a whole fraction of `dt`; None takes dt over `SUBSTEPS`.
-        nthread: Threads MuJoCo steps the cars on; results do not depend on it.
+        nthread: Threads of MuJoCo's batch; results do not depend on it.
         dimensions: Of the car, or those that differ from the buggy's, by name.
+        args, common: As for `Engine`; the physics runs on the CPU, whatever the device.
 
     Raises:
         ValueError: `dt` is not a multiple of `timestep`.
@@ -66,21 +62,19 @@ class MujocoEngine(RowsEngine):
 
     def __init__(
         self,
-        batch_size: int | Sequence[int] = (),
-        device: torch.device | str = "cpu",
-        parameters: Mapping[str, float] | None = None,
-        dt: float = CONTROL_PERIOD,
+        *args: Any,
         tyres: Tyres = "explicit",
         timestep: float | None = None,
         nthread: int = 1,
         dimensions: VehicleDimensions | Mapping[str, float] | None = None,
+        **common: Any,
     ) -> None:
         if not isinstance(dimensions, VehicleDimensions):
             dimensions = VehicleDimensions(**(dimensions or {}))
-        super().__init__(batch_size, device, parameters, dt, declared_parameters(dimensions))
+        super().__init__(*args, declared=declared_parameters(dimensions), **common)
         if timestep is None:
-            timestep = default_timestep(tyres, dt)
-        self._substeps = whole_substeps(dt, timestep)
+            timestep = default_timestep(tyres, self.dt)
+        self._substeps = whole_substeps(self.dt, timestep)
         self.car = make_car(dimensions, tyres, timestep, visual=False)
         self.nthread = nthread
         self._prepare()
@@ -96,7 +90,7 @@ class MujocoEngine(RowsEngine):
         return self.car.dimensions
 
     def _prepare(self) -> None:
-        """Builds everything that depends on parameter values."""
+        """Builds what depends on parameter values."""
         self._batch = Batch(self.car.model, max(self.numel(), 1), self.nthread)
         values = {
             name: value.reshape(-1).double().cpu().numpy() for name, value in self.values.items()
@@ -110,13 +104,9 @@ class MujocoEngine(RowsEngine):
     _parameters_changed = _prepare
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        state, memory = self.car.model.nq + self.car.model.nv + 6, memory_length(self.dt)
-        device, double = self.device, torch.float64
-        return {
-            PHYSICS_STATE: Unbounded(self._shape(state), device=device, dtype=double),
-            COMMANDS: Unbounded(self._shape(memory, 2), device=device),
-            ACTUATORS: Unbounded(self._shape(2), device=device, dtype=double),
-        }
+        state = self.car.model.nq + self.car.model.nv + 6
+        double = self._number_specs({PHYSICS_STATE: (state,), ACTUATORS: (2,)}, torch.float64)
+        return double | self._number_specs({COMMANDS: (memory_length(self.dt), 2)})
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         state = np.empty((self._batch.nsim, *self.observation_spec[PHYSICS_STATE].shape[-1:]))
@@ -135,7 +125,7 @@ class MujocoEngine(RowsEngine):
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         physics = self._rows(state[PHYSICS_STATE]).copy()
         pose, velocity = self._rows(state[keys.POSE]), self._rows(state[keys.VELOCITY])
-        self._honour_edits(physics, pose, velocity)
+        self._apply_edits(physics, pose, velocity)
         commands, command = self._rows(state[COMMANDS]), self._rows(action)
         target = self._actuators.delayed(commands, command)
         start = self._rows(state[ACTUATORS])
@@ -155,7 +145,7 @@ class MujocoEngine(RowsEngine):
         }
 
     def _run(self, start: NDArray, target: NDArray) -> None:
-        """Steps the batch through one control period."""
+        """Advances the batch by one control period."""
         batch, timestep = self._batch, self.car.timestep
         qpos, qvel = batch.qpos, batch.qvel
         xfrc, qfrc = batch.xfrc_applied, batch.qfrc_applied
@@ -168,22 +158,26 @@ class MujocoEngine(RowsEngine):
         self._refuse_warnings()
 
     def _refuse_warnings(self) -> None:
-        """Raises where MuJoCo only counts: a state that is not finite, a full contact buffer."""
-        counts = self._batch.warning[..., 1]  # (n, kinds), next to what was warned of last
+        """Raises what MuJoCo only counts: states that are not finite, full contact buffers.
+
+        Raises:
+            RuntimeError: There is such a warning.
+        """
+        counts = self._batch.warning[..., 1]  # (n, kinds)
         if not counts.any():
             return
         car, kind = (int(i) for i in np.argwhere(counts)[0])
         self._batch.warning[:] = 0
         raise RuntimeError(
-            f"MuJoCo warned {mujoco.mjtWarning(kind).name} for car {car}: its state or its "
-            "parameters are beyond what the physics can do; look at the last pose and velocity"
+            f"MuJoCo warned {mujoco.mjtWarning(kind).name} in environment {car}: its state or its "
+            "parameters are outside the range of the physics; check the last pose and velocity"
         )
 
-    def _honour_edits(self, physics: NDArray, pose: NDArray, velocity: NDArray) -> None:
-        """Moves cars whose pose or velocity is not the one that was last shown."""
-        moved = (physics[:, -6:-3] != pose).any(1)
-        hurried = (physics[:, -3:] != velocity).any(1)
-        for rows, is_pose in ((moved, True), (hurried, False)):
+    def _apply_edits(self, physics: NDArray, pose: NDArray, velocity: NDArray) -> None:
+        """Applies edits: rows whose pose or velocity is not the one last returned."""
+        new_pose = (physics[:, -6:-3] != pose).any(1)
+        new_velocity = (physics[:, -3:] != velocity).any(1)
+        for rows, is_pose in ((new_pose, True), (new_velocity, False)):
             if not rows.any():
                 continue
             edited = physics[rows]
@@ -202,22 +196,18 @@ class MujocoEngine(RowsEngine):
     def half_step(self) -> dict[str, Any]:
         return {"timestep": self.car.timestep / 2}
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        return type(self)(
-            batch_size,
-            self.device,
-            {name: parameter.value for name, parameter in self.declared.items()},
-            dt=self.dt,
-            tyres=self.car.tyres,
-            timestep=self.car.timestep,
-            nthread=self.nthread,
-            dimensions=self.car.dimensions,
-        )
+    def _options(self) -> dict[str, Any]:
+        return {
+            "tyres": self.car.tyres,
+            "timestep": self.car.timestep,
+            "nthread": self.nthread,
+            "dimensions": self.car.dimensions,
+        }
 
 
 def default_timestep(tyres: Tyres, dt: float) -> float:
     """Physics timestep [s] for a control period [s]."""
-    return dt / SUBSTEPS.get(tyres, 1)  # what is no tyre model is refused by `make_car`
+    return dt / SUBSTEPS.get(tyres, 1)  # `make_car` refuses what is no tyre model
 
 
 def whole_substeps(dt: float, timestep: float) -> int:

@@ -1,11 +1,11 @@
-"""What acts on the car in one physics substep, written into MuJoCo's applied forces.
+"""Forces on the car in one physics substep, written into MuJoCo's applied forces.
 
-Tyres are stiff: at 1 m/s a wheel's spin settles in half a millisecond and the yaw rate in five.
-So the tyre forces are those at the *end* of the substep, found by one Newton step of the planar car
-with its four wheel spins (linearly implicit Euler). Steady states are those of the tyre law
-itself, and substeps of several milliseconds are stable down to standstill.
+Tyres are stiff: at 1 m/s a wheel's spin settles in half a millisecond and the yaw rate in five. So
+tyre forces are those at the *end* of the substep, by one Newton step of the planar car with its
+four wheel spins (linearly implicit Euler): steady states are those of the tyre law, and substeps
+of several milliseconds are stable down to rest.
 
-Arrays are [n] over cars and [4, n] over wheels and cars.
+Arrays are [n] over environments and [4, n] over wheels and environments.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from buggy_rl.engines.mujoco.actuators import motor_torque
 from buggy_rl.engines.mujoco.car import Car
-from buggy_rl.engines.mujoco.tyres import TyreForce, tyre_force
+from buggy_rl.engines.mujoco.tyres import Tyre, TyreForce, tyre_force
 from buggy_rl.engines.mujoco.weights import (
     DRIVELINE_INERTIA,
     SPRING_DAMPING,
@@ -27,12 +27,11 @@ from buggy_rl.engines.mujoco.weights import (
 )
 from buggy_rl.vehicle import GRAVITY
 
-# Rolling resistance fades out below this speed, so that it stops the car without pushing it back.
-STOPPING_SPEED = 0.1  # [m/s]
+STOPPING_SPEED = 0.1  # [m/s] speed at which rolling resistance is at tanh(1) = 76 %; chosen
 
 
 class Motion(NamedTuple):
-    """The chassis seen from above, in axes along and across its heading."""
+    """Planar motion of the chassis, in axes along and across its heading."""
 
     cos: NDArray
     """Of the heading, [n]."""
@@ -44,11 +43,24 @@ class Motion(NamedTuple):
     """About the vertical [rad/s]."""
 
 
+class Wheels(NamedTuple):
+    """Spin, steering and motor torque of the wheels."""
+
+    spin: NDArray
+    """[4, n] rad/s."""
+    steering_angle: NDArray
+    """[n] of the front wheels [rad]."""
+    torque: NDArray
+    """[n] of the motor at each rear wheel [N m]."""
+    slope: NDArray
+    """[n] its derivative by the spin [N m s]."""
+
+
 def read_motion(qpos: NDArray, qvel: NDArray) -> Motion:
     """Heading and velocities of chassis on a free joint, qpos [n, nq], qvel [n, nv].
 
-    MuJoCo gives the linear part of a free joint's qvel in the world frame and the angular part in
-    the body frame; this is the place where that is undone.
+    The linear part of a free joint's qvel is in the world frame, the angular part in the body
+    frame.
     """
     w, x, y, z = qpos[:, 3:7].T
     ahead_x, ahead_y = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)  # the body's x axis
@@ -61,10 +73,10 @@ def read_motion(qpos: NDArray, qvel: NDArray) -> Motion:
 
 
 class Forces:
-    """Drive, resistance and, with explicit tyres, tyre forces of n cars.
+    """Drive, resistance and, with explicit tyres, tyre forces of n environments.
 
     Args:
-        car: The model.
+        car: Compiled model.
         values: Parameter name -> [1] or [n].
     """
 
@@ -113,9 +125,8 @@ class Forces:
         xfrc_applied[:, car.chassis, 1] = resistance * motion.sin
         if car.tyres == "contact":
             return
-        fx, fy = self.tyre_forces(
-            qpos, qvel, motion, spin, steering_angle, torque, slope, resistance
-        )
+        wheels = Wheels(spin, steering_angle, torque, slope)
+        fx, fy = self.tyre_forces(qpos, qvel, motion, wheels, resistance)
         world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
         # At the patch, a radius below the hub: F = (x, y, 0) and M = (0, 0, -r) x F.
         wrench = xfrc_applied[:, car.wheel_bodies[0] : car.wheel_bodies[-1] + 1]  # (n, 4, 6)
@@ -129,36 +140,47 @@ class Forces:
         return -(rolling + drag * speed)
 
     def loads(self, qpos: NDArray, qvel: NDArray) -> NDArray:
-        """Load [4, n] of each tyre [N]: what its spring and damper carry, and its own weight."""
+        """Load [4, n] of each tyre [N]: force of spring and damper, and the wheel's weight."""
         slide = self.car.slide
         squeeze = qpos[:, slide + 1].T - self._spring_reference
         carried = SPRING_RATE * squeeze + SPRING_DAMPING * qvel[:, slide].T
         return np.maximum(carried + WHEEL_MASS * GRAVITY, 0.0)
 
     def tyre_forces(
-        self, qpos, qvel, motion: Motion, spin, steering_angle, torque, slope, resistance
+        self,
+        qpos: NDArray,
+        qvel: NDArray,
+        motion: Motion,
+        wheels: Wheels,
+        resistance: NDArray,
     ) -> tuple[NDArray, NDArray]:
         """Forces [4, n] along and across the heading at the end of the substep."""
         load = self.loads(qpos, qvel)
-        # Slip is that of the planar car: the rates of roll and pitch do not reach it.
+        # Slip of the planar car: roll and pitch rates are left out.
         patch_x = motion.vx - motion.yaw_rate * self.car.hub_y  # (4, n)
         patch_y = motion.vy + motion.yaw_rate * self.car.hub_x
         cos, sin = np.ones_like(load), np.zeros_like(load)
-        cos[:2], sin[:2] = np.cos(steering_angle), np.sin(steering_angle)
+        cos[:2], sin[:2] = np.cos(wheels.steering_angle), np.sin(wheels.steering_angle)
         rolling = cos * patch_x + sin * patch_y  # wheel axes
         sideways = cos * patch_y - sin * patch_x
-        slip_x = spin * self.radius - rolling
+        slip_x = wheels.spin * self.radius - rolling
         shape = self.values["tyre_shape"]
-        force = tyre_force(slip_x, -sideways, rolling, load, self._grip, self._cornering, shape)
-        fx, fy = self._implicit(force, motion, cos, sin, torque, slope, resistance)
-        # The linearised force may leave the friction circle: put it back on the rim.
+        tyre = Tyre(self._grip, self._cornering, shape)
+        force = tyre_force(slip_x, -sideways, rolling, load, tyre)
+        fx, fy = self._implicit(force, motion, (cos, sin), wheels, resistance)
+        # The linearised force may leave the friction circle: it is scaled back to it.
         limit = self._grip * load
         shrink = np.minimum(limit / np.maximum(np.hypot(fx, fy), 1e-12), 1.0)
         fx, fy = fx * shrink, fy * shrink
         return cos * fx - sin * fy, sin * fx + cos * fy
 
     def _implicit(
-        self, force: TyreForce, motion: Motion, cos, sin, torque, slope, resistance
+        self,
+        force: TyreForce,
+        motion: Motion,
+        direction: tuple[NDArray, NDArray],
+        wheels: Wheels,
+        resistance: NDArray,
     ) -> tuple[NDArray, NDArray]:
         """Tyre forces [4, n] in wheel axes at the end of the substep.
 
@@ -166,8 +188,9 @@ class Forces:
         I domega_i / dt = T_i - r f_x,i',  solved for dv = (dvx, dvy, dr) at the centre of gravity.
         """
         r, dt = self.radius, self.dt
+        cos, sin = direction
         wheel_torque, wheel_slope = np.zeros_like(cos), np.zeros_like(cos)
-        wheel_torque[2:], wheel_slope[2:] = torque, slope
+        wheel_torque[2:], wheel_slope[2:] = wheels.torque, wheels.slope
         # domega = gain (T - r f_x'): eliminates the wheel spins.
         gain = dt / (self._spin_inertia - dt * wheel_slope)
         held = 1.0 / (1.0 + force.fx_sx * r * r * gain)

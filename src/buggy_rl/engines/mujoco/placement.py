@@ -1,6 +1,6 @@
-"""Between what MuJoCo keeps (qpos, qvel) and what the outside sees (pose, velocity).
+"""Conversion between qpos, qvel of MuJoCo and pose, velocity.
 
-Rows are cars. Every function writes into the arrays it is given.
+Rows are environments. `park`, `place` and `set_off` write into the arrays they are given.
 """
 
 import numpy as np
@@ -25,13 +25,13 @@ def seen_velocity(qpos: NDArray, qvel: NDArray) -> NDArray:
 
 
 def park(car: Car, qpos: NDArray, qvel: NDArray) -> None:
-    """Puts cars at the origin, standing on settled springs, heading along x."""
+    """Puts cars at rest at the origin, springs settled, heading along x."""
     qpos[:] = car.parked
     qvel[:] = 0.0
 
 
 def place(qpos: NDArray, qvel: NDArray, pose: NDArray) -> None:
-    """Moves cars to `pose` [n, 3]; pitch, roll and the velocity as seen from the car stay."""
+    """Moves cars to `pose` [n, 3]; pitch, roll and the body-frame velocity stay."""
     qpos[:, :2] = pose[:, :2]
     turn = pose[:, 2] - seen_pose(qpos, pose[:, 2])[:, 2]
     cos, sin = np.cos(turn), np.sin(turn)
@@ -45,12 +45,12 @@ def place(qpos: NDArray, qvel: NDArray, pose: NDArray) -> None:
 
 
 def set_off(car: Car, qpos: NDArray, qvel: NDArray, velocity: NDArray) -> None:
-    """Gives cars a `velocity` [n, 3]; wheels speed up with the floor under them, so slip stays."""
+    """Gives cars a `velocity` [n, 3]; wheel speeds change with it, so that the slip stays."""
     change = velocity - seen_velocity(qpos, qvel)  # (n, 3) vx, vy, yaw_rate
     motion = read_motion(qpos, qvel)
     qvel[:, 0] += motion.cos * change[:, 0] - motion.sin * change[:, 1]
     qvel[:, 1] += motion.sin * change[:, 0] + motion.cos * change[:, 1]
-    # The vertical axis seen from the body frame.
+    # The vertical axis in the body frame.
     w, x, y, z = qpos[:, 3:7].T
     up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
     qvel[:, 3:6] += up * change[:, 2:]

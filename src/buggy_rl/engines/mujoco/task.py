@@ -1,6 +1,6 @@
-"""One buggy as a dm_control environment, for whoever wants dm_control's or TorchRL's wrapper.
+"""One buggy as a dm_control environment, for dm_control's tools or TorchRL's wrapper.
 
-The same model, actuators and forces as the batched engine, read through dm_control `Physics`:
+Model, actuators and forces are those of the batched engine, behind dm_control `Physics`:
 
     DMControlWrapper(make_environment())
 """
@@ -9,6 +9,7 @@ The same model, actuators and forces as the batched engine, read through dm_cont
 # MuJoCo's compiled module has no type stubs.
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,9 +29,9 @@ from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 
 class BuggyPhysics(mjcf.Physics):
-    """dm_control `Physics` that applies the car's own forces before every substep.
+    """Physics of dm_control that applies the car's forces before every substep.
 
-    `equip` has to be called once after `from_mjcf_model`.
+    `equip` must be called once after `from_mjcf_model`.
     """
 
     car: Car
@@ -49,7 +50,7 @@ class BuggyPhysics(mjcf.Physics):
         self.set_down(np.zeros(3), np.zeros(3))
 
     def set_down(self, pose: NDArray, velocity: NDArray) -> None:
-        """Starts at `pose` [3] with `velocity` [3], undriven, springs settled."""
+        """Starts at `pose` [3] with `velocity` [3], without drive, springs settled."""
         data = self.data
         qpos, qvel = data.qpos[None], data.qvel[None]
         park(self.car, qpos, qvel)
@@ -66,7 +67,7 @@ class BuggyPhysics(mjcf.Physics):
         self._memory = np.concatenate([self._memory[:, 1:], action[None, None]], 1)
 
     def step(self, nstep: int = 1) -> None:
-        """Advances one control period, which has to have `nstep` substeps."""
+        """Advances by one control period of `nstep` substeps."""
         data, timestep = self.data, self.timestep()
         qpos, qvel = data.qpos[None], data.qvel[None]
         xfrc, qfrc = data.xfrc_applied[None], data.qfrc_applied[None]
@@ -92,24 +93,24 @@ class BuggyPhysics(mjcf.Physics):
 
 
 class DriveTask(control.Task):
-    """The bare car: drive it anywhere, no reward, no end.
+    """The car without a task: no reward, no termination.
 
     Args:
-        pose: [3] where episodes start.
-        velocity: [3] how fast.
+        pose: [3] at the start of an episode.
+        velocity: [3] likewise.
     """
 
     def __init__(self, pose=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)) -> None:
         self.pose = np.asarray(pose, np.float64)
         self.velocity = np.asarray(velocity, np.float64)
-        self._random = np.random.RandomState(0)  # TorchRL's wrapper seeds it; nothing is drawn
+        self._random = np.random.RandomState(0)  # TorchRL's wrapper seeds it; it is not used
 
     def initialize_episode(self, physics: BuggyPhysics) -> None:
-        """Sets the car down."""
+        """Starts an episode."""
         physics.set_down(self.pose, self.velocity)
 
     def before_step(self, action: NDArray, physics: BuggyPhysics) -> None:
-        """Hands the action to the actuators."""
+        """Passes the action to the actuators."""
         physics.command(action)
 
     def after_step(self, physics: BuggyPhysics) -> None:
@@ -120,7 +121,7 @@ class DriveTask(control.Task):
         return specs.BoundedArray((2,), np.float32, -1.0, 1.0, name=keys.ACTION)
 
     def get_observation(self, physics: BuggyPhysics) -> dict[str, NDArray]:
-        """Pose [3] and velocity [3], as every engine shows them."""
+        """Pose [3] and velocity [3], as of every engine."""
         return {
             keys.POSE: physics.pose().astype(np.float32),
             keys.VELOCITY: physics.velocity().astype(np.float32),
@@ -141,7 +142,7 @@ def make_environment(
     timestep: float | None = None,
     dimensions: VehicleDimensions | None = None,
     task: DriveTask | None = None,
-    time_limit: float = float("inf"),
+    **options: Any,
 ) -> control.Environment:
     """One buggy as a dm_control environment.
 
@@ -151,8 +152,8 @@ def make_environment(
         tyres: `explicit` or `contact`.
         timestep: Of the physics [s]; None takes the batched engine's.
         dimensions: Of the car.
-        task: Where episodes start; None starts at rest at the origin.
-        time_limit: Length of an episode [s].
+        task: Start of the episodes; None: at rest at the origin.
+        options: Further arguments of `control.Environment`, such as `time_limit` [s].
 
     Raises:
         KeyError: A name is not a parameter.
@@ -167,13 +168,13 @@ def make_environment(
     values.update(parameters or {})
     car = make_car(dimensions, tyres, timestep)
     physics = BuggyPhysics.from_mjcf_model(car.root)
-    # Rounded as the batched engine rounds them, so that both drive alike to the last bit.
+    # Rounded to float32 like the batched engine's, for equal results to the last bit.
     columns = {name: np.array([np.float32(value)], np.float64) for name, value in values.items()}
     physics.equip(car, columns, dt)
     return control.Environment(
         physics,
         task or DriveTask(),
-        time_limit=time_limit,
         n_sub_steps=whole_substeps(dt, timestep),
         legacy_step=False,
+        **options,
     )

@@ -1,7 +1,7 @@
-"""What the buggy weighs and how its springs carry it.
+"""Masses, inertias and springs of the buggy.
 
-The whole car has the mass, yaw inertia and centre of gravity asked for; the wheels have theirs
-and the chassis gets the rest. Arrays follow numpy's broadcasting, `*` standing for the cars.
+The whole car has the mass, yaw inertia and centre of gravity asked for; the chassis has that of the
+whole less the wheels. Arrays follow numpy's broadcasting, `*` over environments.
 """
 
 from collections.abc import Mapping
@@ -12,15 +12,14 @@ from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
-# Plausible for 65 mm wheels and a soft off-road suspension; none of these is measured on a car.
+# Chosen for 65 mm wheels and a soft off-road suspension; none is measured on a car.
 WHEEL_MASS = 0.03  # [kg]
-WHEEL_SPIN_INERTIA = 2.2e-5  # [kg m^2] 0.7 m r^2: between a disc and a ring
+WHEEL_SPIN_INERTIA = 2.2e-5  # [kg m^2] 0.7 m r^2, between a disc and a ring
 WHEEL_TILT_INERTIA = 1.2e-5  # [kg m^2]
-DRIVELINE_INERTIA = 3.0e-5  # [kg m^2] motor and gears as felt at one rear wheel
+DRIVELINE_INERTIA = 3.0e-5  # [kg m^2] motor and gears, reduced to one rear wheel
 SPRING_RATE = 500.0  # [N/m] a wheel: the body bounces at 5.6 Hz
 SPRING_DAMPING = 14.0  # [N s/m] a wheel: half of critical
-# Pitch and roll inertia of the chassis over its yaw inertia: a plate longer than wide.
-PITCH_SHARE, ROLL_SHARE = 0.8, 0.3
+PITCH_SHARE, ROLL_SHARE = 0.8, 0.3  # [-] inertias over the yaw inertia: a long plate; chosen
 
 
 def hub(dimensions: VehicleDimensions, wheel: str) -> list[float]:
@@ -35,7 +34,7 @@ def hub(dimensions: VehicleDimensions, wheel: str) -> list[float]:
 def chassis_inertia(
     dimensions: VehicleDimensions, mass, yaw_inertia, cg_to_front_axle
 ) -> dict[str, np.ndarray]:
-    """What the chassis must weigh so that the whole car has the given inertia.
+    """Mass and inertia of the chassis such that the whole car has the given ones.
 
     m_c = m - 4 m_w,  I_c = I - sum_i (I_w + m_w |r_i - r_cg|^2) - m_c |r_c - r_cg|^2.
 
@@ -49,7 +48,7 @@ def chassis_inertia(
         `mass` [*], `ipos` [*, 3] in the body frame, `inertia` [*, 3] about roll, pitch, yaw.
 
     Raises:
-        ValueError: The wheels alone have more than that.
+        ValueError: The wheels alone have more.
     """
     mass, yaw_inertia, cg = np.broadcast_arrays(mass, yaw_inertia, cg_to_front_axle)
     front = dimensions.cg_to_front_axle - dimensions.sensor_to_cg  # axle ahead of the sensor
@@ -70,7 +69,7 @@ def chassis_inertia(
     if (chassis_mass <= 0).any() or (yaw <= 0).any():
         raise ValueError(
             f"a car of {mass.min():.3g} kg and yaw inertia {yaw_inertia.min():.3g} kg m^2 leaves "
-            f"nothing for the chassis: its wheels weigh {len(WHEELS) * WHEEL_MASS} kg and have "
+            f"none for the chassis: its wheels have {len(WHEELS) * WHEEL_MASS} kg and have "
             f"{wheels.max():.3g} kg m^2"
         )
     shares = np.array([ROLL_SHARE, PITCH_SHARE, 1.0])

@@ -1,4 +1,4 @@
-"""The reference car: a double-track car that plays the physical platform where there is none."""
+"""The reference car: a double-track model that stands in for the physical car."""
 
 from buggy_rl.engines.reference.engine import ReferenceEngine
 

@@ -1,4 +1,4 @@
-"""The reference car as a whole: what its parts do to one another in one substep."""
+"""The reference car: its parts and their forces on one another in one substep."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -13,9 +13,8 @@ from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.parameters import DIMENSIONS
 from buggy_rl.engines.reference.state import (
-    CAUSES,
+    FAULT_STATES,
     HEAT,
-    HIDDEN_SHAPES,
     LINE,
     WHEEL_TURN,
     CarState,
@@ -26,18 +25,18 @@ from buggy_rl.engines.reference.surroundings import Surroundings
 from buggy_rl.engines.reference.tyres import Tyres
 from buggy_rl.vehicle import GRAVITY, slip_angle
 
-GUESS_SPEED = 0.3  # [m/s] below it a velocity says little about the steering; chosen
+GUESS_SPEED = 0.3  # [m/s] speed below which the steering is not read off the velocity; chosen
 
 
 class Car:
-    """The parts of a batch of cars.
+    """The parts of the car, batched.
 
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
-        faults: What is wrong with it.
+        faults: Of the car.
         dt: Control period [s].
         substeps: In a control period.
-        compiled: Whether PyTorch compiles a substep, for any number of cars.
+        compiled: Whether PyTorch compiles a substep, for any batch size.
     """
 
     def __init__(
@@ -63,21 +62,21 @@ class Car:
         self.surroundings = Surroundings(
             values, self.chassis, self.drivetrain.rolling_mass, DIMENSIONS.sensor_to_cg, faults
         )
-        self.hidden_shapes: dict[str, tuple[int, ...]] = {
-            name: HIDDEN_SHAPES[name] for name, cause in CAUSES.items() if cause in faults
+        self.fault_shapes: dict[str, tuple[int, ...]] = {
+            name: shape for name, (shape, fault) in FAULT_STATES.items() if fault in faults
         }
         if self.radio.late:
-            self.hidden_shapes[LINE] = (self.radio.kept, 2)
+            self.fault_shapes[LINE] = (self.radio.kept, 2)
 
-    def advance(self, car: CarState, heard: Tensor, pose: Tensor) -> None:
-        """Lets a control period pass.
+    def advance(self, car: CarState, commands: Tensor, pose: Tensor) -> None:
+        """Advances the car by a control period.
 
         Args:
             car: Its state, which is replaced.
-            heard: [S or 1, 2, *] throttle and steering as `Radio.heard` gives them.
+            commands: [S or 1, 2, *] throttle and steering as `Radio.received` gives them.
             pose: [*, 3] of the sensor at the start.
         """
-        throttle, steering = heard[0]
+        throttle, steering = commands[0]
         setting = Setting(
             throttle=throttle,
             steering=steering,
@@ -86,52 +85,53 @@ class Car:
             pose=pose,
         )
         for index in range(self.substeps):
-            if 0 < index < len(heard):
-                setting.throttle, setting.steering = heard[index]
+            if 0 < index < len(commands):
+                setting.throttle, setting.steering = commands[index]
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
             self._step(self, car, setting, self.substep)
 
     def step(self, car: CarState, setting: Setting, dt: float) -> None:
         """Moves `car` on by `dt` [s]."""
         chassis, tyres, drivetrain = self.chassis, self.tyres, self.drivetrain
-        faults, hidden, surroundings = self.faults, car.hidden, self.surroundings
+        faults, fault_state, surroundings = self.faults, car.fault_state, self.surroundings
         steering, target = setting.steering, setting.duty
         if "steering_lag" in faults:
-            steering = self.steering.smoothed(hidden, steering)
+            steering = self.steering.smoothed(fault_state, steering)
         if "sticky_servo" in faults:
-            steering = self.steering.unstuck(hidden, car.servo, steering)
+            steering = self.steering.unstuck(fault_state, car.servo, steering)
         if "throttle_lag" in faults:
-            target = drivetrain.target_duty(drivetrain.filtered(hidden, setting.throttle))
+            target = drivetrain.target_duty(drivetrain.filtered(fault_state, setting.throttle))
         servo = self.steering.moved(car.servo, steering, dt)
-        rack = self.steering.followed(hidden, servo) if "steering_backlash" in faults else servo
+        rack = (
+            self.steering.followed(fault_state, servo) if "steering_backlash" in faults else servo
+        )
         duty = drivetrain.slewed(car.duty, target, dt)
 
         cos, sin = self.steering.directions(0.5 * (car.rack + rack), self._turned(car))
         along, across = chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)
         slip_speed = torch.stack([car.tread - along, -across])  # (2, 4, *)
         transport = tyres.transport_speed(along, across, car.tread)
-        slip, felt = tyres.relaxed(car.slip, slip_speed, transport, dt)
+        slip, effective = tyres.relaxed(car.slip, slip_speed, transport, dt)
         load = chassis.loads(car.lean, car.lean_rate)
         friction = tyres.friction(load, slip_speed)
         if surroundings.patchy:
             friction = friction * surroundings.grip(car, setting.pose)
-        strain = tyres.strain(felt, friction)
-        force = tyres.force(felt, load, strain)
-        car.slip = slip / strain.clamp_min(1.0)  # a sliding contact strains its carcass no further
+        strain = tyres.strain(effective, friction)
+        force = tyres.force(effective, load, strain)
+        car.slip = slip / strain.clamp_min(1.0)  # a sliding contact deforms its carcass no further
 
         axle_speed = 0.5 * (car.tread[2] + car.tread[3])
         mean_duty = 0.5 * (car.duty + duty)
-        heat = hidden[HEAT].squeeze(0) if "heating_motor" in faults else None
+        heat = fault_state[HEAT].squeeze(0) if "heating_motor" in faults else None
         current = drivetrain.current(mean_duty, axle_speed, setting.voltage, heat)
         car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
         if heat is not None:
-            drivetrain.warmed(hidden, current, dt)
-        twist = drivetrain.twisted(hidden, current) if "loose_differential" in faults else None
-        scrubbing = force[1] if "cornering_drag" in faults else None
-        car.tread = drivetrain.spun(car.tread, force[0], load, current, dt, scrubbing, twist)
+            drivetrain.warmed(fault_state, current, dt)
+        twist = drivetrain.twisted(fault_state, current) if "loose_differential" in faults else None
+        car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist)
         if "wheel_wobble" in faults:
-            turn = hidden[WHEEL_TURN] + car.tread[0] * (dt / DIMENSIONS.wheel_radius)
-            hidden[WHEEL_TURN] = torch.remainder(turn, 2.0 * math.pi)
+            turn = fault_state[WHEEL_TURN] + car.tread[0] * (dt / DIMENSIONS.wheel_radius)
+            fault_state[WHEEL_TURN] = torch.remainder(turn, 2.0 * math.pi)
 
         ax, ay, yaw_acceleration = chassis.acceleration(force, cos, sin, car.vx, car.vy)
         car.lean, car.lean_rate = chassis.leaned(car.lean, car.lean_rate, torch.stack([ax, ay]), dt)
@@ -142,14 +142,14 @@ class Car:
         self._moved(car, ax, ay, yaw_acceleration, dt)
 
     def _turned(self, car: CarState) -> Tensor | None:
-        """What turns each front wheel [2, *] [rad] beside the linkage: leaning, a bent rim."""
+        """Angle of each front wheel [2, *] [rad] beside the linkage's: bump steer, a bent rim."""
         faults = self.faults
         if "bump_steer" not in faults and "wheel_wobble" not in faults:
             return None
         right = faults["bump_steer.angle"] * car.lean[1]
         if "wheel_wobble" not in faults:
             return torch.stack([right, right])
-        wobble = faults["wheel_wobble.angle"] * torch.sin(car.hidden[WHEEL_TURN].squeeze(0))
+        wobble = faults["wheel_wobble.angle"] * torch.sin(car.fault_state[WHEEL_TURN].squeeze(0))
         return torch.stack([right + wobble, right])
 
     def _moved(
@@ -163,8 +163,8 @@ class Car:
         cos, sin = torch.cos(car.dyaw), torch.sin(car.dyaw)
         yaw_rate = car.yaw_rate + dt * yaw_acceleration
         turn = 0.5 * dt * (car.yaw_rate + yaw_rate)
-        # dvx/dt = ax + r vy, dvy/dt = ay - r vx; one after the other, which keeps the speed of
-        # a turning frame from growing.
+        # dvx/dt = ax + r vy, dvy/dt = ay - r vx, semi-implicitly: the rotation alone then does not
+        # increase the speed.
         vx = car.vx + dt * ax + turn * car.vy
         vy = car.vy + dt * ay - turn * vx
         mean_x, mean_y = 0.5 * dt * (car.vx + vx), 0.5 * dt * (car.vy + vy)
@@ -179,9 +179,9 @@ class Car:
         return self.chassis.wheel_velocity(car.vx, car.vy, car.yaw_rate, cos, sin)[0]
 
     def guessed_servo(self, velocity: Tensor) -> Tensor:
-        """Servo position [*] of a car seen to move with `velocity` [*, 3] at its centre of gravity.
+        """Estimates the servo position [*] from the velocity [*, 3] of the centre of gravity.
 
-        Front wheels point where their axle moves, plus the slip that carries their load.
+        Front wheels point where their axle moves, plus the slip angle of a steady turn.
         """
         vx, _, yaw_rate = velocity.unbind(-1)
         needed = vx * yaw_rate / (GRAVITY * self.values["front_cornering_stiffness"])

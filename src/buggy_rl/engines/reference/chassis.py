@@ -10,9 +10,9 @@ from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.wheels import per_wheel, sides
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
-PAYLOAD_RADIUS = 0.04  # [m] of gyration of what is put on the car: a block of 0.1 m; chosen
-PAYLOAD_HEIGHT = 0.08  # [m] of its centre above the floor: on the roof plate; chosen
-TINY = 1e-12  # [m^2/s^2] under a root, so that a gradient exists at rest
+PAYLOAD_RADIUS = 0.04  # [m] radius of gyration of the payload: a block of 0.1 m; chosen
+PAYLOAD_HEIGHT = 0.08  # [m] height of its centre above the floor: on the roof plate; chosen
+TINY = 1e-12  # [m^2/s^2] under a root, for a gradient at rest
 
 
 class Chassis:
@@ -21,7 +21,7 @@ class Chassis:
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         dimensions: Wheelbase, track width and wheel radius.
-        faults: What is put on the car, over its centre of gravity.
+        faults: The payload, over the centre of gravity.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Chassis:
         pitch = 0.5 * moment / dimensions.wheelbase
         roll = moment / dimensions.track_width
         share = values["front_roll_share"]
-        # Load change over carried acceleration: forward unloads the front, leftward the left.
+        # Load change over balanced acceleration: forward unloads the front, leftward the left.
         self.pitch_transfer = per_wheel(-pitch, pitch)
         self.roll_transfer = -torch.sign(self.wheel_y) * per_wheel(
             roll * share, roll * (1.0 - share)
@@ -64,12 +64,12 @@ class Chassis:
         self.damping = 4.0 * math.pi * frequency * values["suspension_damping"]  # (2, *) [1/s]
 
     def loads(self, lean: Tensor, lean_rate: Tensor) -> Tensor:
-        """Normal load [4, *] [N] of each wheel; a wheel that would pull has lifted off.
+        """Normal load [4, *] [N] of each wheel, not below 0.
 
         F_z = F_z0 + T (x + x' 2 zeta / omega): spring and damper both press on the wheel.
 
         Args:
-            lean: [2, *] acceleration that the springs carry, forward and leftward [m/s^2].
+            lean: [2, *] pitch and roll, as the acceleration they balance [m/s^2].
             lean_rate: [2, *] its rate [m/s^3].
         """
         along, across = lean + lean_rate * (self.damping / self.stiffness)

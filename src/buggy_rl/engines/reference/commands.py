@@ -1,4 +1,4 @@
-"""From the driver's thumbs to servo and speed controller: the radio, its trims and its delay."""
+"""The radio, with its trims and dead times, and the lag of a controller."""
 
 import math
 
@@ -7,15 +7,15 @@ from torch import Tensor
 
 from buggy_rl.engines.reference.faults import Faults
 
-ATTACK = 0.15  # share of a follower's time constant that its faster pole has; chosen
-SHORTEST = 1e-6  # [s] stands for no time at all under a fraction
+ATTACK = 0.15  # [-] share of a lag's time constant that its faster pole has; chosen
+SHORTEST = 1e-6  # [s] stands for no lag, where the formula divides by the time constant
 
 
 class Radio:
-    """Hands on throttle and steering, trimmed and late.
+    """Throttle and steering with trims and dead times.
 
-    A command k periods old holds over [-k dt, -k dt + dt]. Late by tau, a substep hears the mean
-    of what was given over its own time less tau: exact, and continuous in tau.
+    A command k periods old holds over [-k dt, -k dt + dt]. With a dead time tau, the command of a
+    substep is the mean over its own time less tau: exact, and continuous in tau.
 
     Args:
         faults: Trims and dead times.
@@ -39,16 +39,16 @@ class Radio:
         self.kept = math.ceil(float(self.dead_time.max()) / dt - 1e-6) if self.late else 0
         self.weights = self._weights(dt, substeps) if self.late else None
 
-    def heard(self, line: Tensor | None, action: Tensor) -> tuple[Tensor, Tensor | None]:
-        """What arrives in each substep.
+    def received(self, line: Tensor | None, action: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Commands of each substep.
 
         Args:
-            line: [*, K, 2] commands of the last periods, newest first; nothing when none is late.
+            line: [*, K, 2] commands of the last periods, newest first; None without a dead time.
             action: [*, 2] of this period.
 
         Returns:
-            What is heard [S, 2, *], of one row for all substeps when nothing is late, and the line
-            one period later.
+            Commands [S, 2, *], of one row for all substeps without a dead time, and the line one
+            period later.
         """
         command = action.movedim(-1, 0)
         if self.trimmed:  # to the ends of the channel
@@ -61,7 +61,7 @@ class Radio:
         return torch.where(self.dead_time > 0, arriving, command), line
 
     def _weights(self, dt: float, substeps: int) -> Tensor:
-        """Share [S, K + 1, 2, *] of each command in what a substep hears."""
+        """Weights [S, K + 1, 2, *] of the commands in those of the substeps."""
         shape = (-1, *[1] * (self.dead_time.dim() + 1))
         begin = torch.arange(substeps, dtype=torch.float64) * (dt / substeps)
         begin = begin.reshape(shape).to(self.dead_time.device) - self.dead_time.double()
@@ -71,29 +71,28 @@ class Radio:
         return (overlap.clamp_min(0.0) * (substeps / dt)).to(self.dead_time)
 
 
-class Follower:
-    """Something that follows its input late by `time_constant` and without overshoot.
+class Lag:
+    """A second-order lag without overshoot.
 
-    Two lags in a row, of 85 % and 15 % of the time constant: a spring with a damper and some mass.
-    A step arrives late by the time constant on average, as behind one lag of that size, but it
-    begins gently.
+    Two first-order lags in series, of 85 % and 15 % of the time constant: its mean delay is that
+    of one first-order lag, but its response begins with slope 0.
 
     Args:
-        time_constant: [*] [s]; 0 follows at once.
+        time_constant: [*] [s]; 0 is no lag.
         dt: Step [s].
     """
 
     def __init__(self, time_constant: Tensor, dt: float) -> None:
-        self.there = time_constant <= 0
+        self.none = time_constant <= 0
         slow = ((1.0 - ATTACK) * time_constant).clamp_min(SHORTEST)
         fast = (ATTACK * time_constant).clamp_min(SHORTEST)
         self.slow, self.fast = -torch.expm1(-dt / slow), -torch.expm1(-dt / fast)
 
     def moved(self, state: Tensor, target: Tensor) -> Tensor:
-        """State [2, *], what follows being its last row, after a step towards a target [*]."""
+        """State [2, *] after a step towards a target [*]; its last row is the output."""
         first, second = state
         first = first + self.slow * (target - first)
         # The mean of the first over the step, so that the second is not half a step early.
         second = second + self.fast * (0.5 * (state[0] + first) - second)
-        first = torch.where(self.there, target, first)
-        return torch.stack([first, torch.where(self.there, target, second)])
+        first = torch.where(self.none, target, first)
+        return torch.stack([first, torch.where(self.none, target, second)])

@@ -9,18 +9,18 @@ import torch
 from torch import Tensor
 
 from buggy_rl.engines.reference.chassis import Chassis
-from buggy_rl.engines.reference.commands import SHORTEST, Follower
+from buggy_rl.engines.reference.commands import SHORTEST, Lag
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import HEAT, THUMB, WOUND
+from buggy_rl.engines.reference.state import HEAT, LEFT_CURRENT, THROTTLE_LAG
 from buggy_rl.vehicle import GRAVITY
 
-KNEE = 12  # steepness of the end of discharge: half of the knee is in the last 6 % of the charge
+KNEE = 12  # [-] exponent of the knee: half of it is in the last 6 % of the charge; chosen
 DRIVEN_CURRENT = 2.15  # [A] mean of the battery in 64 drives of 20 s by the room driver
-COOLING = 30.0  # [s] in which a motor's winding gives its heat to the can; chosen
-DRAGGED = 0.1  # share of a bent axle's moment that is a front wheel's dragging; chosen
-ROLLING_SPEED = 0.1  # [m/s] from which on a bent axle binds; chosen
-NO_LOAD = 1e-3  # [N] on an axle in the air, under a fraction
-CRAWL = 0.05  # [m/s] below it a limit of power limits no current; chosen
+COOLING = 30.0  # [s] time constant of the winding's cooling to the can; chosen
+DRAGGED = 0.1  # [-] share of a bent axle's moment that is drag of a front wheel; chosen
+ROLLING_SPEED = 0.1  # [m/s] speed at which a bent axle binds with tanh(1) = 76 %; chosen
+NO_LOAD = 1e-3  # [N] least load of an axle under a fraction
+CRAWL = 0.05  # [m/s] least speed of the power limit; chosen
 
 
 class Drivetrain:
@@ -29,7 +29,7 @@ class Drivetrain:
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         wheel_radius: [m].
-        chassis: What the wheels carry.
+        chassis: Of the car.
         faults: Of controller, battery, motor and wheels.
         dt: Substep [s].
     """
@@ -45,8 +45,7 @@ class Drivetrain:
         faults = faults or Faults({}, values["mass"])
         self.values, self.faults = values, faults
         gear = values["gear_ratio"] / wheel_radius  # [1/m] motor angle over way at the tread
-        # Fewer turns of a thicker wire: less back-EMF, as much less torque and resistance, so that
-        # the force at a standstill stays.
+        # Fewer turns of a thicker wire: less back-EMF, torque and resistance; the same stall force.
         winding = faults["top_speed.speed_ratio"]
         self.motor_constant = values["motor_constant"] * gear / winding  # [V s/m] = [N/A]
         self.motor_resistance = values["motor_resistance"] / winding
@@ -56,11 +55,11 @@ class Drivetrain:
         spare = values["throttle_deadband"]
         self.deadband = spare + (1.0 - spare) * faults["throttle_deadband.width"]
         self.power = faults["motor_power_limit.power_per_mass"] * values["mass"]
-        self.filter = Follower(faults["throttle_lag.time_constant"], dt)
+        self.lag = Lag(faults["throttle_lag.time_constant"], dt)
         left = faults["loose_differential.time_constant"]
         self.tight, self.winding_up = left <= 0, -torch.expm1(-dt / left.clamp_min(SHORTEST))
 
-        # What slows the wheels slows car and wheels together.
+        # Resistance at the wheels decelerates car and wheels together.
         self.rolling_mass = chassis.mass + 2.0 * self.wheel_mass + self.axle_mass
         share = self.rolling_mass / chassis.mass
         slowing = faults["rolling_resistance.deceleration"] * share / GRAVITY
@@ -69,8 +68,7 @@ class Drivetrain:
         self.bearing = 0.25 * faults["viscous_drag.rate"] * self.rolling_mass  # [N s/m] a wheel
         self.axle_viscosity = values["gear_viscosity"] + 2.0 * self.bearing
         self.half_viscosity = values["differential_viscosity"] + self.bearing
-        # Force at the half track on one side: the friction of a front wheel, and as much as is
-        # missing of force that the rear axle takes from the wheel of that side for the other.
+        # Force at the half track: drag of a front wheel, the rest a difference of the rear wheels'.
         moment = faults["one_sided_drag.yaw_acceleration"] * chassis.yaw_inertia
         force = moment / chassis.wheel_y[0]  # [N]
         dragging = DRAGGED * force
@@ -80,8 +78,8 @@ class Drivetrain:
     def open_voltage(self, charge: Tensor) -> Tensor:
         """Open-circuit voltage [*] after `charge` [*] [A s] was taken out since full.
 
-        V = V_full - a q - b q^12,  q = charge / capacity. A worn battery loses, on top of that,
-        in proportion to what was taken out since the start.
+        V = V_full - a q - b q^12,  q = charge / capacity. A worn battery loses more, in
+        proportion to the charge taken out since the start.
         """
         values = self.values
         used = (charge / values["capacity"]).clamp(0.0, 1.0)
@@ -96,13 +94,13 @@ class Drivetrain:
         lost = self.faults["battery_sag.loss_per_minute"] * taken / (60.0 * DRIVEN_CURRENT)
         return voltage * (1.0 - lost).clamp_min(0.0)
 
-    def filtered(self, hidden: dict[str, Tensor], throttle: Tensor) -> Tensor:
-        """Throttle [*] behind the speed controller's filter, a step on."""
-        hidden[THUMB] = self.filter.moved(hidden[THUMB], throttle)
-        return hidden[THUMB][1]
+    def filtered(self, fault_state: dict[str, Tensor], throttle: Tensor) -> Tensor:
+        """Throttle [*] behind the speed controller's lag, after a step."""
+        fault_state[THROTTLE_LAG] = self.lag.moved(fault_state[THROTTLE_LAG], throttle)
+        return fault_state[THROTTLE_LAG][1]
 
     def target_duty(self, throttle: Tensor) -> Tensor:
-        """Duty cycle [*] asked for by `throttle` [*] in [-1, 1]: nothing inside the deadband."""
+        """Duty cycle [*] for a throttle [*] in [-1, 1]; 0 inside the deadband."""
         drive = 0.5 * (throttle + 1.0)
         duty = ((drive - self.deadband) / (1.0 - self.deadband)).clamp(0.0, 1.0)
         if "throttle_gain" in self.faults:
@@ -110,7 +108,7 @@ class Drivetrain:
         return duty
 
     def throttle_at(self, duty: Tensor) -> Tensor:
-        """Throttle [*] that asks for a duty cycle [*]; none at all for none."""
+        """Throttle [*] for a duty cycle [*]; -1 for 0."""
         drive = self.deadband + (1.0 - self.deadband) * duty / self.faults["throttle_gain.gain"]
         return torch.where(duty > 0, 2.0 * drive.clamp_max(1.0) - 1.0, -1.0)
 
@@ -140,10 +138,10 @@ class Drivetrain:
             return torch.maximum(current, self.faults["drag_brake.share"] * current)
         return current.clamp_min(0.0)
 
-    def warmed(self, hidden: dict[str, Tensor], current: Tensor, dt: float) -> None:
-        """Heats the winding by its loss: dQ/dt = R_m i^2 - Q / tau."""
-        loss = self.motor_resistance * current.square() - hidden[HEAT] / COOLING
-        hidden[HEAT] = hidden[HEAT] + dt * loss
+    def warmed(self, fault_state: dict[str, Tensor], current: Tensor, dt: float) -> None:
+        """Heat of the winding: dQ/dt = R_m i^2 - Q / tau."""
+        loss = self.motor_resistance * current.square() - fault_state[HEAT] / COOLING
+        fault_state[HEAT] = fault_state[HEAT] + dt * loss
 
     def drained(self, charge: Tensor, duty: Tensor, current: Tensor, dt: float) -> Tensor:
         """Charge [*] [A s] taken out of the battery after a step."""
@@ -160,7 +158,6 @@ class Drivetrain:
         load: Tensor,
         current: Tensor,
         dt: float,
-        side_force: Tensor | None = None,
         twist: Tensor | None = None,
     ) -> Tensor:
         """Tread speeds [4, *] [m/s] after a step.
@@ -171,24 +168,24 @@ class Drivetrain:
 
         Args:
             tread: [4, *] before the step.
-            ground_force: [4, *] longitudinal force of the ground on each tyre [N].
+            ground_force: [2, 4, *] force of the ground on each tyre, along and across [N].
             load: [4, *] normal load [N].
             current: [*] motor current [A].
             dt: Step [s].
-            side_force: [4, *] lateral force of the ground on each tyre [N], where it scrubs.
             twist: [*] motor current that the left half of the axle gets in excess of its share.
         """
+        along, across = ground_force
         rolling = self.rolling * load * dt  # (4, *) momentum dry friction can take
-        if side_force is not None:
-            rolling = rolling + self.scrub * dt * shared(side_force, load)
+        if "cornering_drag" in self.faults:
+            rolling = rolling + self.scrub * dt * shared(across, load)
         held = rolling[:2] + self.dragging * dt if "one_sided_drag" in self.faults else rolling[:2]
-        front = tread[:2] - ground_force[:2] * (dt / self.wheel_mass)
+        front = tread[:2] - along[:2] * (dt / self.wheel_mass)
         if "viscous_drag" in self.faults:
             front = front / (1.0 + self.bearing * dt / self.wheel_mass)
         front = stopped(front, held / self.wheel_mass)
 
         left, right = tread[2:]
-        force_left, force_right = ground_force[2:]
+        force_left, force_right = along[2:]
         motor = self.motor_constant * current
         mean = 0.5 * (left + right)
         mean = mean + (motor - force_left - force_right) * (dt / self.axle_mass)
@@ -204,21 +201,21 @@ class Drivetrain:
         half = half / (1.0 + self.half_viscosity * dt / self.wheel_mass)
         return torch.cat([front, torch.stack([mean + half, mean - half])])
 
-    def twisted(self, hidden: dict[str, Tensor], current: Tensor) -> Tensor:
-        """Current [*] that a loose differential gives its left half in excess: it comes late."""
-        late = hidden[WOUND].squeeze(0)
+    def twisted(self, fault_state: dict[str, Tensor], current: Tensor) -> Tensor:
+        """Current [*] of the left half above its share, behind the lag of a loose differential."""
+        late = fault_state[LEFT_CURRENT].squeeze(0)
         late = torch.where(self.tight, current, late + self.winding_up * (current - late))
-        hidden[WOUND] = late.unsqueeze(0)
+        fault_state[LEFT_CURRENT] = late.unsqueeze(0)
         return late - current
 
 
 def shared(force: Tensor, load: Tensor) -> Tensor:
-    """Size of each axle's whole force [4, *] shared among its two wheels by load [4, *]."""
+    """Absolute force of each axle, shared by load [4, *] between its wheels [4, *]."""
     sides = force.unflatten(0, (2, 2)).sum(1), load.unflatten(0, (2, 2)).sum(1)  # (2, *) an axle
     friction = sides[0].abs() / sides[1].clamp_min(NO_LOAD)
     return load * friction.repeat_interleave(2, 0)
 
 
 def stopped(speed: Tensor, reach: Tensor) -> Tensor:
-    """Takes at most `reach` off the size of a speed, so that dry friction ends at zero."""
+    """Reduces the size of a speed by at most `reach`, not below 0: dry friction."""
     return speed - torch.clamp(speed, -reach, reach)

@@ -1,15 +1,15 @@
-"""The reference car as an engine: its state in the TensorDict, its faults out of sight.
+"""The reference car as an engine: its state is in the TensorDict, its faults are not.
 
 Not modelled: roll-over, bumps, tyre temperature, the motor's inductance, reverse.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
@@ -25,12 +25,12 @@ from buggy_rl.engines.reference.state import (
     RACK,
     SERVO,
     SET_POINT,
-    THUMB,
+    THROTTLE_LAG,
     TYRE_SLIP,
     WHEEL_SLIP,
     CarState,
 )
-from buggy_rl.vehicle import CONTROL_PERIOD, rotate, shift_velocity
+from buggy_rl.vehicle import rotate, shift_velocity
 
 SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
 
@@ -39,16 +39,13 @@ class ReferenceEngine(Engine):
     """A double-track car with brush tyres, suspension, motor, battery and servo.
 
     Args:
-        batch_size: Number of cars, or a shape; () for a single car.
-        device: Where the state lives.
-        parameters: Values that differ from `PARAMETERS`, by name.
-        dt: Control period [s].
         substep: Longest internal step [s].
-        faults: What is wrong with the car, as `{"effect.parameter": value}` or nested, as
-            `{"effect": {"parameter": value}}`, a number for all cars or a tensor of the batch's
-            shape; see `faults.FAULTS`.
+        faults: Faults of the car, as `{"effect.parameter": value}` or nested, as
+            `{"effect": {"parameter": value}}`, a number for all environments or a tensor of the
+            batch's shape; see `faults.FAULTS`.
         compiled: Whether PyTorch compiles the step, which takes seconds and a C++ compiler, and
             makes large batches about three times as fast.
+        args, common: As for `Engine`.
 
     Raises:
         KeyError: A parameter or a fault has no such name.
@@ -57,23 +54,21 @@ class ReferenceEngine(Engine):
 
     def __init__(
         self,
-        batch_size: int | Sequence[int] = (),
-        device: torch.device | str = "cpu",
-        parameters: Mapping[str, float] | None = None,
-        dt: float = CONTROL_PERIOD,
+        *args: Any,
         substep: float = SUBSTEP,
         faults: Mapping[str, Any] | None = None,
         compiled: bool = False,
+        **common: Any,
     ) -> None:
-        super().__init__(batch_size, device, parameters, dt, declared=PARAMETERS)
+        super().__init__(*args, declared=PARAMETERS, **common)
         self.substep, self.compiled = substep, compiled
         self._fault_values = as_tensors(faults, self.device)
-        self._substeps = max(1, round(dt / substep))
+        self._substeps = max(1, round(self.dt / substep))
         self._parameters_changed()
         self._finish()
 
     def with_faults(self, values: TensorDictBase | Mapping[str, Any]) -> Self:
-        """The same car with other faults, one set a car; faults that are not named stay.
+        """The same car with other faults, one set per environment; unnamed faults stay.
 
         Args:
             values: As `faults` of the class, in tensors of the batch's shape. A TensorDict's batch
@@ -106,14 +101,11 @@ class ReferenceEngine(Engine):
         return {n: v if v.dim() else v.reshape(ones) for n, v in values.items()}
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
-        return {
-            name: Unbounded(torch.Size((*self.batch_size, *shape)), device=self.device)
-            for name, shape in (LATENT_SHAPES | self.car.hidden_shapes).items()
-        }
+        return self._number_specs(LATENT_SHAPES | self.car.fault_shapes)
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        # A car seen in motion: wheels roll, the motor neither drives nor brakes, and steering,
-        # tyres and springs are what a steady turn with this yaw rate would need.
+        # A car in motion: wheels roll, the motor neither drives nor brakes, and steering, tyres and
+        # springs are those of a steady turn with this yaw rate.
         chassis, tyres = self.car.chassis, self.car.tyres
         drivetrain, steering = self.car.drivetrain, self.car.steering
         at_cg = shift_velocity(velocity, -DIMENSIONS.sensor_to_cg)
@@ -138,28 +130,28 @@ class ReferenceEngine(Engine):
             SERVO: servo.unsqueeze(-1),
             DUTY: duty.unsqueeze(-1),
             CHARGE: charge.unsqueeze(-1).clone(),
-            **self._rest_hidden(servo, drivetrain.throttle_at(duty)),
+            **self._rest_fault_state(servo, drivetrain.throttle_at(duty)),
         }
 
-    def _rest_hidden(self, servo: Tensor, throttle: Tensor) -> dict[str, Tensor]:
-        """What the faults carry in a car that was driven so for a while, cool and not turned."""
+    def _rest_fault_state(self, servo: Tensor, throttle: Tensor) -> dict[str, Tensor]:
+        """Latent state of the faults after a steady drive, motor cool and wheel not turned."""
         held = {
             LINE: torch.stack([throttle, servo], -1).unsqueeze(-2),
-            THUMB: throttle.unsqueeze(-1),
+            THROTTLE_LAG: throttle.unsqueeze(-1),
             RACK: servo.unsqueeze(-1),
             SET_POINT: servo.unsqueeze(-1),
         }
-        nothing = torch.zeros_like(servo).unsqueeze(-1)
+        zero = torch.zeros_like(servo).unsqueeze(-1)
         return {
-            name: held.get(name, nothing).expand(*servo.shape, *shape).contiguous()
-            for name, shape in self.car.hidden_shapes.items()
+            name: held.get(name, zero).expand(*servo.shape, *shape).contiguous()
+            for name, shape in self.car.fault_shapes.items()
         }
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         car, pose = self._unpacked(state), state[keys.POSE]
-        line = state[LINE] if LINE in self.car.hidden_shapes else None
-        heard, line = self.car.radio.heard(line, action)
-        self.car.advance(car, heard, pose)
+        line = state[LINE] if LINE in self.car.fault_shapes else None
+        commands, line = self.car.radio.received(line, action)
+        self.car.advance(car, commands, pose)
         packed = self._packed(car, pose)
         return packed if line is None else packed | {LINE: line}
 
@@ -168,7 +160,9 @@ class ReferenceEngine(Engine):
         vx, vy, yaw_rate = (part.contiguous() for part in at_cg.unbind(-1))
         servo = state[SERVO].squeeze(-1)
         lean = state[LEAN].movedim((-2, -1), (0, 1)).contiguous()  # (2, 2, *)
-        hidden = {n: state[n].movedim(-1, 0) for n in self.car.hidden_shapes if n != LINE}  # (n, *)
+        fault_state = {
+            n: state[n].movedim(-1, 0) for n in self.car.fault_shapes if n != LINE
+        }  # (n, *)
         car = CarState(
             vx=vx,
             vy=vy,
@@ -183,15 +177,15 @@ class ReferenceEngine(Engine):
             servo=servo,
             duty=state[DUTY].squeeze(-1),
             charge=state[CHARGE].squeeze(-1),
-            rack=hidden[RACK][0] if RACK in hidden else servo,
-            hidden=hidden,
+            rack=fault_state[RACK][0] if RACK in fault_state else servo,
+            fault_state=fault_state,
         )
         car.tread = self.car.rolling_speed(car) + car.tread
         return car
 
     def _packed(self, car: CarState, pose: Tensor) -> dict[str, Tensor]:
         at_cg = torch.stack([car.vx, car.vy, car.yaw_rate], -1)
-        # The sensor rides ahead of the centre of gravity: it moves by the same way plus its turn.
+        # The sensor is ahead of the centre of gravity: its way is that of the centre plus its turn.
         ahead = DIMENSIONS.sensor_to_cg
         way = torch.stack(
             [car.dx + ahead * (torch.cos(car.dyaw) - 1.0), car.dy + ahead * torch.sin(car.dyaw)], -1
@@ -208,16 +202,12 @@ class ReferenceEngine(Engine):
             SERVO: car.servo.unsqueeze(-1),
             DUTY: car.duty.unsqueeze(-1),
             CHARGE: car.charge.unsqueeze(-1),
-            **{name: value.movedim(0, -1).contiguous() for name, value in car.hidden.items()},
+            **{name: value.movedim(0, -1).contiguous() for name, value in car.fault_state.items()},
         }
 
     @property
     def half_step(self) -> dict[str, Any]:
         return {"substep": self.dt / self._substeps / 2}
 
-    def _rebuilt(self, batch_size: Sequence[int]) -> Self:
-        values = {name: parameter.value for name, parameter in self.declared.items()}
-        faults = self._fault_values
-        return type(self)(
-            batch_size, self.device, values, self.dt, self.substep, faults, self.compiled
-        )
+    def _options(self) -> dict[str, Any]:
+        return {"substep": self.substep, "faults": self._fault_values, "compiled": self.compiled}

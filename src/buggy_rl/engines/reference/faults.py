@@ -1,8 +1,8 @@
-"""What can be wrong with the reference car, beside its parameters; all of it off by default.
+"""Faults of a car: physics beside its parameters, all neutral by default; the one table of them.
 
-A fault is physics of this car and stands apart from `PARAMETERS`: what fits and re-tunes the car
-never sees it, so that a drive with a fault is a riddle whose answer is known. Named as
-`effect.parameter`; where the effect is a textbook one, by its textbook name.
+A fault is not among the `PARAMETERS` of a car, so nothing that fits or re-tunes the car changes it.
+It is named `effect.parameter`, where the effect is a textbook one by its textbook name. The plants
+of other physics have the textbook ones too: `buggy_rl.plants.faults` derives them from this table.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,84 +14,84 @@ from torch import Tensor
 
 from buggy_rl.parameters import Parameter
 
-COMMANDS = (
-    Parameter("throttle_dead_time.dead_time", 0.0, 0.0, 0.3, "s", "The radio hands it on late."),
-    Parameter("steering_dead_time.dead_time", 0.0, 0.0, 0.3, "s", "The radio hands it on late."),
+TEXTBOOK = (
+    # Radio.
+    Parameter("throttle_dead_time.dead_time", 0.0, 0.0, 0.3, "s", "Delay of the radio."),
+    Parameter("steering_dead_time.dead_time", 0.0, 0.0, 0.3, "s", "Delay of the radio."),
     Parameter("throttle_offset.offset", 0.0, -0.5, 0.5, "-", "Trim of the radio, in command."),
     Parameter("steering_offset.offset", 0.0, -0.5, 0.5, "-", "Trim of the radio, in command."),
-)
-
-STEERING = (
-    Parameter("steering_lag.time_constant", 0.0, 0.0, 0.5, "s", "A slow servo's smoothing."),
-    # Neutral far above what the servo does by itself.
+    # Servo and linkage.
+    Parameter("steering_lag.time_constant", 0.0, 0.0, 0.5, "s", "Lag before the servo's own."),
+    # Neutral: beyond the servo's own 12/s.
     Parameter("steering_rate_limit.rate", 100.0, 0.5, 100.0, "1/s", "Fastest motion of the servo."),
-    Parameter("steering_gain.gain", 1.0, 0.3, 1.5, "-", "Length of the servo horn, relative."),
+    Parameter("steering_gain.gain", 1.0, 0.3, 1.5, "-", "Road-wheel angle over the right one."),
     Parameter("steering_backlash.width", 0.0, 0.0, 0.6, "-", "Play of the rack, in command."),
     Parameter("steering_asymmetry.left_to_right", 1.0, 0.5, 2.0, "-", "Left angles over right."),
-    Parameter("sticky_servo.breakaway", 0.0, 0.0, 0.5, "-", "Error that moves a stuck servo."),
-    Parameter("bump_steer.angle", 0.0, -0.03, 0.03, "rad s^2/m", "Steering by leaning."),
-    Parameter("wheel_wobble.angle", 0.0, 0.0, 0.2, "rad", "Wobble of a bent front left wheel."),
-)
-
-DRIVE = (
-    Parameter("throttle_lag.time_constant", 0.0, 0.0, 1.0, "s", "Filter of the speed controller."),
-    Parameter("throttle_gain.gain", 1.0, 0.3, 1.5, "-", "Duty cycle given over the right one."),
+    # Speed controller, battery and motor.
+    Parameter("throttle_lag.time_constant", 0.0, 0.0, 1.0, "s", "Lag of the speed controller."),
+    Parameter("throttle_gain.gain", 1.0, 0.3, 1.5, "-", "Duty cycle over the right one."),
     Parameter("throttle_deadband.width", 0.0, 0.0, 0.4, "-", "Drive lost before the car's own."),
-    Parameter("battery_sag.loss_per_minute", 0.0, 0.0, 0.8, "1/min", "Voltage lost in driving."),
-    # Neutral far above what the motor does by itself.
+    Parameter("battery_sag.loss_per_minute", 0.0, 0.0, 0.8, "1/min", "Share of the drive lost."),
+    # Neutral: beyond what the motor's own force and speed give.
     Parameter("motor_power_limit.power_per_mass", 1e3, 1.0, 1e3, "W/kg", "Limit at the shaft."),
-    Parameter("top_speed.speed_ratio", 1.0, 0.3, 1.5, "-", "Free speed of another winding."),
-    Parameter("drag_brake.share", 0.0, 0.0, 1.0, "-", "Share of the braking current let through."),
-    Parameter("heating_motor.rise", 0.0, 0.0, 0.05, "1/J", "Winding's resistance over its heat."),
-    Parameter("loose_differential.time_constant", 0.0, 0.0, 0.5, "s", "Lateness of the left half."),
-)
-
-WHEELS = (
+    Parameter("top_speed.speed_ratio", 1.0, 0.3, 1.5, "-", "No-load speed over the right one."),
+    # Resistance.
     Parameter("rolling_resistance.deceleration", 0.0, 0.0, 2.0, "m/s^2", "Dry drag of the wheels."),
     Parameter("viscous_drag.rate", 0.0, 0.0, 2.0, "1/s", "Drag of the bearings over the speed."),
     Parameter("cornering_drag.coefficient", 0.0, 0.0, 1.0, "-", "Drag over the side force."),
     Parameter("one_sided_drag.yaw_acceleration", 0.0, -30, 30, "rad/s^2", "A bent axle."),
-)
-
-TYRES = (
+    Parameter("aerodynamic_drag.coefficient", 0.0, 0.0, 0.5, "1/m", "Drag over speed squared."),
+    Parameter("yaw_damping.rate", 0.0, 0.0, 20.0, "1/s", "Yaw deceleration over yaw rate."),
+    # Tyres.
     Parameter("tire_grip.grip", 1.0, 0.2, 1.4, "-", "Friction over that of the right tyre."),
     Parameter("grip_balance.front_to_rear", 1.0, 0.5, 2.0, "-", "Front over rear; product kept."),
-    Parameter("grip_patch.x", 0.0, -20.0, 20.0, "m", "Middle of the patch in the world."),
-    Parameter("grip_patch.y", 0.0, -20.0, 20.0, "m", "Middle of the patch in the world."),
+    Parameter("grip_patch.x", 0.0, -20.0, 20.0, "m", "Centre of the patch, world."),
+    Parameter("grip_patch.y", 0.0, -20.0, 20.0, "m", "Centre of the patch, world."),
     Parameter("grip_patch.radius", 0.0, 0.0, 10.0, "m", "Of the patch."),
     Parameter("grip_patch.grip", 1.0, 0.1, 1.5, "-", "Friction on it over that of the floor."),
-)
-
-BODY = (
-    Parameter("payload.mass_ratio", 1.0, 0.7, 2.0, "-", "Mass on the floor over the bare car's."),
-    Parameter("aerodynamic_drag.coefficient", 0.0, 0.0, 0.5, "1/m", "Slowing over speed squared."),
-    Parameter("wind.force_x", 0.0, -2.0, 2.0, "m/s^2", "Push on a standing car over its mass."),
-    Parameter("wind.force_y", 0.0, -2.0, 2.0, "m/s^2", "Push on a standing car over its mass."),
+    # Body and world.
+    Parameter("payload.mass_ratio", 1.0, 0.7, 2.0, "-", "Mass with load over the bare car's."),
+    Parameter("wind.force_x", 0.0, -2.0, 2.0, "m/s^2", "Force over mass at rest, world x."),
+    Parameter("wind.force_y", 0.0, -2.0, 2.0, "m/s^2", "Force over mass at rest, world y."),
     Parameter("floor_slope.along_x", 0.0, -2.0, 2.0, "m/s^2", "Gravity along world x."),
     Parameter("floor_slope.along_y", 0.0, -2.0, 2.0, "m/s^2", "Gravity along world y."),
-    Parameter("yaw_damping.rate", 0.0, 0.0, 20.0, "1/s", "Scrubbing against the yaw rate."),
 )
 
-FAULTS = (*COMMANDS, *STEERING, *DRIVE, *WHEELS, *TYRES, *BODY)
+# Physics that no effect describes: the answer to a case with one of them is "unknown".
+UNKNOWN = (
+    Parameter("sticky_servo.breakaway", 0.0, 0.0, 0.5, "-", "Error that moves a stuck servo."),
+    Parameter("bump_steer.angle", 0.0, -0.03, 0.03, "rad s^2/m", "Steering by body roll."),
+    Parameter("wheel_wobble.angle", 0.0, 0.0, 0.2, "rad", "Wobble of a bent front left wheel."),
+    Parameter("drag_brake.share", 0.0, 0.0, 1.0, "-", "Share of the braking current let through."),
+    Parameter("heating_motor.rise", 0.0, 0.0, 0.05, "1/J", "Winding's resistance over its heat."),
+    Parameter("loose_differential.time_constant", 0.0, 0.0, 0.5, "s", "Lag of the left half."),
+)
+
+FAULTS = (*TEXTBOOK, *UNKNOWN)
 NEUTRAL = {fault.name: fault.value for fault in FAULTS}
 
 
-class Faults:
-    """The faults of a batch of cars.
+def effect_of(name: str) -> str:
+    """The effect of a fault's name, `effect.parameter`."""
+    return name.partition(".")[0]
 
-    `faults["wind.force_x"]` is a value, `"wind" in faults` says whether any car has that fault:
-    physics that no car needs is not computed.
+
+class Faults:
+    """The faults of a batch.
+
+    `faults["wind.force_x"]` is a value; `"wind" in faults` says whether any environment has that
+    fault: physics that none has is not computed.
 
     Args:
         values: Fault name -> value, each [*] or ones in place of the batch; neutral where missing.
-        like: Any tensor of the car's; its device and type are those of neutral values.
+        like: Any tensor of the car's; neutral values get its device and type.
     """
 
     def __init__(self, values: Mapping[str, Tensor], like: Tensor) -> None:
         ones = (1,) * like.dim()
         self._values = {n: like.new_full(ones, v) for n, v in NEUTRAL.items()} | dict(values)
         self.active = frozenset(
-            name.partition(".")[0]
+            effect_of(name)
             for name, value in values.items()
             if bool((value != NEUTRAL[name]).any())
         )
@@ -107,7 +107,7 @@ class Faults:
 
 
 def flattened(faults: Mapping[str, Any] | TensorDictBase | None) -> dict[str, Any]:
-    """Values by `effect.parameter`, of what may be nested as `{effect: {parameter: value}}`.
+    """Values by `effect.parameter`; given so or nested as `{effect: {parameter: value}}`.
 
     Raises:
         KeyError: There is no such fault; the message lists those there are.
@@ -139,7 +139,7 @@ def as_tensors(
     for name, value in flattened(faults).items():
         tensor = torch.as_tensor(value, dtype=torch.float32, device=device)
         fault = ranges[name]
-        # A hair of room: single precision does not hold every bound.
+        # Single precision does not hold every bound exactly.
         room = 1e-6 * (fault.upper - fault.lower)
         outside = ~((tensor >= fault.lower - room) & (tensor <= fault.upper + room))
         if outside.any():

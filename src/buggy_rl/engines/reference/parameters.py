@@ -1,9 +1,9 @@
-"""Every number of the reference car, with its unit, its range and where it comes from.
+"""Every parameter of the reference car, with unit, range and source.
 
 Three kinds of source: *measured*, the dimensions in `vehicle.py`; *DART*, the published set of
 the car's mass twin, carried over to this car's laws; *chosen*, a plausible value for parts of
-this size, chosen so that the whole car does what the original does (8-10 m/s flat out, wheels
-that spin at full throttle from rest, a servo lag of 0.05-0.1 s). No chosen value was measured.
+this size, such that the whole car performs like the original (8-10 m/s top speed, wheel spin at
+full throttle from rest, a servo lag of 0.05-0.1 s). No chosen value was measured.
 """
 
 from buggy_rl.parameters import Parameter

@@ -1,14 +1,13 @@
-"""What the reference car carries from step to step, as TensorDict keys and as plain tensors."""
+"""The latent state of the reference car, as TensorDict keys and as plain tensors."""
 
 from dataclasses import dataclass, field
 
 from torch import Tensor
 
-# The latent state; wheel speeds are kept relative to the ground, so that an edited `velocity`
-# takes the wheels with it.
+# Wheel speeds are relative to the ground, so that an edit of `velocity` changes them too.
 WHEEL_SLIP = "wheel_slip"  # [4] tread speed less ground speed along each wheel [m/s]
-TYRE_SLIP = "tyre_slip"  # [2, 4] slip that each carcass carries, along and across [-]
-LEAN = "lean"  # [2, 2] acceleration carried by the springs [m/s^2] and its rate, forward and left
+TYRE_SLIP = "tyre_slip"  # [2, 4] slip of each carcass, along and across [-]
+LEAN = "lean"  # [2, 2] pitch and roll, as the acceleration [m/s^2] they balance, and its rate
 SERVO = "servo"  # [1] steering servo in command units
 DUTY = "duty"  # [1] duty cycle of the speed controller
 CHARGE = "charge"  # [1] charge taken out of the battery since full [A s]
@@ -22,39 +21,30 @@ LATENT_SHAPES = {
     CHARGE: (1,),
 }
 
-# Of the faults; each is there only while a car of the batch has the fault.
-LINE = "radio_line"  # [K, 2] commands still on their way, newest first
-THUMB = "thumb"  # [2] throttle as the speed controller's filter has it, its first lag's first
-GOING = "going"  # [1] 1 while a sticky servo moves
+# Of the faults; each is there only while an environment of the batch has the fault.
+LINE = "radio_line"  # [K, 2] commands of the last periods, newest first
+THROTTLE_LAG = "lagged_throttle"  # [2] throttle behind the two stages of the speed controller's lag
+SERVO_MOVES = "servo_moves"  # [1] 1 while a sticky servo moves
 RACK = "rack"  # [1] linkage behind its play, in command units
-SET_POINT = "set_point"  # [2] steering command as a slow servo has it, likewise
-WHEEL_TURN = "wheel_turn"  # [1] of the front left wheel [rad]
+SET_POINT = "set_point"  # [2] steering command behind the two stages of a further lag
+WHEEL_TURN = "wheel_turn"  # [1] angle of the front left wheel about its axle [rad]
 HEAT = "heat"  # [1] in the motor's winding [J]
-WOUND = "wound"  # [1] motor current as the left half of a loose differential has it [A]
+LEFT_CURRENT = "left_current"  # [1] motor current at the left half of a loose differential [A]
 
-HIDDEN_SHAPES = {
-    THUMB: (2,),
-    GOING: (1,),
-    RACK: (1,),
-    SET_POINT: (2,),
-    WHEEL_TURN: (1,),
-    HEAT: (1,),
-    WOUND: (1,),
-}
-CAUSES = {  # the fault that brings each of them
-    THUMB: "throttle_lag",
-    GOING: "sticky_servo",
-    RACK: "steering_backlash",
-    SET_POINT: "steering_lag",
-    WHEEL_TURN: "wheel_wobble",
-    HEAT: "heating_motor",
-    WOUND: "loose_differential",
+FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault that has it
+    THROTTLE_LAG: ((2,), "throttle_lag"),
+    SERVO_MOVES: ((1,), "sticky_servo"),
+    RACK: ((1,), "steering_backlash"),
+    SET_POINT: ((2,), "steering_lag"),
+    WHEEL_TURN: ((1,), "wheel_wobble"),
+    HEAT: ((1,), "heating_motor"),
+    LEFT_CURRENT: ((1,), "loose_differential"),
 }
 
 
 @dataclass(slots=True)
 class CarState:
-    """What changes from substep to substep; the batch is `*`, wheels as in `wheels`."""
+    """State from substep to substep; the batch is `*`, wheels as in `wheels`."""
 
     vx: Tensor  # [*] at the centre of gravity, body frame [m/s]
     vy: Tensor
@@ -70,15 +60,15 @@ class CarState:
     duty: Tensor
     charge: Tensor
     rack: Tensor  # [*] position of the linkage, in command units
-    hidden: dict[str, Tensor] = field(default_factory=dict)  # of the faults, each [n, *]
+    fault_state: dict[str, Tensor] = field(default_factory=dict)  # of the faults, each [n, *]
 
 
 @dataclass(slots=True)
 class Setting:
-    """What acts on the car during a control period, each [*]."""
+    """Inputs of the car during a control period, each [*]."""
 
     throttle: Tensor  # command
     steering: Tensor
-    duty: Tensor  # asked for by the throttle
+    duty: Tensor  # by the throttle
     voltage: Tensor  # open-circuit [V]
     pose: Tensor  # [*, 3] of the sensor at the start, world frame

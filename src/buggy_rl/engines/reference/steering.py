@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.reference.commands import Follower
+from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import GOING, RACK, SET_POINT
+from buggy_rl.engines.reference.state import RACK, SERVO_MOVES, SET_POINT
 from buggy_rl.engines.reference.wheels import sides
 
-REACHED = 0.1  # share of the breakaway at which a servo that sticks stops again; chosen
+REACHED = 0.1  # [-] share of the breakaway error at which a sticking servo stops again; chosen
 
 
 class Steering:
@@ -44,8 +44,8 @@ class Steering:
         self.breakaway = faults["sticky_servo.breakaway"]
         self.half_play = 0.5 * faults["steering_backlash.width"]
         self.more_left = faults["steering_asymmetry.left_to_right"].sqrt()
-        self.smoothing = Follower(faults["steering_lag.time_constant"], dt)
-        self.lopsided = "steering_asymmetry" in faults
+        self.lag = Lag(faults["steering_lag.time_constant"], dt)
+        self.asymmetric = "steering_asymmetry" in faults
 
     def moved(self, servo: Tensor, command: Tensor, dt: float) -> Tensor:
         """Servo position [*] after a step towards the command [*], both in [-1, 1].
@@ -56,44 +56,44 @@ class Steering:
         step = self.rate * dt
         return servo + torch.clamp((command - servo) * follow, -step, step)
 
-    def unstuck(self, hidden: dict[str, Tensor], servo: Tensor, command: Tensor) -> Tensor:
-        """What a servo [*] that sticks goes for: the command [*] once far enough off, or nothing.
+    def unstuck(self, fault_state: dict[str, Tensor], servo: Tensor, command: Tensor) -> Tensor:
+        """Target of a servo [*] that sticks: the command [*] if far enough off, else where it is.
 
         Moves from |c - s| > b on, until |c - s| < 0.1 b.
         """
         error = (command - servo).abs()
-        going = hidden[GOING].squeeze(0) > 0.5
+        going = fault_state[SERVO_MOVES].squeeze(0) > 0.5
         going = (error > self.breakaway) | (going & (error > REACHED * self.breakaway))
-        hidden[GOING] = going.to(servo).unsqueeze(0)
+        fault_state[SERVO_MOVES] = going.to(servo).unsqueeze(0)
         return torch.where(going | (self.breakaway <= 0), command, servo)
 
-    def smoothed(self, hidden: dict[str, Tensor], command: Tensor) -> Tensor:
-        """Set point [*] of a servo that smoothes its command [*], a step on."""
-        hidden[SET_POINT] = self.smoothing.moved(hidden[SET_POINT], command)
-        return hidden[SET_POINT][1]
+    def smoothed(self, fault_state: dict[str, Tensor], command: Tensor) -> Tensor:
+        """Set point [*] of a servo behind a further lag of its command [*], after a step."""
+        fault_state[SET_POINT] = self.lag.moved(fault_state[SET_POINT], command)
+        return fault_state[SET_POINT][1]
 
-    def followed(self, hidden: dict[str, Tensor], servo: Tensor) -> Tensor:
-        """Where the servo [*] takes the rack [*] behind the play between the two.
+    def followed(self, fault_state: dict[str, Tensor], servo: Tensor) -> Tensor:
+        """Position [*] of the rack behind the play of the servo [*].
 
-        x = clip(x, s - w / 2, s + w / 2): within it the rack stays where it is.
+        x = clip(x, s - w / 2, s + w / 2).
         """
-        rack = hidden[RACK].squeeze(0)
+        rack = fault_state[RACK].squeeze(0)
         rack = torch.clamp(rack, servo - self.half_play, servo + self.half_play)
-        hidden[RACK] = rack.unsqueeze(0)
+        fault_state[RACK] = rack.unsqueeze(0)
         return rack
 
     def angle(self, rack: Tensor) -> Tensor:
-        """Mean road-wheel angle [*] [rad]: a linkage with a longer way to one side.
+        """Mean road-wheel angle [*] [rad] of a linkage with different locks.
 
         delta = a s + b s^2 + trim, with a + b the left lock and a - b the right one.
         """
         angle = rack * (self.gain + self.asymmetry * rack)
-        return (angle * self._side(rack) if self.lopsided else angle) + self.trim
+        return (angle * self._side(rack) if self.asymmetric else angle) + self.trim
 
     def servo_at(self, angle: Tensor) -> Tensor:
         """Servo position [*] that makes a road-wheel angle [*] [rad], within [-1, 1]."""
         x = angle - self.trim
-        x = x / self._side(x) if self.lopsided else x
+        x = x / self._side(x) if self.asymmetric else x
         root = (self.gain.square() + 4.0 * self.asymmetry * x).clamp_min(0.0).sqrt()
         return (2.0 * x / (self.gain + root)).clamp(-1.0, 1.0)
 
@@ -108,7 +108,7 @@ class Steering:
 
         Args:
             rack: [*] position of the linkage, in command units.
-            turned: [2, *] what turns each front wheel beside the linkage [rad].
+            turned: [2, *] angle of each front wheel beside the linkage's [rad].
         """
         angle = self.angle(rack)
         angle = angle if turned is None else angle + turned

@@ -1,4 +1,4 @@
-"""What floor and air do to the body, beside the car's own drag: slope, wind, patches, scrubbing."""
+"""Forces of floor and air beside the car's own drag: slope, wind, patches, yaw damping."""
 
 from collections.abc import Mapping
 
@@ -11,13 +11,15 @@ from buggy_rl.engines.reference.state import CarState
 from buggy_rl.vehicle import rotate
 
 BODY_EFFECTS = ("floor_slope", "wind", "aerodynamic_drag", "yaw_damping")
-SIDE_AREA = 1.8  # over the frontal area: 0.273 m of length against 0.15 m of width
-CONTACT_LENGTH = 0.02  # [m] of a tyre, over which its friction changes at the edge of a patch
-TINY = 1e-12  # [m^2/s^2] under a root, so that a gradient exists at rest
+SIDE_AREA = 1.8  # [-] side over frontal area: 0.273 m of length over 0.15 m of width
+CONTACT_LENGTH = (
+    0.02  # [m] of a tyre, over which its friction changes at the edge of a patch; chosen
+)
+TINY = 1e-12  # [m^2/s^2] under a root, for a gradient at rest
 
 
 class Surroundings:
-    """Slope, air and floor of a car; neutral unless a fault says otherwise.
+    """Slope, air and floor; neutral without a fault.
 
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
@@ -46,9 +48,9 @@ class Surroundings:
         self.wind = self._wind_speed(share)
 
     def _wind_speed(self, share: Tensor) -> Tensor:
-        """World velocity [*, 2] of the wind that pushes a standing car as stated.
+        """World velocity [*, 2] of the wind, from its force over mass at rest.
 
-        m f = c W^2, with the mean c of front and side, as a car that turns shows both.
+        m f = c W^2, with c the mean of front and side.
         """
         force = _pair(self.faults, "wind.force_x", "wind.force_y") * share.unsqueeze(-1)
         size = torch.linalg.vector_norm(force, dim=-1, keepdim=True)
@@ -75,7 +77,7 @@ class Surroundings:
         return ax, ay, -faults["yaw_damping.rate"] * car.yaw_rate
 
     def _air(self, along: Tensor, across: Tensor) -> tuple[Tensor, Tensor]:
-        """Acceleration by an air stream over the body: a long side takes more than a short front.
+        """Acceleration by an air stream over the body.
 
         F = c |w| (w_x, k w_y).
         """

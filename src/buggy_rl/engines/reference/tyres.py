@@ -1,4 +1,4 @@
-"""A brush tyre with parabolic pressure, lagging behind its slip by a distance rolled."""
+"""A brush tyre with parabolic pressure and a relaxation length; Pacejka 2012, ch. 3 and 7."""
 
 from collections.abc import Mapping
 
@@ -10,12 +10,12 @@ from buggy_rl.engines.reference.wheels import per_wheel
 
 STANDSTILL_SPEED = 0.05  # [m/s] keeps the slip of a standing tyre finite; chosen
 DAMPING_SPEED = 1.0  # [m/s] above it the rolling itself damps the carcass; chosen
-SLIPPERY = 0.15  # friction lost by sliding over friction lost by a worn or wet tyre; chosen
-TINY = 1e-12  # under the roots, so that a gradient exists at zero slip
+SLIPPERY = 0.15  # [-] friction lost by sliding over friction lost by a worn or wet tyre; chosen
+TINY = 1e-12  # under the roots, for a gradient at zero slip
 
 
 class Tyres:
-    """Four tyres a car; all tensors as described in `wheels`.
+    """The four tyres; all tensors as in `wheels`.
 
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.
@@ -53,10 +53,10 @@ class Tyres:
     def relaxed(
         self, slip: Tensor, slip_speed: Tensor, transport: Tensor, dt: float
     ) -> tuple[Tensor, Tensor]:
-        """Lets the slip that the carcass feels follow the slip at the ground.
+        """Slip of the carcass after a step: it follows the slip at the ground.
 
         L ds/dt = v_slip - w s, by the trapezoidal rule; at a standstill the tyre becomes a spring.
-        The carcass also resists its own deforming: s_felt = s + tau ds/dt, tau falling with speed.
+        The carcass also resists its own deforming: s_eff = s + tau ds/dt, tau falling with speed.
 
         Args:
             slip: [2, 4, *] carried slip.
@@ -65,7 +65,7 @@ class Tyres:
             dt: Step [s].
 
         Returns:
-            [2, 4, *] the carried slip and the felt slip after the step.
+            [2, 4, *] the carried slip and the effective slip after the step.
         """
         reach = dt / self.relaxation_length
         half = 0.5 * transport * reach  # well below 1, so the rule does not ring
@@ -83,24 +83,24 @@ class Tyres:
         return self.grip * (1.0 - loss) / (self.load_gain + self.load_loss * load)
 
     def strain(self, slip: Tensor, friction: Tensor) -> Tensor:
-        """How much of the contact [4, *] slides at a slip [2, 4, *]; all of it from 1 on.
+        """Sliding share of the contact [4, *] at a slip [2, 4, *]; from 1 on all of it slides.
 
         z = |(c_along s_along, c_across s_across)| / (3 mu).
         """
         return ((self.stiffness * slip).square().sum(0) + TINY).sqrt() / (3.0 * friction)
 
-    def force(self, felt_slip: Tensor, load: Tensor, strain: Tensor) -> Tensor:
+    def force(self, effective_slip: Tensor, load: Tensor, strain: Tensor) -> Tensor:
         """Force [2, 4, *] of the ground on the tyre [N].
 
         Bristles on a parabolic pressure: with e = (c_along s_along, c_across s_across) and
         z = |e| / (3 mu),  F = mu F_z (1 - (1 - min(z, 1))^3) e / |e|; so |F| <= mu F_z.
 
         Args:
-            felt_slip: [2, 4, *] see `relaxed`.
+            effective_slip: [2, 4, *] see `relaxed`.
             load: [4, *] normal load [N].
-            strain: [4, *] z of the felt slip.
+            strain: [4, *] z of the effective slip.
         """
         held = strain.clamp_max(1.0)
         # mu (1 - (1 - z)^3) / |e| = (3 - 3 z + z^2) / 3 while sticking, 1 / (3 z) once sliding.
         share = (3.0 - 3.0 * held + held.square()) / (3.0 * strain.clamp_min(1.0))
-        return self.stiffness * felt_slip * (load * share)
+        return self.stiffness * effective_slip * (load * share)

@@ -1,7 +1,7 @@
-"""How the four wheels lie in tensors: first axis, front left, front right, rear left, rear right.
+"""The wheel axis of tensors: front left, front right, rear left, rear right; the first axis.
 
-The wheel axis stands before the batch, so that a number a car broadcasts over its wheels without
-reshaping. Vectors at the wheels are [2, 4, *]: along the wheel (forward), across it (to the left).
+It stands before the batch, so that a number per environment broadcasts over its wheels.
+Vectors at the wheels are [2, 4, *]: along the wheel (forward), across it (to the left).
 """
 
 import torch

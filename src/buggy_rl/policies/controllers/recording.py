@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import torch
@@ -10,6 +11,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.recordings.camera import CameraConfig
+from buggy_rl.stepping import trajectory
 
 if TYPE_CHECKING:
     from buggy_rl.policies.controllers.room import RoomDriver
@@ -80,7 +82,5 @@ def driven(engine: EnvBase, driver: "RoomDriver", steps: int) -> Iterator[Tensor
     pose = driver.start_pose(engine.batch_size)
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
     state = engine.reset(TensorDict(start, engine.batch_size))
-    for _ in range(steps):
-        state = driver(state)
-        yield state.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone()
-        state = engine.step(state)["next"]
+    for moving, _ in pairwise(trajectory(engine, state, lambda _, now: driver(now), steps)):
+        yield moving.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone()

@@ -1,4 +1,4 @@
-"""Finding a driver's numbers for an engine: a random search in which every car tries its own."""
+"""Random search for a controller's numbers; each environment tries a set of its own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -22,7 +22,7 @@ def within(low: float, high: float) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Trial:
-    """One set of numbers and what came of it, the mean over the paths."""
+    """One set of numbers and its scores, means over the paths."""
 
     values: dict[str, float]
     waypoints: float

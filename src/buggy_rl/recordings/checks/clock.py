@@ -1,63 +1,90 @@
-"""Time stamps: order, rate, bunches and gaps."""
+"""Checks of the time stamps: order, rate, bunches, gaps, and the time left after all cuts."""
 
 import numpy as np
 
-from buggy_rl.recordings.drive import Drive
 from buggy_rl.recordings.limits import Limits
+from buggy_rl.recordings.raw_recording import RawRecording, robust_deviation
+
+SLOW_CLOCK = 1.01  # [nominal periods] granted to a clock that runs 1 % slow
 
 
-def check_order(drive: Drive, limits: Limits) -> None:
+def check_order(raw: RawRecording, limits: Limits) -> None:
     """Time strictly increases.
 
     Raises:
-        RecordingError: It runs back or stands still, or there are too few rows to tell.
+        RecordingError: It does not, or there are fewer than three rows.
     """
-    if len(drive.t) < 3:
-        raise drive.refusal(
-            len(drive.t) - 1, "t", f"the drive has {len(drive.t)} rows", "record a longer one"
-        )
-    step = np.diff(drive.t)
+    if len(raw.t) < 3:
+        raise raw.error(len(raw.t) - 1, "t", f"{len(raw.t)} rows; record 3 or more")
+    step = np.diff(raw.t)
     if (step > 0).all():
         return
     at = int(np.argmax(step <= 0)) + 1
     does = "stands still" if step[at - 1] == 0 else f"runs back by {-step[at - 1]:.6g} s"
-    count = int((step <= 0).sum())
-    raise drive.refusal(
-        *(at, "t", f"time {does} at {drive.t[at]:.6f} s ({count} such rows)"),
-        "delete the rows, or stamp on measurement instead of on delivery",
+    message = (
+        f"time {does} at {raw.t[at]:.6f} s ({int((step <= 0).sum())} such rows); "
+        "delete the rows, or stamp at the measurement instead of the delivery"
     )
+    raise raw.error(at, "t", message)
 
 
-def check_rate(drive: Drive, limits: Limits) -> None:
-    """The nominal rate is high enough.
+def check_rate(raw: RawRecording, limits: Limits) -> None:
+    """The sample rate is at least `slowest_rate`.
 
     Raises:
-        RecordingError: It is below `slowest_rate`.
+        RecordingError: It is lower.
     """
-    if drive.period * limits.slowest_rate > 1.01:  # 1 % for clocks that run slow
-        raise drive.refusal(
-            *(0, "t", f"one row each {drive.period:.4g} s, {1 / drive.period:.3g} Hz"),
-            f"record at {limits.slowest_rate:g} Hz or faster, or state the unit of time",
+    if raw.period * limits.slowest_rate > SLOW_CLOCK:
+        message = (
+            f"{1 / raw.period:.3g} Hz (a row every {raw.period:.4g} s) is below slowest_rate "
+            f"{limits.slowest_rate:g} Hz; check the unit of t or record faster"
         )
+        raise raw.error(0, "t", message)
 
 
-def check_bunched(drive: Drive, limits: Limits) -> None:
-    """Cuts rows that were stamped on delivery, in a bunch of which only the last is right."""
-    close = np.diff(drive.t, append=np.inf) < limits.bunched_periods * drive.period
-    drive.cut(close, "t", "stamped right before the next row, late on delivery")
+def check_bunched(raw: RawRecording, limits: Limits) -> None:
+    """Cuts rows stamped on delivery in a bunch, of which only the last stamp is right."""
+    close = np.diff(raw.t, append=np.inf) < limits.bunched_periods * raw.period
+    raw.cut(close, "t", "late on delivery, stamped right before the next row")
 
 
-def check_gaps(drive: Drive, limits: Limits) -> None:
-    """Finds where rows are missing; stretches end there.
+def check_gaps(raw: RawRecording, limits: Limits) -> None:
+    """Finds gaps; they end segments.
 
     A step is a gap above max(gap_periods, 1 + gap_jitter * jitter) nominal periods, at most
-    gap_most, where jitter is the robust relative spread of the steps.
+    gap_most, where jitter is the robust relative standard deviation of the steps.
     """
-    step = np.diff(drive.t) / drive.period
-    jitter = 1.4826 * np.median(np.abs(step - 1))  # standard deviation of a normal spread
+    step = np.diff(raw.t) / raw.period
+    jitter = robust_deviation(np.abs(step - 1))
     most = min(max(limits.gap_periods, 1 + limits.gap_jitter * jitter), limits.gap_most)
-    drive.longest_step = most * drive.period
+    raw.longest_step = most * raw.period
     late = np.flatnonzero(step > most)
     if len(late):
-        longest = step[late].max() * drive.period
-        drive.note(late + 1, "t", f"rows missing before it, up to {longest:.3g} s: cut")
+        longest = step[late].max() * raw.period
+        raw.note(late + 1, "t", f"rows missing before it, up to {longest:.3g} s: cut")
+
+
+def check_usable_time(raw: RawRecording, limits: Limits) -> None:
+    """Enough of the recording remains after all cuts.
+
+    Raises:
+        RecordingError: More than `cut_share` of the rows was cut, or less than `shortest_drive`
+            remains.
+    """
+    first = int(np.argmin(raw.keep))
+    last_cut = raw.notes[-1] if raw.notes else "nothing was cut"
+    share = (~raw.keep & ~raw.repeated).sum() / (~raw.repeated).sum()
+    if share > limits.cut_share:
+        message = (
+            f"{share:.0%} of the rows were cut, above cut_share {limits.cut_share:.0%} "
+            f"(last: {last_cut}); record again"
+        )
+        raise raw.error(first, "t", message)
+    spans = [raw.t[s[-1]] - raw.t[s[0]] + raw.period for s in raw.segments()]
+    usable = sum(span for span in spans if span >= limits.shortest_segment)
+    if usable < limits.shortest_drive - 0.5 * raw.period:
+        message = (
+            f"{usable:.2f} s usable in segments of {limits.shortest_segment} s or longer "
+            f"({last_cut}); record {limits.shortest_drive:g} s or longer, or check the unit of t"
+        )
+        raise raw.error(first, "t", message)

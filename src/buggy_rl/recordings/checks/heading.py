@@ -1,87 +1,85 @@
-"""The heading against the course over ground: degrees, signs, mounting."""
+"""Check of yaw against the course over ground: unit, sign, mounting."""
 
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.drive import Drive, wrap
 from buggy_rl.recordings.limits import Limits
+from buggy_rl.recordings.raw_recording import RawRecording, wrap_angle
 
-WINDOW = 0.2  # [s] chord whose direction is the course; long against noise, short against a turn
-STRAIGHT = 0.2  # [rad/s] turning slower than this the lever arm of the tracker moves it little
-FITS = 0.95  # mean cosine of a heading that is right, of a car that corners hard at times
+WINDOW = 0.2  # [s] chord whose direction is the course; 6 cm at `moving_speed`, noise 1 mm
+LEAST_MOTION = 0.5  # [s] of motion below which no heading is checked; chosen
+LEAST_STRAIGHT = 1.0  # [s] of straight driving below which no mounting error is noted; chosen
+STRAIGHT = 0.2  # [rad/s] yaw rate below which a lever arm of 0.1 m adds 0.02 m/s at most
+MATCH = 0.95  # mean cosine of course minus yaw for the right yaw: 18 degrees of sideslip
+
+REMEDIES = {
+    "read as degrees": "it matches in degrees: set units: {{yaw: deg}} in a column map",
+    "with the other sign": "it matches with the other sign: set signs: {{yaw: -1}}",
+    "with x and y exchanged": "it matches with x and y exchanged: correct names",
+    "rotated": "it matches rotated: set mount: {{yaw: {offset:.3f}}}",
+}
+"""Correction of yaw -> what to do about it."""
 
 
-def check_heading(drive: Drive, limits: Limits) -> None:
-    """The car moves roughly where it points: mean cos(course - yaw) is high while it moves.
+def check_heading(raw: RawRecording, limits: Limits) -> None:
+    """Yaw follows the course: mean cos(course - yaw) is high while the car moves.
 
     Raises:
-        RecordingError: It does not; the message says which correction would fit.
+        RecordingError: It is not; the message names the correction that matches.
     """
-    rows, course, yaw, rate = _courses(drive, limits)
-    if len(rows) < 0.5 / drive.period:  # half a second of motion
+    rows, course, yaw, rate = _courses(raw, limits)
+    if len(rows) < LEAST_MOTION / raw.period:
         return
     offset = float(np.angle(np.exp(1j * (yaw - course)).mean()))  # circular mean
-    fits = {
-        "as it stands": np.cos(course - yaw),
+    cosines = {
+        "as recorded": np.cos(course - yaw),
         "read as degrees": np.cos(course - np.radians(yaw)),
         "with the other sign": np.cos(course + yaw),
         "with x and y exchanged": np.cos(np.pi / 2 - course - yaw),
-        "turned": np.cos(course - yaw + offset),
+        "rotated": np.cos(course - yaw + offset),
     }
-    means = {name: float(cosine.mean()) for name, cosine in fits.items()}
-    best = max(means, key=lambda name: means[name])
-    looks_like_degrees = (
-        np.abs(yaw).max() > 2 * np.pi
-        and means["read as degrees"] > FITS
-        and means["as it stands"] < FITS
-    )
-    if means["as it stands"] < limits.heading_agreement or looks_like_degrees:
-        at = int(rows[np.argmin(fits["as it stands"])])
-        if looks_like_degrees:
-            at, best = int(rows[np.argmax(np.abs(yaw))]), "read as degrees"
-        raise drive.refusal(at, "yaw", *_verdict(means, best, drive.pose[at, 2], offset))
-    _note_mount(drive, limits, course, yaw, rate)
+    means = {name: float(cosine.mean()) for name, cosine in cosines.items()}
+    best, recorded = max(means, key=lambda name: means[name]), means["as recorded"]
+    at = int(rows[np.argmin(cosines["as recorded"])])
+    degrees = np.abs(yaw).max() > 2 * np.pi and means["read as degrees"] > MATCH > recorded
+    if degrees:
+        at, best = int(rows[np.argmax(np.abs(yaw))]), "read as degrees"
+    if degrees or recorded < limits.heading_agreement:
+        remedy = "check unit, sign and mounting of yaw, and which axes x and y are"
+        if means[best] > MATCH and best in REMEDIES:
+            remedy = REMEDIES[best].format(offset=offset)
+        message = (
+            f"yaw {raw.pose[at, 2]:.4g} rad does not follow the direction of travel: mean cosine "
+            f"{recorded:.2f}, expected {limits.heading_agreement:g} or more; {remedy}"
+        )
+        raise raw.error(at, "yaw", message)
+    _note_mount(raw, limits, wrap_angle(course - yaw)[np.abs(rate) < STRAIGHT])
 
 
-def _verdict(means: dict[str, float], best: str, value: float, offset: float) -> tuple[str, str]:
-    reason = (
-        f"yaw {value:.4g} does not follow the direction of travel "
-        f"(mean cosine {means['as it stands']:.2f})"
-    )
-    remedies = {
-        "read as degrees": "it fits as degrees: state units: {yaw: deg} in a column map",
-        "with the other sign": "it fits with the other sign: state signs: {yaw: -1}",
-        "with x and y exchanged": "it fits with x and y exchanged: correct names",
-        "turned": f"it fits turned: state mount: {{yaw: {offset:.3f}}}",
-    }
-    if means[best] > FITS and best in remedies:
-        return reason, remedies[best]
-    return reason, "check unit, sign and mounting of yaw, and which axes x and y are"
-
-
-def _courses(drive: Drive, limits: Limits) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-    """Rows where the car moves, its course [rad], its raw yaw and its turning there [rad/s]."""
-    half = max(1, round(WINDOW / 2 / drive.period))
-    kept = np.flatnonzero(drive.keep)
+def _courses(raw: RawRecording, limits: Limits) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+    """Rows in which the car moves, their course [rad], yaw as recorded and yaw rate [rad/s]."""
+    half = raw.rows(WINDOW / 2)
+    kept = np.flatnonzero(raw.keep)
     if len(kept) <= 2 * half:
         return np.empty(0, int), np.empty(0), np.empty(0), np.empty(0)
     before, rows, after = kept[: -2 * half], kept[half:-half], kept[2 * half :]
-    time = drive.t[after] - drive.t[before]
-    chord = drive.pose[after, :2] - drive.pose[before, :2]
+    time = raw.t[after] - raw.t[before]
+    chord = raw.pose[after, :2] - raw.pose[before, :2]
     speed = np.linalg.norm(chord, axis=-1) / time
     good = (time < 2 * WINDOW) & (speed > limits.moving_speed) & (speed < limits.top_speed)
     course = np.arctan2(chord[:, 1], chord[:, 0])
-    rate = wrap(drive.pose[after, 2] - drive.pose[before, 2]) / time
-    return rows[good], course[good], drive.pose[rows[good], 2], rate[good]
+    rate = wrap_angle(raw.pose[after, 2] - raw.pose[before, 2]) / time
+    return rows[good], course[good], raw.pose[rows[good], 2], rate[good]
 
 
-def _note_mount(drive: Drive, limits: Limits, course: ndarray, yaw: ndarray, rate: ndarray) -> None:
-    straight = np.abs(rate) < STRAIGHT
-    if straight.sum() * drive.period < 1.0:  # [s] of straight driving
+def _note_mount(raw: RawRecording, limits: Limits, sideslip: ndarray) -> None:
+    """Notes a median sideslip [n] on straights that is a mounting error."""
+    if len(sideslip) * raw.period < LEAST_STRAIGHT:
         return
-    off = float(np.median(wrap(course - yaw)[straight]))
+    off = float(np.median(sideslip))
     if abs(off) > limits.mount_yaw:
-        drive.notes.append(
-            f"column {drive.label('yaw')!r}: driving straight the car moves {off:+.3f} rad off its "
-            f"heading: if the tracker is mounted so, state mount: {{yaw: {-off:.3f}}}"
+        raw.note_column(
+            "yaw",
+            f"driving straight the car moves {off:+.3f} rad off its heading: if the tracker is "
+            f"mounted so, state mount: {{yaw: {-off:.3f}}}",
         )

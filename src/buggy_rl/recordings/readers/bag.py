@@ -23,7 +23,7 @@ ACTION_FIELDS = {
     "std_msgs/msg/Float64MultiArray": ("data[0]", "data[1]"),
     "sensor_msgs/msg/Joy": ("axes[0]", "axes[1]"),
 }
-"""Message type -> where throttle and steering are, unless the column map says otherwise."""
+"""Message type -> fields of throttle and steering, unless the column map names others."""
 
 ODOMETRY_FIELDS = {
     "x": "pose.pose.position.x",
@@ -36,21 +36,21 @@ ODOMETRY_FIELDS = {
     "vy": "twist.twist.linear.y",
     "yaw_rate": "twist.twist.angular.z",
 }
-"""Channel -> field; the twist of an odometry message is in the body frame by its definition."""
+"""Channel -> field; the twist of an odometry message is defined in the body frame."""
 
-CLOCK_DISTANCE = 0.5  # [s] stamps this far from the time of arrival come from another clock
-OLD_COMMAND = 0.5  # [s] a joystick may be silent while nothing changes, but it is said
+CLOCK_DISTANCE = 0.5  # [s] between stamp and arrival of one clock; a slow network is faster
+OLD_COMMAND = 0.5  # [s] age of a command that is noted; a joystick may be silent for longer
 
 
 def is_bag(path: Path) -> bool:
-    """Whether this is a ROS 1 bag file or the folder of a ROS 2 bag, complete or not."""
+    """Whether this is a ROS 1 bag file or the folder of a ROS 2 bag."""
     if path.is_dir():
         return any(path.glob("*.db3*")) or any(path.glob("*.mcap*"))
     return path.suffix == ".bag"
 
 
 def read_bag(path: Path, topics: Topics) -> Table:
-    """Reads odometry, and for every message of it the last command at or before its stamp.
+    """Reads the odometry messages, each with the last command at or before its stamp.
 
     Raises:
         RecordingError: The bag cannot be read, or a topic is missing or ambiguous.
@@ -64,15 +64,13 @@ def read_bag(path: Path, topics: Topics) -> Table:
     except RecordingError:
         raise
     except Exception as error:  # rosbags lets errors of sqlite, YAML, struct and lz4 through
-        raise RecordingError(
-            *(str(path), None, None, f"the bag cannot be read ({error!r})"),
-            "repair it with the ROS bag tools, or record again",
-        ) from error
+        message = f"the bag cannot be read ({error!r}); repair it with the ROS bag tools"
+        raise RecordingError(str(path), message) from error
 
 
 def _table(path: Path, bag: Any, topics: Topics) -> Table:
-    odometry = _choose(path, bag, topics.odometry, (ODOMETRY,), "odometry")
-    action = _choose(path, bag, topics.action, tuple(ACTION_FIELDS), "action", topics)
+    odometry = _choose(path, bag, topics, "odometry", (ODOMETRY,))
+    action = _choose(path, bag, topics, "action", tuple(ACTION_FIELDS))
     action_type = bag.topics[action].msgtype
     fields = topics.action_fields or ACTION_FIELDS[action_type]
     poses = _series(path, bag, odometry, tuple(ODOMETRY_FIELDS.values()))
@@ -82,21 +80,17 @@ def _table(path: Path, bag: Any, topics: Topics) -> Table:
     last = np.searchsorted(command_t[order], t, side="right") - 1
     known = last >= 0
     if not known.any():
-        raise RecordingError(
-            *(str(path), 0, action, "every command is stamped after the last odometry message"),
-            "record both topics with the same clock",
-        )
+        message = "all commands are stamped after the last odometry message; use one clock for both"
+        raise RecordingError(str(path), message, 0, action)
     held = order[np.maximum(last, 0)]
     age = (t - command_t[held])[known]
     if age.min() > OLD_COMMAND:
-        raise RecordingError(
-            *(str(path), 0, action, f"commands are at least {age.min():.1f} s old"),
-            "record both topics with the same clock",
-        )
+        message = f"all commands are at least {age.min():.1f} s old; use one clock for both topics"
+        raise RecordingError(str(path), message, 0, action)
     if not known.all():
-        notes.append(f"first {(~known).sum()} rows, column {action!r}: no command yet: cut")
+        notes.append(f"first {(~known).sum()} rows, column {action}: no command yet: cut")
     if age.max() > OLD_COMMAND:
-        notes.append(f"column {action!r}: commands are up to {age.max():.2f} s old")
+        notes.append(f"column {action}: commands are up to {age.max():.2f} s old")
     columns = dict(zip(ODOMETRY_FIELDS, poses["values"].T[:, known], strict=True))
     columns["t"] = t[known]
     columns["throttle"], columns["steering"] = commands["values"][held[known]].T
@@ -106,24 +100,24 @@ def _table(path: Path, bag: Any, topics: Topics) -> Table:
     return Table(str(path), columns, labels, notes, first_row=int(np.argmax(known)))
 
 
-def _choose(path, bag, wanted, types, role, topics: Topics | None = None) -> str:
-    """The topic of a role: the one asked for, or the only one of a fitting type."""
+def _choose(path: Path, bag: Any, topics: Topics, role: str, types: tuple[str, ...]) -> str:
+    """The topic of a role: the one named in the column map, or the only one of a suitable type."""
     listing = ", ".join(f"{name} ({info.msgtype})" for name, info in sorted(bag.topics.items()))
-    if wanted is not None:
-        if wanted not in bag.topics:
-            reason = f"there is no topic {wanted}; there are: {listing}"
-            raise RecordingError(str(path), None, wanted, reason, "correct the column map")
-        fits = bag.topics[wanted].msgtype in types
-        if not fits and not (topics and topics.action_fields):
-            reason = f"it is a {bag.topics[wanted].msgtype}, not one of {', '.join(types)}"
-            raise RecordingError(str(path), None, wanted, reason, "state topics.action_fields")
-        return wanted
-    found = [name for name, info in bag.topics.items() if info.msgtype in types]
-    if len(found) != 1:
-        reason = f"{len(found)} topics can be the {role}; there are: {listing}"
-        remedy = f"name it under topics.{role} in a column map"
-        raise RecordingError(str(path), None, role, reason, remedy)
-    return found[0]
+    wanted = getattr(topics, role)
+    if wanted is None:
+        found = [name for name, info in bag.topics.items() if info.msgtype in types]
+        if len(found) == 1:
+            return found[0]
+        message = f"{len(found)} topics can be the {role}; name it under topics.{role}; available: "
+        raise RecordingError(str(path), message + listing, column=role)
+    if wanted not in bag.topics:
+        message = f"no topic {wanted}; correct the column map; available: {listing}"
+        raise RecordingError(str(path), message, column=wanted)
+    kind = bag.topics[wanted].msgtype
+    if kind not in types and not (role == "action" and topics.action_fields):
+        message = f"type {kind} is not one of {', '.join(types)}; state topics.action_fields"
+        raise RecordingError(str(path), message, column=wanted)
+    return wanted
 
 
 def _series(path: Path, bag: Any, topic: str, fields: tuple[str, ...]) -> dict[str, ndarray]:
@@ -138,12 +132,12 @@ def _series(path: Path, bag: Any, topic: str, fields: tuple[str, ...]) -> dict[s
         try:
             values.append([float(get(message)) for get in getters])
         except (AttributeError, IndexError, TypeError) as error:
-            reason = f"the message has no {', '.join(fields)} ({error})"
-            raise RecordingError(
-                str(path), row, topic, reason, "state topics.action_fields in a column map"
-            ) from error
+            message = (
+                f"the message has no {', '.join(fields)} ({error}); state topics.action_fields"
+            )
+            raise RecordingError(str(path), message, row, topic) from error
     if not values:
-        raise RecordingError(str(path), None, topic, "the topic has no message", "record again")
+        raise RecordingError(str(path), "the topic has no message; record again", column=topic)
     return {
         "arrival": np.array(arrival, np.int64) * 1e-9,
         "stamp": np.array(stamp, np.int64) * 1e-9,
@@ -170,9 +164,9 @@ def _stamp(message: Any) -> int:
 
 
 def _times(poses: dict, commands: dict) -> tuple[ndarray, ndarray, list[str]]:
-    """Times of both topics on one clock: their stamps, or else when they arrived."""
+    """Times of both topics on one clock: the stamps, otherwise the times of arrival."""
     stamped = [bool((series["stamp"] > 0).all()) for series in (poses, commands)]
     distance = float(np.median(np.abs(poses["stamp"] - poses["arrival"])))
     if stamped[0] and (stamped[1] or distance < CLOCK_DISTANCE):
         return poses["stamp"], commands["stamp" if stamped[1] else "arrival"], []
-    return poses["arrival"], commands["arrival"], ["column 't': time of arrival, not of stamp"]
+    return poses["arrival"], commands["arrival"], ["column t: time of arrival, not of stamp"]

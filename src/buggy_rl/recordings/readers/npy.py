@@ -1,4 +1,4 @@
-"""A folder of `.npy` arrays, as the original study kept its drives."""
+"""A folder of `.npy` arrays, the format of the original study."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.table import Table
 
-RATE = 100.0  # [Hz] of the original study's tracking camera, when there are no time stamps
+RATE = 100.0  # [Hz] assumed without time stamps: that of the original study's tracking camera
 
 ARRAYS: dict[str, dict[str, int]] = {
     "positions": {"x": 0, "y": 1},
@@ -23,31 +23,32 @@ REQUIRED = ("positions", "orientation", "actions")
 
 
 def is_npy_folder(path: Path) -> bool:
-    """Whether a folder holds arrays itself."""
+    """Whether a folder contains arrays."""
     return path.is_dir() and any(path.glob("*.npy"))
 
 
 def read_npy_folder(path: Path) -> Table:
     """Reads `positions`, `orientation` (w first), `linear`, `angular`, `actions`, `timestamp`.
 
-    Nothing is ever unpickled.
+    Nothing is unpickled.
 
     Raises:
-        RecordingError: An array is missing, pickled, cut off, or of another shape or length.
+        RecordingError: An array is missing, pickled, cut off, or of a wrong shape or length.
     """
     arrays = {name: _load(path, name) for name in (*ARRAYS, "timestamp")}
     for name in REQUIRED:
         if arrays[name] is None:
             there = ", ".join(sorted(f.stem for f in path.glob("*.npy")))
-            raise RecordingError(
-                *(str(path), None, name, f"{name}.npy is missing; there are: {there}"),
-                f"export it, one row a frame, beside {', '.join(REQUIRED)}",
-            )
+            message = f"{name}.npy is missing; available: {there}; export one row a frame"
+            raise RecordingError(str(path), message, column=name)
     table = Table(str(path), {})
     for name, channels in ARRAYS.items():
         array = arrays[name]
         if array is not None:
-            _check_shape(path, name, array, max(channels.values()) + 1)
+            width = max(channels.values()) + 1
+            if array.ndim != 2 or array.shape[1] < width:
+                message = f"shape {list(array.shape)}; expected [rows, {width} or more]"
+                raise RecordingError(str(path), message, column=name)
             for channel, column in channels.items():
                 table.columns[channel] = array[:, column]
                 table.labels[channel] = f"{name}[{column}]"
@@ -63,23 +64,12 @@ def _load(path: Path, name: str) -> ndarray | None:
     try:
         array = np.load(file, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
-        raise RecordingError(
-            *(str(path), None, name, f"{name}.npy is pickled, cut off or no array ({error})"),
-            "save plain numbers with numpy.save",
-        ) from error
+        message = f"{name}.npy is pickled, cut off or not an array ({error}); use numpy.save"
+        raise RecordingError(str(path), message, column=name) from error
     if array.dtype.kind not in "fiu":
-        raise RecordingError(
-            str(path), None, name, f"it holds {array.dtype}, no numbers", "save plain numbers"
-        )
+        message = f"dtype {array.dtype} is not numeric; save plain numbers"
+        raise RecordingError(str(path), message, column=name)
     return array
-
-
-def _check_shape(path: Path, name: str, array: ndarray, width: int) -> None:
-    if array.ndim != 2 or array.shape[1] < width:
-        raise RecordingError(
-            *(str(path), None, name, f"its shape is {list(array.shape)}"),
-            f"expected [rows, {width} or more]",
-        )
 
 
 def _add_time(table: Table, timestamp: ndarray | None) -> None:
@@ -88,16 +78,14 @@ def _add_time(table: Table, timestamp: ndarray | None) -> None:
         table.labels["t"] = "timestamp"
         return
     table.columns["t"] = np.arange(len(table)) / RATE
-    table.notes.append(f"column 't': there is no timestamp.npy, {RATE:g} Hz assumed")
+    table.notes.append(f"column t: no timestamp.npy, {RATE:g} Hz assumed")
 
 
 def _check_lengths(path: Path, arrays: dict[str, ndarray | None]) -> None:
     lengths = {name: len(array) for name, array in arrays.items() if array is not None}
     shortest = min(lengths, key=lambda name: lengths[name])
     if not lengths[shortest]:
-        raise RecordingError(str(path), None, shortest, "it has no row", "record again")
+        raise RecordingError(str(path), "no row; record again", column=shortest)
     if len(set(lengths.values())) > 1:
-        raise RecordingError(
-            *(str(path), lengths[shortest], shortest, f"it ends before the others: {lengths}"),
-            "export all arrays from the same frames",
-        )
+        message = f"shorter than the other arrays: {lengths}; export all from the same frames"
+        raise RecordingError(str(path), message, lengths[shortest], shortest)

@@ -1,4 +1,4 @@
-"""What every reader returns: named columns of equal length."""
+"""The result of a reader: named columns of equal length."""
 
 from dataclasses import dataclass, field
 
@@ -16,16 +16,16 @@ class Table:
     file: str
     columns: dict[str, ndarray]
     labels: dict[str, str] = field(default_factory=dict)
-    """How a column is called in messages, where the file has no column of that name."""
+    """Column -> its name in messages, where the file has no column of that name."""
     notes: list[str] = field(default_factory=list)
     first_row: int = 0
-    """Row of the file that the first row here is."""
+    """Row of the file in the first row here."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
     def label(self, column: str) -> str:
-        """What a message calls the column."""
+        """Name of a column in messages."""
         return self.labels.get(column, column)
 
     def numbers(self, column: str) -> ndarray:
@@ -46,9 +46,8 @@ class Table:
         bad &= series.astype(str).str.strip().str.lower().to_numpy() != "nan"
         if bad.any():
             row = int(np.argmax(bad))
-            reason = f"{str(values[row])!r} is not a number"
-            raise RecordingError(
-                *(self.file, self.first_row + row, self.label(column), reason),
-                "write plain numbers, with a point for the decimals",
+            message = (
+                f"{str(values[row])!r} is not a number; write plain numbers, decimals with a point"
             )
+            raise RecordingError(self.file, message, self.first_row + row, self.label(column))
         return numbers

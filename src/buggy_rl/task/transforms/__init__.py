@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from buggy_rl.config import load_named
+from buggy_rl.config import load_named, one_line
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import Transform
@@ -39,8 +39,8 @@ def make_transform(
         context: Further arguments, such as `paths` and `dt`, for the classes that take them.
 
     Raises:
-        ValueError: The name is unknown, or an option does not belong to it; the message lists
-            what does.
+        ValueError: The name is unknown, an option does not belong to it (the message lists those
+            that do) or is missing.
     """
     if name not in TRANSFORMS and ":" not in name:
         raise ValueError(
@@ -49,12 +49,18 @@ def make_transform(
         )
     transform_class = load_named(TRANSFORMS.get(name, name))
     takes = inspect.signature(transform_class).parameters
+    kinds = {parameter.kind: key for key, parameter in takes.items()}
     unknown = sorted(set(options or {}) - set(takes))
-    if unknown:
+    if unknown and inspect.Parameter.VAR_KEYWORD not in kinds:
         allowed = sorted(set(takes) - set(context))
         raise ValueError(
             f"transform {name!r} has no option {', '.join(unknown)}; "
             f"available: {', '.join(allowed) or 'none'}"
         )
     given = {key: value for key, value in context.items() if key in takes}
-    return transform_class(**{**given, **(options or {})})
+    given.update(options or {})
+    several = given.pop(kinds.get(inspect.Parameter.VAR_POSITIONAL, ""), ())  # *keys, as a list
+    try:
+        return transform_class(*several, **given)
+    except (TypeError, RuntimeError) as error:
+        raise ValueError(f"transform {name!r}: {one_line(error)}") from error

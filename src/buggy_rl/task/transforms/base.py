@@ -1,11 +1,11 @@
-"""What the transforms of the task have in common.
+"""Base classes of the task's transforms.
 
-State that a transform needs from step to step rides in the TensorDict under a key of its own, so
-that a step is a function of what it is given. Only a reset draws random numbers: which path,
-which noise, which target speed. They are those of PyTorch's global generator, as the policy's
-are, so `torch.manual_seed` fixes a run and its saved state continues it; `env.set_seed` does not
-reach a transform.
+State that a transform needs from step to step is in the TensorDict under a key of its own, so that
+a step is a function of its input. Only a reset draws random numbers: the path, the noise, the
+target speed.
 """
+
+from collections.abc import Iterable
 
 import torch
 from tensordict import TensorDictBase
@@ -17,7 +17,7 @@ from torchrl.envs import Transform
 from buggy_rl import keys
 from buggy_rl.keys import MEASURED_POSE, MEASURED_VELOCITY
 
-RESTING = (-1.0, 0.0)  # no drive, wheels straight: what a car was told before its first step
+RESTING = (-1.0, 0.0)  # no drive, wheels straight: the command before the first step
 
 
 class TaskTransform(Transform):
@@ -45,13 +45,20 @@ class TaskTransform(Transform):
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        self._check_place(observation_spec)
-        for key, spec in self._specs(observation_spec.shape, observation_spec.device).items():
+        specs = self._specs(observation_spec.shape, observation_spec.device)
+        self._check_place(observation_spec, specs)
+        for key, spec in specs.items():
             observation_spec[key] = spec
         return observation_spec
 
-    def _check_place(self, promised: Composite) -> None:
-        name, written = type(self).__name__, set(promised.keys())
+    def _check_place(self, promised: Composite, writes: Iterable[str]) -> None:
+        name, written = type(self).__name__, set(map(str, promised.keys()))
+        twice = sorted(written.intersection(writes) - {MEASURED_POSE, MEASURED_VELOCITY})
+        if twice:
+            raise ValueError(
+                f"{name} stands twice in the stack ({', '.join(twice)} is already written): leave "
+                "one of them out"
+            )
         missing = [key for key in self.reads if key not in written]
         if missing:
             raise ValueError(
@@ -64,6 +71,16 @@ class TaskTransform(Transform):
                 f"{name} comes too late: {', '.join(early)} is already written; put it before "
                 "the transform that does"
             )
+
+
+class RandomTransform(TaskTransform):
+    """A transform that draws random numbers at a reset, from `generator`.
+
+    Until `env.set_seed` is called, `generator` is None and PyTorch's global generator is used, as
+    by the policy: then `torch.manual_seed` fixes a run.
+    """
+
+    generator: torch.Generator | None = None
 
 
 def numbers(shape: torch.Size, *sizes: int, device: DEVICE_TYPING | None) -> Unbounded:

@@ -1,4 +1,4 @@
-"""Measured velocities cut off at the edge of what was trained on."""
+"""Measured velocities clipped to the training range of the learned model."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ TRAINED_LOW, TRAINED_HIGH = (-1.0, -3.5, -6.5), (3.5, 3.5, 6.5)
 
 
 class ClipVelocity(TaskTransform):
-    """v' = min(max(v, low), high), of the measured velocity; the car itself moves on as it did.
+    """v' = min(max(v, low), high) of the measured velocity; the car's motion is unchanged.
 
     Args:
         low: Of vx, vy [m/s], yaw_rate [rad/s].

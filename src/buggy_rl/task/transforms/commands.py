@@ -1,4 +1,4 @@
-"""What transforms of the command have in common: they remember what they gave out last."""
+"""Base class of filters of the command, which remember their last output."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -18,8 +18,7 @@ GIVEN = "_given"  # ends the key of u'_t, which is there while the step is taken
 class CommandFilter(TaskTransform):
     """u'_t = f(u'_{t-1}, u_t) of both commands, u taken within [-1, 1].
 
-    Before the first step the car had no drive and straight wheels. The data keep the command that
-    the policy gave.
+    u'_0 is no drive and straight wheels. The data keep the policy's command u.
     """
 
     memory: ClassVar[str]

@@ -1,4 +1,4 @@
-"""The last observations side by side, for a policy that should see how things change."""
+"""The last observations side by side, for a policy that needs rates of change."""
 
 import torch
 from tensordict import TensorDictBase
@@ -21,7 +21,6 @@ class History(TaskTransform):
     """
 
     reads: tuple[str, ...] = (OBSERVATION,)
-    before: tuple[str, ...] = (OBSERVATION_ROWS,)
 
     def __init__(self, rows: int = 4) -> None:
         super().__init__()
@@ -45,7 +44,7 @@ class History(TaskTransform):
         return td.set(OBSERVATION, rows.flatten(-2))
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        self._check_place(observation_spec)
+        self._check_place(observation_spec, [OBSERVATION_ROWS])
         shape, device = observation_spec.shape, observation_spec.device
         size = observation_spec[OBSERVATION].shape[-1]
         observation_spec[OBSERVATION_ROWS] = numbers(shape, self.rows, size, device=device)

@@ -1,4 +1,4 @@
-"""What the car was told in the step before, for the policy to see and for rewards."""
+"""The command of the last step, for the observation and for rewards."""
 
 from torch import Tensor
 
@@ -7,7 +7,7 @@ from buggy_rl.task.transforms.commands import CommandFilter
 
 
 class LastAction(CommandFilter):
-    """u'_t = u_t within [-1, 1]. Before a smoothing in the stack it sees what that gives out."""
+    """u'_t = u_t within [-1, 1]. Nearer to the engine than a filter it records its output."""
 
     memory = LAST_ACTION
 

@@ -1,4 +1,4 @@
-"""A car that leaves its path has failed."""
+"""Termination where a car leaves its path."""
 
 from tensordict import TensorDictBase
 

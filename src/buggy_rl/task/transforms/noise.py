@@ -1,4 +1,4 @@
-"""Noise on what the policy is shown of pose and velocity."""
+"""Measurement noise on pose and velocity."""
 
 import math
 
@@ -18,7 +18,7 @@ from buggy_rl.keys import (
     WAYPOINTS,
 )
 from buggy_rl.task.transforms.base import (
-    TaskTransform,
+    RandomTransform,
     counter,
     measured_pose,
     measured_velocity,
@@ -28,12 +28,12 @@ from buggy_rl.task.transforms.base import (
 PAIRS = 3  # of normal numbers a step: one each for x, y, yaw, vx, vy, yaw_rate
 
 
-class ObservationNoise(TaskTransform):
+class ObservationNoise(RandomTransform):
     """z = value + sd e,  e ~ N(0, 1), on pose and velocity as measured; the car is not moved.
 
-    A reset draws where a car's stream of noise begins; from there on the noise is a function of
-    the state in the TensorDict, so that two steps from one TensorDict are equal. The defaults are
-    those of the tracking camera that recordings are made with.
+    A reset draws the first counter of each environment's noise; from there on the noise is a
+    function of the counter in the TensorDict, so that two steps from one TensorDict are equal. The
+    defaults are those of the tracking camera that recordings are made with.
 
     Args:
         position: Standard deviation of x and y [m].
@@ -71,7 +71,8 @@ class ObservationNoise(TaskTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         pose = tensordict_reset.get(keys.POSE)
-        state = torch.randint(2**62, (*pose.shape[:-1], 1), device=pose.device)
+        shape = (*pose.shape[:-1], 1)
+        state = torch.randint(2**62, shape, generator=self.generator, device=pose.device)
         return self._write(tensordict_reset, state)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -101,7 +102,7 @@ def normal(counter: Tensor) -> Tensor:
     bits = (bits ^ _shifted(bits, 30)) * -0x40A7B892E31B1A47
     bits = (bits ^ _shifted(bits, 27)) * -0x6B2FB644ECCEEE15
     bits = bits ^ _shifted(bits, 31)
-    size = 2**24  # what a float32 tells apart
+    size = 2**24  # resolution of a float32 in [0, 1)
     radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)) + 0.5) / size))
     angle = (_shifted(bits, 40) & (size - 1)) * (2 * math.pi / size)
     return torch.cat([radius * torch.cos(angle), radius * torch.sin(angle)], -1)

@@ -1,4 +1,4 @@
-"""The numbers that the policy sees, in one row."""
+"""The observation of the policy, one row of numbers."""
 
 from collections.abc import Sequence
 

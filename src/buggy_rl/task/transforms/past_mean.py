@@ -13,8 +13,8 @@ from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numb
 class PastMean(TaskTransform):
     """v'_t = (v_{t-width+1} + ... + v_t) / width; at the start the mean of what there is.
 
-    The same as `dataset.past_mean`, one row at a time. The memory keeps a fourth number beside
-    each velocity, 1 where there is one, so that its sum counts them.
+    The same as `recordings.filters.past_mean`, one row at a time. The memory has a fourth number
+    beside each velocity, 1 where there is one, so that its sum counts them.
 
     Args:
         width: Rows, the present one included; the original study's 5.

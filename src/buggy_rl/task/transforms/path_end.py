@@ -1,4 +1,4 @@
-"""An open path that is driven to its end ends the episode, which is no failure."""
+"""Truncation at the end of an open path, which is no failure."""
 
 import torch
 from tensordict import TensorDictBase

@@ -1,4 +1,4 @@
-"""Commands behind a first-order lag."""
+"""First-order lag of the commands."""
 
 import math
 

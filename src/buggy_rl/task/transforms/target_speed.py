@@ -1,4 +1,4 @@
-"""A speed that is asked for, drawn anew at each reset."""
+"""A target speed, drawn at each reset."""
 
 import torch
 from tensordict import TensorDictBase
@@ -7,10 +7,10 @@ from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
 from buggy_rl.keys import OBSERVATION, TARGET_SPEED
-from buggy_rl.task.transforms.base import TaskTransform, numbers
+from buggy_rl.task.transforms.base import RandomTransform, numbers
 
 
-class TargetSpeed(TaskTransform):
+class TargetSpeed(RandomTransform):
     """v* ~ U(low, high), the same for an episode; writing `target_speed` in between changes it.
 
     Args:
@@ -28,7 +28,8 @@ class TargetSpeed(TaskTransform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = next_tensordict.get(keys.POSE)
-        share = torch.rand((*pose.shape[:-1], 1), device=pose.device)
+        shape = (*pose.shape[:-1], 1)
+        share = torch.rand(shape, generator=self.generator, device=pose.device)
         return next_tensordict.set(TARGET_SPEED, self.low + (self.high - self.low) * share)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:

@@ -21,13 +21,13 @@ from buggy_rl.keys import (
     WAYPOINTS_CLOSED,
 )
 from buggy_rl.task.paths import PathSet
-from buggy_rl.task.transforms.base import TaskTransform, counter, measured_pose, numbers
+from buggy_rl.task.transforms.base import RandomTransform, counter, measured_pose, numbers
 from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
 
 
-class Waypoints(TaskTransform):
+class Waypoints(RandomTransform):
     """Shows the next waypoints and closes those that the car passes.
 
     Waypoint w with tangent t is closed by a car at p when
@@ -111,7 +111,8 @@ class Waypoints(TaskTransform):
         start = self.start[path.squeeze(-1)]
         if not (self.start_lateral or self.start_heading):
             return start
-        beside, turn = (2 * torch.rand(2, *path.shape, device=start.device) - 1).unbind(0)
+        drawn = torch.rand(2, *path.shape, generator=self.generator, device=start.device)
+        beside, turn = (2 * drawn - 1).unbind(0)
         x, y, yaw = start.split(1, -1)
         beside = self.start_lateral * beside
         moved = [x - beside * torch.sin(yaw), y + beside * torch.cos(yaw)]
@@ -121,7 +122,7 @@ class Waypoints(TaskTransform):
         """Paths [*shape, 1] to begin with."""
         count, device = len(self.paths), self.lines.device
         if self.order == "random":
-            return torch.randint(count, (*shape, 1), device=device)
+            return torch.randint(count, (*shape, 1), generator=self.generator, device=device)
         return torch.arange(shape.numel(), device=device).reshape(*shape, 1) % count
 
     def _reset(

@@ -1,0 +1,194 @@
+"""Drives of cases: how a car moves, and what its camera records of that."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.signal import lfilter
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from buggy_rl import keys
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.steady_driver import SteadyDriver
+from buggy_rl.engines.reference import ReferenceEngine
+from buggy_rl.engines.reference.faults import NEUTRAL
+from buggy_rl.plants import make_plant
+from buggy_rl.policies.controllers.room import RoomDriver
+from buggy_rl.recordings import Recording, save_recording
+from buggy_rl.recordings.camera import DECIMALS, Camera, CameraConfig
+from buggy_rl.stepping import trajectory
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+DRIVERS = {"rich": RoomDriver, "steady": SteadyDriver}
+BASELINE = 500_000_000  # added to a seed for the drives before the change
+BASELINE_NOISE = 100  # number of the first baseline drive, behind those of all other drives
+RHO = 0.9  # correlation of coloured noise from row to row
+JITTER = 1e-3  # [s] standard deviation of a stamp: a host computer that stamps on arrival
+DROPPED = 0.002  # share of frames lost: one in five seconds, each of which cuts the drive
+NOISES = ("position_noise", "yaw_noise", "velocity_noise", "yaw_rate_noise")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """True motion of a case's cars, [cars, T] each."""
+
+    changed: TensorDict
+    """Of the car with what is concealed: the drives to be seen, then those held out."""
+    clean: TensorDict | None
+    """Of the car before, where baseline drives are given."""
+
+
+Driver = Callable[[TensorDictBase], TensorDictBase]
+"""Writes `action` for what it sees."""
+
+
+def moved(cases: Sequence[Case]) -> list[Motion]:
+    """Drives the cars of cases that share plant and length; reference cars in one batch.
+
+    Every case has drivers of its own: its motion does not depend on the other cases.
+    """
+    rows, plant = round(cases[0].seconds / CONTROL_PERIOD), cases[0].plant
+    sizes, drivers, faults = [], [], []
+    for case in cases:
+        sizes.append(case.drives + case.held_out)
+        drivers.append(DRIVERS[case.driving](seed=case.seed))
+        faults.append(case.faults)
+        if case.baseline:
+            sizes.append(case.drives)
+            drivers.append(DRIVERS[case.driving](seed=case.seed + BASELINE))
+            faults.append({})
+    poses = [driver.start_pose([size]) for driver, size in zip(drivers, sizes, strict=True)]
+    if plant == "reference":
+        engine = _reference_cars(faults, sizes)
+        parts = driven(engine, joined(drivers, sizes), torch.cat(poses), rows).split(sizes)
+    else:
+        parts = [
+            driven(make_plant(plant, len(pose), own), driver, pose, rows)
+            for driver, pose, own in zip(drivers, poses, faults, strict=True)
+        ]
+    motion = iter(parts)
+    return [Motion(next(motion), next(motion) if case.baseline else None) for case in cases]
+
+
+def _reference_cars(
+    faults: Sequence[Mapping[str, Mapping[str, float]]], sizes: Sequence[int]
+) -> EnvBase:
+    """One batch with the faults of each part."""
+    count, first = sum(sizes), 0
+    tensors: dict[str, Tensor] = {}
+    for own, size in zip(faults, sizes, strict=True):
+        for effect, values in own.items():
+            for name, value in values.items():
+                key = f"{effect}.{name}"
+                rows = tensors.setdefault(key, torch.full((count,), NEUTRAL[key]))
+                rows[first : first + size] = value
+        first += size
+    return ReferenceEngine(count).with_faults(TensorDict(tensors, [count]))
+
+
+def joined(drivers: Sequence[Driver], sizes: Sequence[int]) -> Driver:
+    """One driver for a batch whose parts have drivers of their own."""
+    seen = (keys.POSE, keys.VELOCITY, keys.OBSERVATION)
+
+    def drive(state: TensorDictBase) -> TensorDictBase:
+        parts = state.select(*seen, strict=False).split(list(sizes))
+        actions = [driver(part)[keys.ACTION] for driver, part in zip(drivers, parts, strict=True)]
+        return state.set(keys.ACTION, torch.cat(actions))
+
+    return drive
+
+
+@torch.no_grad()
+def driven(engine: EnvBase, driver: Driver, pose: Tensor, rows: int) -> TensorDict:
+    """True motion [N, rows] from rest at poses [N, 3]."""
+    start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
+    state = engine.reset(TensorDict(start, engine.batch_size))
+    states = pairwise(trajectory(engine, state, lambda _, now: driver(now), rows))
+    trail = [now.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone() for now, _ in states]
+    return TensorDict.stack(trail, 1)  # type: ignore[return-value]
+
+
+def save_drives(
+    case: Case, true: TensorDict, folder: Path, numbers: Mapping[str, int], changed: bool = True
+) -> None:
+    """Records drives of a case and writes them as CSV files.
+
+    Args:
+        case: Says what is wrong with the camera, and the nuisance.
+        true: [drives, T] motion.
+        folder: Is made.
+        numbers: File name, without its ending -> number of the drive, which decides its noise.
+        changed: Whether what is concealed is there yet.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for motion, (name, number) in zip(true, numbers.items(), strict=True):
+        save_recording(measured(case, motion, changed, number), folder / f"{name}.csv")
+
+
+def measured(case: Case, true: TensorDict, changed: bool, place: int) -> Recording:
+    """One drive of a case as it is recorded.
+
+    Args:
+        case: Says what is wrong with the camera, and the nuisance.
+        true: [T] motion.
+        changed: Whether what is concealed is there yet; if not, the camera is right.
+        place: Number of the drive, which decides its noise.
+    """
+    seed = case.seed * 1_000 + place
+    config = CameraConfig(**(case.camera if changed else {}))
+    if case.nuisance == "stamps":
+        true = stamped_off(true, early=random.Random(f"stamps {case.seed}").random() < 0.5)
+    if case.nuisance == "thrice":
+        config = replace(config, **{name: 3 * getattr(config, name) for name in NOISES})
+    if case.nuisance == "dropped":
+        config = replace(config, dropped_share=DROPPED)
+    if case.nuisance == "coloured":
+        data = coloured(config, true, seed)
+    else:
+        data = Camera(config, seed).recorded(true)
+    if case.nuisance == "jitter":
+        data[keys.TIME] = jittered(data[keys.TIME], seed)
+    return Recording(f"drive_{place}", data, CONTROL_PERIOD)
+
+
+def stamped_off(true: TensorDict, early: bool) -> TensorDict:
+    """The motion with its commands logged a row early, or late; the last, or first, is held."""
+    action = true[keys.ACTION]
+    moved = torch.cat([action[1:], action[-1:]]) if early else torch.cat([action[:1], action[:-1]])
+    return true.clone().set(keys.ACTION, moved)
+
+
+def coloured(config: CameraConfig, true: TensorDict, seed: int) -> TensorDict:
+    """Recorded with noise e_k = rho e_(k-1) + sqrt(1 - rho^2) w_k of the camera's own size."""
+    quiet = replace(config, **dict.fromkeys(NOISES, 0.0))
+    data = Camera(quiet, seed).recorded(true)
+    position, yaw, speed, yaw_rate = (getattr(config, name) for name in NOISES)
+    noise = correlated(len(data), 6, seed)
+    for key, rows, size in (
+        (keys.POSE, slice(0, 3), (position, position, yaw)),
+        (keys.VELOCITY, slice(3, 6), (speed, speed, yaw_rate)),
+    ):
+        shown = data[key] + noise[:, rows] * torch.tensor(size)
+        data[key] = torch.round(shown, decimals=DECIMALS)
+    return data
+
+
+def correlated(rows: int, columns: int, seed: int) -> Tensor:
+    """Noise [rows, columns] of unit variance with correlation `RHO` from row to row."""
+    generator = torch.Generator().manual_seed(seed)
+    white = torch.randn(rows, columns, generator=generator, dtype=torch.float64).numpy()
+    white[1:] *= np.sqrt(1 - RHO**2)  # the first row has the variance that all shall have
+    return torch.as_tensor(lfilter([1.0], [1.0, -RHO], white, axis=0)).float()
+
+
+def jittered(time: Tensor, seed: int) -> Tensor:
+    """Stamps [T, 1] that are off by `JITTER`, in order still."""
+    generator = torch.Generator().manual_seed(seed)
+    off = JITTER * torch.randn(time.shape, generator=generator, dtype=time.dtype)
+    return (time + off.clamp(-4 * JITTER, 4 * JITTER)).round(decimals=DECIMALS)

@@ -1,0 +1,35 @@
+"""The loop that steps an environment; every rollout outside a collector runs through it."""
+
+from collections.abc import Callable, Iterator
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import EnvBase
+
+Act = Callable[[int, TensorDictBase], TensorDictBase]
+"""Returns the state to step from: the one it is given, at step 0, 1, ..., with `action` set and,
+where motion is imposed, `pose` and `velocity`."""
+
+
+@torch.no_grad()
+def trajectory(
+    env: EnvBase, state: TensorDictBase, act: Act, steps: int
+) -> Iterator[TensorDictBase]:
+    """Yields the state before each step and the last one: `steps + 1` in all.
+
+    x_0 = state,  x_{k+1} = env.step(act(k, x_k))["next"],  k = 0 .. steps - 1.
+
+    `act` sees x_k after it was yielded. Where it edits x_k in place and returns it, x_k holds its
+    action once the next state has been asked for, so `itertools.pairwise(trajectory(...))` yields
+    (x_k with its action, x_{k+1}). Clone what has to outlive that.
+
+    Args:
+        env: Environment with batch shape B.
+        state: Start x_0, of batch shape B; from `env.reset`.
+        act: Sets the action [B, 2] of each step.
+        steps: Number of steps.
+    """
+    yield state
+    for row in range(steps):
+        state = env.step(act(row, state))["next"]
+        yield state

@@ -1,0 +1,42 @@
+from types import SimpleNamespace
+
+import torch
+
+from buggy_rl.diagnosis.search import State, pruned
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.misfit import BaselineMisfit
+
+
+def _candidate(effects, excess):
+    """Leaves the same excess over the noise in each of four segments."""
+    return SimpleNamespace(effects=effects, held_out=torch.full((4,), (1 + excess) ** 2))
+
+
+def _kept(excesses, usual=0.0):
+    """What pruning keeps of the longest hypothesis, by the excess that each leaves."""
+    tried = {effects: _candidate(effects, excess) for effects, excess in excesses.items()}
+    criteria = Criteria(torch.zeros(4), usual=BaselineMisfit(usual))
+    state = State(None, tried)  # type: ignore[arg-type]
+    return pruned(state, tried[max(excesses, key=len)], criteria)[1].effects
+
+
+def test_a_further_effect_that_closes_less_than_the_rest_is_pruned():
+    excesses = {(): 5.0, ("large",): 1.0, ("small",): 4.6}
+    assert _kept(excesses | {("large", "small"): 0.6}) == ("large",)
+    assert _kept(excesses | {("large", "small"): 0.4}) == ("large", "small")
+
+
+def test_the_baseline_misfit_does_not_count_as_rest():
+    excesses = {(): 5.0, ("large",): 1.0, ("small",): 4.6, ("large", "small"): 0.6}
+    assert _kept(excesses, usual=0.3) == ("large", "small")
+
+
+def test_the_first_effect_stays_whatever_the_rest():
+    excesses = {(): 5.0, ("a",): 4.0, ("b",): 4.5, ("a", "b"): 3.8}
+    assert _kept(excesses) == ("a",)
+
+
+def test_the_smallest_effect_is_pruned_first_and_the_others_are_compared_without_it():
+    excesses = {(): 5.0, ("a",): 1.2, ("b",): 2.0, ("c",): 4.9, ("a", "b"): 0.5, ("a", "c"): 1.1,
+                ("b", "c"): 1.9, ("a", "b", "c"): 0.4}  # fmt: skip
+    assert _kept(excesses) == ("a", "b")

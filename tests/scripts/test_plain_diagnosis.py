@@ -1,0 +1,76 @@
+"""A user's own simulator, a plain `EnvBase`, through the scripts that compare it with drives."""
+
+import json
+import runpy
+import sys
+from functools import cache
+
+import pandas as pd
+import pytest
+import yaml
+
+from buggy_rl.engines import make_engine
+from buggy_rl.recordings import save_recording
+from tests.diagnosis.planted import planted_drives
+
+SIMULATOR = "tests/plain_env.py:make_quick"
+
+
+@pytest.fixture
+def run_script(monkeypatch, repository):
+    """Runs a script in this process, from the root of the project."""
+
+    def run(name, *arguments):
+        monkeypatch.chdir(repository)
+        monkeypatch.setattr(sys, "argv", [f"scripts/{name}.py", *arguments])
+        runpy.run_path(f"scripts/{name}.py", run_name="__main__")
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, repository):
+    """Recordings of that simulator with late steering."""
+    folder = tmp_path_factory.mktemp("late")
+    make = cache(lambda count: make_engine(str(repository / SIMULATOR), count))
+    case = {"steering_dead_time": {"dead_time": 0.06}}
+    for recording in planted_drives([case], 3, 10.0, make=make)[0]:
+        save_recording(recording, folder / f"{recording.name}.csv")
+    return folder
+
+
+def test_what_it_lacks_is_named(run_script, folder, tmp_path):
+    run_script(
+        "diagnose",
+        f"simulator={SIMULATOR}",
+        f"recordings=[{folder}]",
+        f"output={tmp_path}",
+        "effects=[steering_dead_time,steering_gain]",
+        "stretches=16",
+    )
+    said = json.loads((tmp_path / "diagnosis.json").read_text())
+    [effect] = said["effects"]
+    assert effect["name"] == "steering_dead_time"
+    assert effect["parameters"]["dead_time"]["value"] == pytest.approx(0.06, abs=0.01)
+    assert said["fit"]["after"] < 0.5 * said["fit"]["before"]
+    for file in ("report.html", "repaired.yaml"):
+        assert (tmp_path / file).stat().st_size > 0
+
+
+def test_it_stands_in_the_table_of_simulators_with_and_without_its_repair(
+    run_script, folder, tmp_path, repository
+):
+    repaired = tmp_path / "repaired.yaml"
+    effects = {"steering_dead_time": {"dead_time": 0.06}}
+    content = {"engine": str(repository / SIMULATOR), "effects": effects}
+    repaired.write_text(yaml.safe_dump(content))
+    run_script(
+        "evaluate_models",
+        f"output={tmp_path}",
+        f"data.recordings=[{folder}]",
+        f"simulators.plain={SIMULATOR}",
+        f"simulators.repaired={repaired}",
+        "windows=4",
+    )
+    table = pd.read_csv(tmp_path / "table.csv").set_index("simulator")["position_mse_1s"]
+    assert table["repaired"] < 0.1 * table["plain"]
