@@ -17,7 +17,7 @@ from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
 from buggy_rl.vehicle import rotate
 
-MOST_ENVIRONMENTS = 12_000  # stepped at once; bounds memory to about 1 GB
+MOST_ENVIRONMENTS = 12_000  # stepped at once, to bound memory
 
 
 @dataclass(frozen=True)
