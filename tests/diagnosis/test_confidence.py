@@ -8,7 +8,7 @@ from buggy_rl.diagnosis.confidence import Doubts, confidences
 from buggy_rl.diagnosis.confidence import soundness as soundness_of
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.constancy import Variation
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 
 
 def _candidate(effects, *excesses):

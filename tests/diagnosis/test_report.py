@@ -17,7 +17,8 @@ from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, wording
 from buggy_rl.diagnosis.report.figures import errors, replays
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking
-from buggy_rl.diagnosis.search import SearchResult, State, tried_too
+from buggy_rl.diagnosis.search import State, tried_too
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import unexplained
 from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.engines import make_engine

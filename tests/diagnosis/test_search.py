@@ -4,7 +4,15 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.search import State, search, tried_too, warm_started
+from buggy_rl.diagnosis.config import SelectionConfig
+from buggy_rl.diagnosis.search import (
+    State,
+    relinearised,
+    renoised,
+    search,
+    tried_too,
+    warm_started,
+)
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import fitted, linearised
@@ -89,3 +97,14 @@ def test_the_same_recordings_give_the_same_fit(late):
     for first, second in zip((right, wrong), fitted(problem, starts), strict=True):
         assert torch.equal(first.vector, second.vector)
         assert torch.equal(first.whitened, second.whitened)
+
+
+def test_while_polishing_a_nat_counts_by_a_quarter_of_what_the_hypothesis_leaves(drives):
+    problem = problem_of(drives["late"], ["gyro_bias"])  # which is not what is planted
+    criteria = Criteria(blocks(problem.segments), rules=SelectionConfig(polishing=1))
+    starts = [problem.library.hypothesis(effects) for effects in ((), ("gyro_bias",))]
+    state, [_, wrong] = tried_too(State(problem, {}), starts, criteria)
+    left = renoised(state, wrong, criteria).tried[wrong.key].typical
+    polished, _ = relinearised(state, wrong, criteria)
+    assert polished.problem.dispersion == pytest.approx(0.25 * left)
+    assert polished.problem.dispersion > 1.0

@@ -151,13 +151,6 @@ def test_an_open_path_goes_on_straight():
     torch.testing.assert_close(path.before()[0, 0], torch.tensor([-1.0, 0.0]))
 
 
-def test_normals_point_to_the_left():
-    circle = make_paths(PathConfig(kind="circle", radius=1.0))
-    middle = torch.tensor([0.0, 1.0])  # of a circle to the left
-    inwards = middle - circle.points[0]
-    torch.testing.assert_close(circle.normals[0], inwards, atol=1e-5, rtol=0)
-
-
 def test_a_mirrored_set_holds_every_path_twice():
     paths = make_paths(replace(SMALL, mirrored=True))
     assert len(paths) == 16

@@ -9,7 +9,7 @@ import torch
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit, substitutes
 from buggy_rl.diagnosis.config import SelectionConfig
 from buggy_rl.diagnosis.constancy import Variation
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.misfit import CAP
 
 

@@ -21,7 +21,8 @@ from buggy_rl.diagnosis.preflight_recordings import (
 )
 from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
 from buggy_rl.diagnosis.retuning import retuned
-from buggy_rl.diagnosis.search import SearchResult, search
+from buggy_rl.diagnosis.search import search
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import answered
 from buggy_rl.effects import EFFECTS

@@ -7,47 +7,16 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit, substitutes
+from buggy_rl.diagnosis.search_result import SearchResult, held_out_loss
 from buggy_rl.diagnosis.selection import Criteria, accepted
 from buggy_rl.diagnosis.swap import swap_starts
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
-from buggy_rl.estimation.noise_model import NoiseModel, noise_model
+from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.screening import screened
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """All hypotheses that were fitted, under one noise model and dispersion."""
-
-    best: Candidate
-    tried: Mapping[Effects, Candidate]
-    noise: NoiseModel
-    dispersion: float
-
-    @property
-    def null(self) -> Candidate:
-        """The simulator as given, with its clock fitted."""
-        return self.tried[()]
-
-    def problem(self, problem: Problem) -> Problem:
-        """The problem with the noise model and dispersion that the search came to."""
-        return replace(problem, noise=self.noise, dispersion=self.dispersion)
-
-    def loss(self, candidate: Candidate) -> float:
-        """On what was held out, with its prior penalty [nats]."""
-        return held_out_loss(self.noise, self.dispersion, candidate)
-
-    def without(self, effect: str) -> float:
-        """Excess misfit without an effect, on what was held out."""
-        key = tuple(sorted(set(self.best.effects) - {effect}))
-        return excess_misfit(self.tried.get(key, self.null), self.null)
-
-    def closed(self, effect: str) -> float:
-        """Excess misfit that comes back without an effect; not below 0."""
-        return max(0.0, self.without(effect) - excess_misfit(self.best, self.null))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +41,6 @@ class State:
 
 
 Step = tuple[State, Candidate]
-
-
-def held_out_loss(noise: NoiseModel, dispersion: float, candidate: Candidate) -> float:
-    """Of a candidate on what was held out, with its prior penalty [nats]."""
-    losses = noise.loss(candidate.cross_validated.square, dispersion)
-    return float(losses.sum() + candidate.fit.penalty())
 
 
 def search(

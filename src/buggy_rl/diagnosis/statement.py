@@ -22,7 +22,7 @@ from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import suggestions
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.retuning import with_own
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import unexplained
 from buggy_rl.diagnosis.validation import Errors, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_of

@@ -47,6 +47,3 @@ def evaluation_task(task: TaskConfig, steps: int, camera: bool = False) -> TaskC
     if camera:
         stack["noise"] = TransformConfig("observation_noise")
     return replace(task, transforms=stack)
-
-
-courses, judging = benchmark_paths, evaluation_task  # until transfer/ uses the new names

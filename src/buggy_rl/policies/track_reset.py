@@ -55,6 +55,3 @@ class TrackReset:
         following[keys.POSE] = torch.where(held, there, following[keys.POSE])
         following[keys.VELOCITY] = torch.where(held, torch.zeros_like(moving), moving)
         return held
-
-
-Marshal = TrackReset  # until transfer/ uses the new name

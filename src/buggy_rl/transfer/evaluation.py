@@ -18,7 +18,7 @@ from buggy_rl.files import write_json
 from buggy_rl.jobs import digest
 from buggy_rl.plants import make_plant
 from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.benchmark_paths import benchmark_paths, judging
+from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.track_reset import TrackReset
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
@@ -125,7 +125,7 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
         endless = course in ENDLESS
         steps = round(judged.seconds / CONTROL_PERIOD) if endless else known.steps
         # The car is seen through its camera; a simulator as in training.
-        seen = replace(judging(task, steps, judged.case is not None), paths=known.paths)
+        seen = replace(evaluation_task(task, steps, judged.case is not None), paths=known.paths)
         with torch.random.fork_rng():
             torch.manual_seed(0)
             cars = judged.cars(len(loaded) * judged.drives)

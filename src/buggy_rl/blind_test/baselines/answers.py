@@ -27,18 +27,18 @@ def unnamed(verdict: Verdict, *notes: str) -> dict[str, Any]:
     return {"verdict": verdict, "effects": [], "notes": list(notes)}
 
 
-def number(parameter: EffectParameter, vector: float, spread: float) -> dict[str, Any]:
+def number(parameter: EffectParameter, coordinate: float, spread: float) -> dict[str, Any]:
     """A parameter's value with its 95 % interval, within its bounds.
 
     Args:
         parameter: Of an effect, or of a simulator.
-        vector: Its coordinate.
+        coordinate: Where it is [prior scales].
         spread: Standard deviation of that.
     """
     bounds = parameter.lower, parameter.upper
     ends = sorted(float(parameter.coordinate(bound)) for bound in bounds)
     low, value, high = (
-        float(parameter.value_at(min(max(vector + k * NORMAL * spread, ends[0]), ends[1])))
+        float(parameter.value_at(min(max(coordinate + k * NORMAL * spread, ends[0]), ends[1])))
         for k in (-1, 0, 1)
     )
     return {

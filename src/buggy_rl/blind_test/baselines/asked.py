@@ -28,17 +28,17 @@ class Asked:
     """Drives on which the simulator was right; empty where none are given."""
 
     def maker(self, parameters: Mapping[str, float] | None = None) -> Callable[[int], EnvBase]:
-        """Builds the simulator for a number of cars, once for each number."""
+        """Builds the simulator for a number of environments, once for each number."""
 
         @cache
-        def make(cars: int) -> EnvBase:
-            return make_simulator(self.config.simulator, cars, parameters=parameters)
+        def make(count: int) -> EnvBase:
+            return make_simulator(self.config.simulator, count, parameters=parameters)
 
         return make
 
     @cached_property
     def corrected(self) -> Simulation:
-        """Plays into the simulator; with baseline drives, corrected as the diagnosis does it.
+        """Of the simulator; with baseline recordings, corrected as the diagnosis does it.
 
         What the simulator got wrong before anything changed is closed by the same small network
         (`correct`), so that a method sees what is left: what has changed.

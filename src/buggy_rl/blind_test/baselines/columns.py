@@ -6,8 +6,8 @@ and what the simulator's next state is off by, per second, is the motion it lack
 r_k = (x_{k+1} - f(x_k, u_k)) / dt,   x = (pose in the body frame, velocity),
 
 smoothed and averaged over `SPAN` rows, in units of the sensor's noise. The same with an effect of
-a typical size in the simulator is r'; what the effect explains is the column r - r'. An effect on
-the sensing changes x instead of f. If it were the effect in that size, r' would be noise.
+one prior scale in the simulator is r'; what the effect explains is the column r - r'. An effect on
+the sensing changes x instead of f. If the car had the effect in that size, r' would be noise.
 """
 
 import math
@@ -30,8 +30,8 @@ from buggy_rl.task.augment import effects_of
 from buggy_rl.vehicle import rotate
 
 SPAN = 10  # rows (0.1 s) whose mean is one number: shorter drowns in the noise of a derivative
-SECONDS = 1.0  # of a segment, before which hidden states settle
-PLACES = 16  # columns of an effect that has a vector: one for each vector at which it is tried
+SECONDS = 1.0  # of a segment, before which latent states settle
+PLACES = 16  # columns of a patch: one for each place at which it is tried
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def columns(asked: Asked) -> Columns:
 
 
 def features(library: Library, effect: str, segments: Segments) -> list[Feature]:
-    """Columns of an effect: one, or one for each part of a vector, or each vector of a patch."""
+    """Columns of an effect: one, or one for each part of a vector, or each place of a patch."""
     coordinates = library.hypothesis([effect]).coordinates[:-1]  # without the clock
     numbers = [u.parameter for u in coordinates]
     deciding = effect_class(effect).deciding

@@ -23,13 +23,13 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 
 SEGMENTS = 24  # of a second, spread evenly: a simulator declares up to 43 parameters
-CERTAIN = 3.0  # standard errors of a misfit, within which it is as baseline_misfit
-ROUNDS, ITERATIONS = 2, 2  # of the fit: between them it learns how much a nat counts
+CERTAIN = 3.0  # [standard errors] within which a misfit is that of the baseline
+ROUNDS, ITERATIONS = 2, 2  # of the fit: between rounds the dispersion is estimated anew
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """A simulator whose parameters were all fitted to some drives."""
+    """A simulator whose parameters were all fitted to some recordings."""
 
     moves: list[Move]
     gain: float
@@ -38,7 +38,7 @@ class Tuned:
     @property
     def values(self) -> dict[str, float]:
         """Of all parameters."""
-        return {m.parameter.name: float(m.parameter.value_at(m.vector)) for m in self.moves}
+        return {m.parameter.name: float(m.parameter.value_at(m.coordinate)) for m in self.moves}
 
 
 def retune(seen: Path) -> dict[str, Any]:

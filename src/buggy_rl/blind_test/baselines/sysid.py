@@ -53,7 +53,7 @@ def identified(seen: Path) -> dict[str, Any]:
         raise ImportError("mujoco.sysid is empty: pip install 'mujoco[sysid]'")
     if question.baseline:
         moves = fitted(make, question.segments(question.baseline, SEGMENTS))
-        values = {m.parameter.name: float(m.parameter.value_at(m.vector)) for m in moves}
+        values = {m.parameter.name: float(m.parameter.value_at(m.coordinate)) for m in moves}
         make = question.maker(values)
     found = fitted(make, question.segments(question.recordings, SEGMENTS))
     return farthest([move for move in found if move.certain])

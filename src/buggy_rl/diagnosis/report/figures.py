@@ -6,7 +6,7 @@ import torch
 
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.localisation import charged, features
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.misfit import CAP
 from buggy_rl.estimation.segments import WARM_UP, Segments
 from buggy_rl.viz.errors import InstantErrors

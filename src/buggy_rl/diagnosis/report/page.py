@@ -11,7 +11,7 @@ from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.figures import errors, is_repaired, replays
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.segments import WARM_UP
 from buggy_rl.viz.errors import map_figure, situation_figure
 from buggy_rl.viz.replays import replay_figure

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from buggy_rl.diagnosis.candidate import substitutes
-from buggy_rl.diagnosis.search import SearchResult
+from buggy_rl.diagnosis.search_result import SearchResult
 
 
 @dataclass(frozen=True)

@@ -68,12 +68,6 @@ class PathSet:
         )
 
     @property
-    def normals(self) -> Tensor:
-        """[P, W, 2] unit vectors to the left of the path."""
-        x, y = self.tangents().unbind(-1)
-        return torch.stack([-y, x], -1)
-
-    @property
     def largest_curvature(self) -> Tensor:
         """[P] of the circles through three waypoints in a row [1/m]: 4 area / (a b c)."""
         steps = torch.cat([self.before(), self.extended(1)], 1).diff(dim=1)  # (P, W + 1, 2)

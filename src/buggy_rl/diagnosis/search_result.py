@@ -1,0 +1,46 @@
+"""What a search came to: every hypothesis that was fitted, under one noise model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
+from buggy_rl.estimation.gauss_newton import Problem
+from buggy_rl.estimation.noise_model import NoiseModel
+
+
+def held_out_loss(noise: NoiseModel, dispersion: float, candidate: Candidate) -> float:
+    """Of a candidate on what was held out, with its prior penalty [nats]."""
+    losses = noise.loss(candidate.cross_validated.square, dispersion)
+    return float(losses.sum() + candidate.fit.penalty())
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """All hypotheses that were fitted, under one noise model and dispersion."""
+
+    best: Candidate
+    tried: Mapping[Effects, Candidate]
+    noise: NoiseModel
+    dispersion: float
+
+    @property
+    def null(self) -> Candidate:
+        """The simulator as given, with its clock fitted."""
+        return self.tried[()]
+
+    def problem(self, problem: Problem) -> Problem:
+        """The problem with the noise model and dispersion that the search came to."""
+        return replace(problem, noise=self.noise, dispersion=self.dispersion)
+
+    def loss(self, candidate: Candidate) -> float:
+        """On what was held out, with its prior penalty [nats]."""
+        return held_out_loss(self.noise, self.dispersion, candidate)
+
+    def without(self, effect: str) -> float:
+        """Excess misfit without an effect, on what was held out."""
+        key = tuple(sorted(set(self.best.effects) - {effect}))
+        return excess_misfit(self.tried.get(key, self.null), self.null)
+
+    def closed(self, effect: str) -> float:
+        """Excess misfit that comes back without an effect; not below 0."""
+        return max(0.0, self.without(effect) - excess_misfit(self.best, self.null))

@@ -1,0 +1,42 @@
+import math
+
+import pytest
+import torch
+
+from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.screening import promise
+
+UNIT = NoiseModel(torch.eye(6, dtype=torch.float64).expand(1, 6, 6), torch.ones(6))
+PROBLEM = Problem(None, None, UNIT, None)  # type: ignore[arg-type]  # nothing is rolled out
+FIRST, SECOND = torch.eye(6, dtype=torch.float64)[:2]
+
+
+def fit(residual, jacobian=None):
+    return Fit((), (), torch.zeros(0), residual[None], jacobian)
+
+
+def loss(square):
+    return 12 * math.log1p(square / 24)  # h/2 log(1 + r^2 / h), h = 4 * 6
+
+
+@pytest.mark.parametrize(
+    ("residual", "square"),
+    [
+        (0.6 * FIRST, 0.16),  # 1 + t (0.6 - 1) at the farthest t, 1.5: 0.4
+        (-1.0 * FIRST, 0.0),  # the zero lies halfway
+        (2.0 * FIRST, 1.0),  # leads away: no step at all
+    ],
+)
+def test_a_trial_promises_the_best_point_on_its_line(residual, square):
+    assert promise(PROBLEM, fit(FIRST), fit(residual)) == pytest.approx(loss(square))
+
+
+def test_what_the_bases_own_parameters_absorb_is_no_promise():
+    base = fit(FIRST + SECOND, SECOND[None, :, None])  # it may move along the second reading
+    # The way to the trial along the second reading is the base's own: left is that of the first,
+    # which ends at 1 - 1.5 * 0.4 = 0.4. The trial itself leaves 0.36 + 1.
+    trial = fit(0.6 * FIRST + 1.0 * SECOND)
+    assert promise(PROBLEM, base, trial) == pytest.approx(loss(0.16 + 1.0))
+    along = fit(FIRST + 0.6 * SECOND)
+    assert promise(PROBLEM, base, along) == pytest.approx(loss(1.0 + 0.36))  # the trial's own
