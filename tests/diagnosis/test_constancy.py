@@ -8,6 +8,7 @@ from buggy_rl.diagnosis.constancy import WORDS, Variation, conditions, variation
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import Problem, fitted
+from buggy_rl.estimation.segments import WARM_UP
 from tests.diagnosis.planted import planted_drives, problem_of
 
 SAME, VARIED = DEFAULTS.constant_gain, DEFAULTS.varying_share
@@ -65,6 +66,16 @@ def test_conditions_are_standardised_about_their_median(problems):
         assert value.shape == (len(segments),)
         assert float(value.median()) == pytest.approx(0.0, abs=1e-9)
         assert float(value.abs().max()) <= 3.0
+
+
+def test_how_fast_the_steering_moves_is_a_mean_magnitude(problems):
+    segments, simulation = problems[0].segments, problems[0].simulation
+    rows = WARM_UP + simulation.instants(segments)
+    moved = segments.action[:, rows, 1] - segments.action[:, rows - 10, 1]
+    rate = moved.abs().double().mean(1)
+    expected = ((rate - rate.median()) / rate.std()).clamp(-3.0, 3.0)
+    found = conditions(segments, simulation.instants(segments))["steering_rate"]
+    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
 
 
 def test_what_is_equal_in_all_segments_is_no_condition(problems):
