@@ -10,7 +10,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.controllers.tuning import tune
+from buggy_rl.policies.controllers.tuning import SearchConfig, tune
 from buggy_rl.policies.run import PolicyRunConfig, validation_task
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths import make_paths
@@ -87,5 +87,7 @@ def tuned_pursuit(
     env = make_env(cars, task=task, paths=paths)
     start = PurePursuitConfig()
     begin = time.perf_counter()
-    _, trials = tune(env, len(paths), PurePursuit, start, run.validation_steps, seed=seed)
+    _, trials = tune(
+        env, len(paths), PurePursuit, start, SearchConfig(run.validation_steps, seed=seed)
+    )
     return {**asdict(trials[0]), "seconds": time.perf_counter() - begin}

@@ -13,7 +13,7 @@ from buggy_rl.policies.closed_loop import Scores, drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.random import RandomDriver
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
-from buggy_rl.policies.controllers.tuning import Trial, tune
+from buggy_rl.policies.controllers.tuning import SearchConfig, Trial, tune
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths import make_paths
@@ -85,17 +85,9 @@ def tuned(
 
         return driven
 
-    return tune(
-        env,
-        config.tuning_paths,
-        watched,
-        default(),
-        config.steps,
-        config.rounds,
-        config.lateral_limit,
-        config.range_limit,
-        config.seed,
-    )
+    limits = config.lateral_limit, config.range_limit
+    search = SearchConfig(config.steps, config.rounds, *limits, config.seed)
+    return tune(env, config.tuning_paths, watched, default(), search)
 
 
 @dataclass(frozen=True)

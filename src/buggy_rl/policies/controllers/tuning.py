@@ -21,6 +21,24 @@ def within(low: float, high: float) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
+class SearchConfig:
+    """Extent of a search, and what its result must keep to."""
+
+    steps: int = 1000
+    """Of each drive of the search."""
+    rounds: int = 4
+    """Of the search, each nearer to the best so far."""
+    lateral_limit: float = 0.15
+    """RMS distance from the path that the best may have [m]; when nothing keeps to it, the one that
+    strays least is taken."""
+    range_limit: float = 1.0
+    """Share of steps that the best may be outside what a learned simulator was trained on: what
+    such a simulator says of faster drivers is worth little."""
+    seed: int = 0
+    """Of the search."""
+
+
+@dataclass(frozen=True)
 class Trial:
     """One set of numbers and its scores, means over the paths."""
 
@@ -36,11 +54,7 @@ def tune(
     paths: int,
     driver: Callable[[Config], TensorDictModuleBase],
     config: Config,
-    steps: int = 1000,
-    rounds: int = 4,
-    lateral_limit: float = 0.15,
-    range_limit: float = 1.0,
-    seed: int = 0,
+    search: SearchConfig,
 ) -> tuple[Config, list[Trial]]:
     """Looks for the numbers that close most waypoints without straying.
 
@@ -52,13 +66,7 @@ def tune(
         paths: How many there are; every candidate drives each.
         driver: Builds the driver of a config whose numbers are tensors of the batch's shape.
         config: A dataclass with fields that have a range (`within`), also nested ones.
-        steps: Of an episode, at most.
-        rounds: Of the search.
-        lateral_limit: RMS distance from the path [m] that the best may not exceed; when nothing
-            keeps to it, the one that strays least is taken.
-        range_limit: Share of steps that the best may be out of a learned simulator's training
-            range: what such a simulator says of faster drivers is worth little.
-        seed: Of the search.
+        search: How far to look.
 
     Returns:
         The best config, and all that was tried, best first.
@@ -71,30 +79,33 @@ def tune(
         raise ValueError(f"{cars} cars on {paths} paths: must be a multiple, one car on each path")
     ranges = dict(_ranges(config))
     low, high = (torch.tensor([r[i] for r in ranges.values()]) for i in (0, 1))
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(search.seed)
     best = torch.tensor([float(_value(config, name)) for name in ranges])
     trials: list[Trial] = []
-    for turn in range(rounds):
+    for turn in range(search.rounds):
         reach = (high - low) * (1.0 if turn == 0 else NARROWING**turn)
         drawn = torch.rand(cars // paths, len(ranges), generator=generator)
         centre = (low + high) / 2 if turn == 0 else best
         values = (centre + (drawn - 0.5) * reach).clamp(low, high)
         values[0] = best
         of_cars = values.repeat_interleave(paths, 0).unbind(-1)
-        scores = drive(env, driver(_with(config, dict(zip(ranges, of_cars, strict=True)))), steps)
+        scores = drive(
+            env, driver(_with(config, dict(zip(ranges, of_cars, strict=True)))), search.steps
+        )
         judged = (scores.waypoints, scores.lateral_rms, scores.out_of_range.nan_to_num(0.0))
         means = [s.reshape(-1, paths).mean(1).tolist() for s in judged]
         trials += [
             Trial(dict(zip(ranges, row, strict=True)), *came)
             for row, *came in zip(values.tolist(), *means, strict=True)
         ]
-        trials.sort(key=lambda t: _rank(t, lateral_limit, range_limit), reverse=True)
+        trials.sort(key=lambda t: _rank(t, search), reverse=True)
         best = torch.tensor(list(trials[0].values.values()))
     return _with(config, trials[0].values), trials
 
 
-def _rank(trial: Trial, lateral_limit: float, range_limit: float) -> tuple[bool, bool, float]:
-    within, kept = trial.out_of_range <= range_limit, trial.lateral_rms <= lateral_limit
+def _rank(trial: Trial, search: SearchConfig) -> tuple[bool, bool, float]:
+    within = trial.out_of_range <= search.range_limit
+    kept = trial.lateral_rms <= search.lateral_limit
     if not within:
         return False, False, -trial.out_of_range
     return True, kept, trial.waypoints if kept else -trial.lateral_rms
