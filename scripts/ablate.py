@@ -1,7 +1,7 @@
 """Diagnoses development cases again with one rule of the selection switched off at a time.
 
     python scripts/prove.py configs/proof.yaml output=runs/development stages=[prepare,seal]
-    python scripts/ablate.py proof=runs/development output=runs/ablation rules=[max_lost,min_size]
+    python scripts/ablate.py proof=runs/development output=runs/ablation rules=[min_share]
 
 A rule without which no answer is worse earns nothing. Writes OUTPUT/ablation.md. Interrupted, it
 goes on where it stopped when it is started again.

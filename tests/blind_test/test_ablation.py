@@ -34,13 +34,13 @@ def test_an_unknown_rule_is_refused_with_those_there_are():
 
 
 def test_what_each_rule_earns_is_counted(tmp_path, monkeypatch):
-    config = AblationConfig(str(tmp_path / "p"), str(tmp_path / "a"), ["max_lost"], [CASE.id])
+    config = AblationConfig(str(tmp_path / "p"), str(tmp_path / "a"), ["min_share"], [CASE.id])
     monkeypatch.setattr("buggy_rl.blind_test.sealing.CaseStore.cases", lambda self: [CASE])
     assert len(ablations(config, Path("diagnose.py"))) == 2
     answered(config.folder("as it is", CASE.id), "viscous_drag")
-    answered(config.folder("max_lost", CASE.id), "rolling_resistance")
+    answered(config.folder("min_share", CASE.id), "rolling_resistance")
     assert ablations(config, Path("diagnose.py")) == []
     rows = table(config).splitlines()
     assert rows[-2] == "| as it is | 1 | 1 | 0 | 0 |"
-    assert rows[-1] == "| max_lost | 0 | 0 | 1 | 1 |"
-    assert json.loads((config.folder("max_lost", CASE.id) / "outcome.json").read_text())
+    assert rows[-1] == "| min_share | 0 | 0 | 1 | 1 |"
+    assert json.loads((config.folder("min_share", CASE.id) / "outcome.json").read_text())

@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.config import SelectionConfig
 from buggy_rl.diagnosis.search import (
     State,
     relinearised,
@@ -16,15 +15,14 @@ from buggy_rl.diagnosis.search import (
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import fitted, linearised
-from buggy_rl.estimation.misfit import NO_BASELINE, BaselineMisfit
 from tests.diagnosis.planted import problem_of
 
 FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
 
 
-def searched(recordings, effects, usual=NO_BASELINE):
+def searched(recordings, effects):
     problem = problem_of(recordings, effects)
-    return search(problem, Criteria(blocks(problem.segments), usual=usual))
+    return search(problem, Criteria(blocks(problem.segments)))
 
 
 @pytest.mark.parametrize(
@@ -39,18 +37,6 @@ def test_the_search_finds_what_was_planted_and_nothing_else(drives, name, expect
     found = searched(drives[name], FEW)
     assert tuple(sorted(found.best.effects)) == expected
     assert found.tried[found.best.key] is found.best
-
-
-def test_where_a_simulator_is_as_right_as_on_its_baseline_an_effect_must_close_half(drives):
-    def named(effect, usual):
-        return searched(drives["two"], [effect], usual).best.effects
-
-    # Of two effects the drag makes half the residual, and the steering far less.
-    as_right = BaselineMisfit(mean=100.0, error=0.0)
-    assert named("steering_gain", NO_BASELINE) == ("steering_gain",)
-    assert named("steering_gain", as_right) == ()
-    assert named("viscous_drag", as_right) == ("viscous_drag",)
-    assert searched(drives["late"], FEW, as_right).best.effects == ("steering_dead_time",)
 
 
 def test_a_fit_that_is_stuck_is_warm_started_from_where_its_effect_came_to_beside_others(drives):
@@ -99,9 +85,9 @@ def test_the_same_recordings_give_the_same_fit(late):
         assert torch.equal(first.whitened, second.whitened)
 
 
-def test_while_polishing_a_nat_counts_by_a_quarter_of_what_the_hypothesis_leaves(drives):
+def test_after_relinearising_a_nat_counts_by_a_quarter_of_what_the_hypothesis_leaves(drives):
     problem = problem_of(drives["late"], ["gyro_bias"])  # which is not what is planted
-    criteria = Criteria(blocks(problem.segments), rules=SelectionConfig(polishing=1))
+    criteria = Criteria(blocks(problem.segments))
     starts = [problem.library.hypothesis(effects) for effects in ((), ("gyro_bias",))]
     state, [_, wrong] = tried_too(State(problem, {}), starts, criteria)
     left = renoised(state, wrong, criteria).tried[wrong.key].typical

@@ -4,49 +4,53 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from buggy_rl.diagnosis import selection
 from buggy_rl.diagnosis.search import State, tried_too
-from buggy_rl.diagnosis.selection import Criteria, accepted, mends_baseline, required_gain
+from buggy_rl.diagnosis.selection import Criteria, accepted, mends_baseline
 from buggy_rl.estimation.cross_validation import blocks
-from buggy_rl.estimation.misfit import NO_BASELINE, BaselineMisfit
+from buggy_rl.estimation.misfit import BaselineMisfit
 from tests.diagnosis.planted import planted_drives, problem_of
 
 
-def required(first, overlapping=0.0, size=0.0, usual=NO_BASELINE):
-    return required_gain(Criteria(torch.zeros(1), usual=usual), first, overlapping, size)
+def candidate(effects: tuple[str, ...], nats: float, typical: float) -> SimpleNamespace:
+    """With a loss of `nats` in each of its four blocks, and held-out squares of `typical`."""
+    return SimpleNamespace(
+        effects=effects,
+        typical=typical,
+        held_out=torch.full((4,), typical),
+        cross_validated=SimpleNamespace(square=torch.full((4,), 2 * nats)),
+        fit=SimpleNamespace(coordinates=[*effects, "clock"]),
+    )
 
 
 @pytest.mark.parametrize(
-    ("first", "usual", "overlapping", "least"),
+    ("gain", "after", "error", "helps"),
     [
-        (4.0, BaselineMisfit(), 0.0, 0.2),  # one part in twenty of the first excess
-        (4.0, BaselineMisfit(), 1.0, 0.6),  # three, of what does just what another effect does
-        (0.1, BaselineMisfit(), 0.0, 0.01),  # and never less than the least gain
-        (1.0, BaselineMisfit(mean=0.1, error=0.2), 0.0, 0.2),  # nor than the standard error
-        # As right as on its baseline: half of the excess, or a quarter that is more than any effect
-        # closes where nothing is wrong.
-        (0.2, BaselineMisfit(mean=0.5), 0.0, 0.1),
-        (0.4, BaselineMisfit(mean=0.5), 0.0, 0.15),
-        (2.0, BaselineMisfit(mean=3.0), 0.0, 0.5),
-        (0.6, BaselineMisfit(mean=0.5), 0.0, 0.03),  # more than that: something has changed
+        (2.1, 1.0, 0.0, True),  # without the best block 6.3 nats
+        (1.9, 1.0, 0.0, False),  # 5.7
+        (2.1, 3.9, 0.0, False),  # it closes less than one part in twenty of the first excess
+        (2.1, 3.8, 0.0, True),
+        (2.1, 3.8, 0.2, False),  # or less than the baseline's standard error
     ],
 )
-def test_the_excess_that_an_effect_must_close(first, usual, overlapping, least):
-    assert required(first, overlapping, usual=usual) == pytest.approx(least)
+def test_an_effect_gains_nats_in_all_but_its_best_block_and_closes_a_share(
+    gain, after, error, helps, monkeypatch
+):
+    null, better = candidate((), 10.0, 4.0), candidate(("drag",), 10.0 - gain, after)
+    problem = SimpleNamespace(noise=SimpleNamespace(loss=lambda square, _: 0.5 * square))
+    criteria = Criteria(torch.arange(4), usual=BaselineMisfit(error=error))
+    monkeypatch.setattr(selection, "overlap", lambda *_: 0.0)
+    assert accepted(criteria, problem, better, null, null) is helps  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("size", "least"),
-    [
-        (0.1, 0.2),  # small for its kind: one part in twenty
-        (0.5, 0.2),
-        (1.0, 0.05),  # twice the typical size: a quarter of that
-        (9.0, 0.02),  # never less than a tenth of it
-    ],
-)
-def test_a_large_effect_must_close_less(size, least):
-    assert required(4.0, 0.0, size) == pytest.approx(least)
-    # However large, it must close more where it does what another effect does.
-    assert required(4.0, 1.0, size) == pytest.approx(0.4 + least)
+def test_an_effect_must_close_more_where_another_does_the_same(monkeypatch):
+    null, better = candidate((), 10.0, 4.0), candidate(("drag",), 7.0, 3.6)
+    problem = SimpleNamespace(noise=SimpleNamespace(loss=lambda square, _: 0.5 * square))
+    criteria, found = Criteria(torch.arange(4)), []
+    for same in (0.0, 1.0):  # of the first excess 0.10 is closed: 0.05 and 0.15 are asked for
+        monkeypatch.setattr(selection, "overlap", lambda *_, same=same: same)
+        found.append(accepted(criteria, problem, better, null, null))  # type: ignore[arg-type]
+    assert found == [True, False]
 
 
 def plain(square):

@@ -92,7 +92,7 @@ def test_the_advantage_is_summed_by_blocks():
     worse = CrossValidated(torch.tensor([12.0, 8.0, 4.0, 6.0]), torch.eye(1))
     better = CrossValidated(torch.tensor([2.0, 2.0, 8.0, 4.0]), torch.eye(1))
     found = advantage(Half(), 1.0, better, worse, torch.tensor([0, 0, 1, 2]))  # type: ignore
-    assert (found.won, found.lost, found.without_best) == (9.0, 2.0, -1.0)
+    assert (found.total, found.without_best) == (7.0, -1.0)
 
 
 def test_blocks_are_8_s_of_one_recording(drives):

@@ -14,16 +14,9 @@ from buggy_rl.jobs import Job, read_outcome
 NEVER = 1e9  # beyond any value that a rule is compared with
 RULES: dict[str, float] = {  # field of `SelectionConfig` -> value with which its rule does nothing
     "min_nats": 0.0,
-    "max_lost": NEVER,
-    "min_size": 0.0,
-    "min_gain": 0.0,
     "min_share": 0.0,
     "collinear_share": 0.0,
-    "least_share": 1.0,
-    "as_baseline_share": 0.0,
     "max_baseline_gain": NEVER,
-    "swap_each": 0,
-    "polishing": 1,
     "residual_odds": NEVER,
     "even_ratio": 0.0,
     "varying_share": NEVER,

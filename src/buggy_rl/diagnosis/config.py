@@ -26,36 +26,15 @@ class SelectionConfig:
     """Effects of one hypothesis at most."""
     restarts: list[float] = field(default_factory=lambda: [-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])
     """[prior scales] offsets of local restarts; half a sample of clock or dead time is a valley."""
-    polishing: int = 8
-    """Refits of the best hypothesis at most; numerical."""
     expected_left: float = 0.25
     """Share of the dispersion that the next effect is expected to leave."""
-    swap_near: float = 0.15
-    """Share of the first excess by which an alternative may be worse and still be swapped in."""
-    swap_each: int = 2
-    """Alternatives tried for each effect in a swap step; numerical."""
 
     min_nats: float = 6.0
     """[nats] a hypothesis must gain for each added parameter, whichever block is left out."""
-    max_lost: float = 0.3
-    """Share of the nats won in some blocks that may be lost in others."""
-    min_size: float = 0.1
-    """[prior scales] smaller effects are none."""
-    min_gain: float = 0.01
-    """[noise] excess that an effect must close."""
     min_share: float = 0.05
     """Share of the first excess that an effect must close."""
     collinear_share: float = 0.1
     """Share more that it must close where the other effects do the same (times their R^2)."""
-    typical_size: float = 0.5
-    """[prior scales] size above which a further effect must close less, by the size squared,"""
-    least_share: float = 0.1
-    """down to this part of `min_share`."""
-    as_baseline_share: float = 0.5
-    """Share of the excess to close where the simulator is as right as on its baseline,"""
-    as_baseline_gain: float = 0.15
-    """[noise] or half that share, if it is more than this; twice the most that any effect closed
-    in 66 development cases with nothing wrong."""
     max_baseline_gain: float = 0.2
     """Share of an effect's gain per segment that it may gain on baseline recordings too."""
 

@@ -1,4 +1,4 @@
-"""Search: forward selection with elimination, pruning and swaps, over frozen hypotheses."""
+"""Search: forward selection with elimination and pruning, over frozen hypotheses."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit, substitutes
+from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
 from buggy_rl.diagnosis.search_result import SearchResult, held_out_loss
 from buggy_rl.diagnosis.selection import Criteria, accepted
-from buggy_rl.diagnosis.swap import swap_starts
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -52,7 +51,6 @@ def search(
     2. Screen, fit and accept the effect that predicts best; eliminate what is not needed any more;
        re-linearise the noise model about the result; repeat.
     3. Prune effects that close less than what remains.
-    4. Swap effects for alternatives, and prune again.
     """
     rules = criteria.rules
     state, [best] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
@@ -70,9 +68,6 @@ def search(
     state, pruned_best = pruned(state, best, criteria)
     if pruned_best.key != best.key:  # it was fitted on the way, and not to the end
         state, best = relinearised(state, pruned_best, criteria)
-    state, swapped_best = swapped(state, best, criteria)
-    if swapped_best.key != best.key:
-        state, best = relinearised(*pruned(state, swapped_best, criteria), criteria)
     return SearchResult(best, state.tried, state.problem.noise, max(1.0, best.typical))
 
 
@@ -151,24 +146,6 @@ def pruned(state: State, candidate: Candidate, criteria: Criteria) -> Step:
     return state, candidate
 
 
-def swapped(state: State, best: Candidate, criteria: Criteria) -> Step:
-    """The best, or what is better with an alternative in the place of one of its several effects.
-
-    All of its effects must be accepted: one that mends the baseline likewise is not.
-    """
-    if len(best.effects) < 2:
-        return state, best
-    starts = swap_starts(state.problem.library, best, state.tried, criteria.rules)
-    state, _ = tried_too(state, starts, criteria)
-    beside = (substitutes(state.tried, frozenset(best.effects) - {e}) for e in best.effects)
-    others = [c for found in beside for effect, c in found.items() if effect]
-    other = min(others, key=state.loss)
-    if state.loss(best) - state.loss(other) <= criteria.rules.min_nats:
-        return state, best
-    state, left = eliminated(state, other, criteria)
-    return state, other if left.key == other.key else best
-
-
 def without_one(
     state: State, candidate: Candidate, criteria: Criteria
 ) -> tuple[State, list[Candidate]]:
@@ -193,17 +170,12 @@ def relinearised(state: State, best: Candidate, criteria: Criteria) -> Step:
     """
     state, rules = renoised(state, best, criteria), criteria.rules
     best = state.tried[best.key]
-    for _ in range(rules.polishing):
-        # It leaves less than before: each nat counts for more, and along a ridge, such as that of
-        # a dead time and a clock, there is a way to go.
-        state = state.dispersed(rules.expected_left * best.typical)
-        before = state.loss(best)
-        start = local_restart(state.problem, best.fit, rules.restarts)
-        state, results = tried_too(state, [best.fit, start], criteria)
-        best = results[-1]
-        if before - state.loss(best) < rules.min_nats:
-            break
-    return state, best
+    # It leaves less than before: each nat counts for more, and along a ridge, such as that of a
+    # dead time and a clock, there is a way to go.
+    state = state.dispersed(rules.expected_left * best.typical)
+    start = local_restart(state.problem, best.fit, rules.restarts)
+    state, results = tried_too(state, [best.fit, start], criteria)
+    return state, results[-1]
 
 
 def renoised(state: State, best: Candidate, criteria: Criteria) -> State:

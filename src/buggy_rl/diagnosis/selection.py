@@ -1,6 +1,5 @@
 """Selection: what an effect must do on held-out blocks to be accepted."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import torch
@@ -30,6 +29,10 @@ def accepted(
 ) -> bool:
     """Whether further effects earn their place on what they were not fitted to.
 
+    Without the block that speaks most for them they gain `min_nats` for each parameter. They close
+    more than the baseline's standard error, and (min_share + collinear_share R^2) of the first
+    excess. And they do not close the baseline's own residuals.
+
     Args:
         criteria: The thresholds.
         problem: What both were fitted to.
@@ -39,60 +42,17 @@ def accepted(
     """
     rules = criteria.rules
     dispersion = max(1.0, more.typical)
-    gain = advantage(
+    nats = advantage(
         problem.noise, dispersion, more.cross_validated, less.cross_validated, criteria.group
     )
     added = len(more.fit.coordinates) - len(less.fit.coordinates)
-    size = largest_size(problem, more.fit, less.effects)
-    required = required_gain(
-        criteria,
-        excess_misfit(null, null),
-        overlap(problem, more.fit, set(less.effects)),
-        size if less.effects else 0.0,
-    )
+    share = rules.min_share + rules.collinear_share * overlap(problem, more.fit, set(less.effects))
+    closed = excess_misfit(less, null) - excess_misfit(more, null)
     return (
-        size > rules.min_size
-        and gain.without_best > rules.min_nats * added
-        and gain.lost < rules.max_lost * gain.won
-        and excess_misfit(less, null) - excess_misfit(more, null) > required
+        nats.without_best > rules.min_nats * added
+        and closed > max(criteria.usual.error, share * excess_misfit(null, null))
         and not mends_baseline(criteria, problem, more, less)
     )
-
-
-def largest_size(problem: Problem, fit: Fit, others: Collection[str]) -> float:
-    """Size of the further effects of a hypothesis [prior scales], the largest of them."""
-    numbers = zip(fit.coordinates, fit.vector.tolist(), strict=True)
-    further = ((c, abs(z)) for c, z in numbers if c.effect and c.effect not in others)
-    deciding = problem.library.deciding
-    return max((z for c, z in further if c.parameter.name in deciding(c.effect)), default=0.0)
-
-
-def required_gain(
-    criteria: Criteria, first: float, overlapping: float = 0.0, size: float = 0.0
-) -> float:
-    """Excess misfit that an effect must close.
-
-    max(min_gain, standard error of the baseline, (s + collinear_share R^2) first) with the share
-    s = min_share, less for a large further effect: a misspecified equation leaves a residual that
-    small numbers of others close a little. Where the simulator is as right as on its baseline,
-    half the excess, or a quarter that exceeds what any effect closes of nothing.
-
-    Args:
-        criteria: The thresholds.
-        first: Excess misfit of the simulator as given.
-        overlapping: See `overlap`.
-        size: See `largest_size`.
-    """
-    rules, usual = criteria.rules, criteria.usual
-    large = (rules.typical_size / max(size, rules.min_size)) ** 2
-    share = rules.min_share * max(rules.least_share, min(1.0, large))
-    required = max(
-        rules.min_gain, usual.error, (share + rules.collinear_share * overlapping) * first
-    )
-    if first < usual.most:
-        half = rules.as_baseline_share * first
-        required = max(required, min(half, max(rules.as_baseline_gain, half / 2)))
-    return required
 
 
 def mends_baseline(criteria: Criteria, problem: Problem, more: Candidate, less: Candidate) -> bool:

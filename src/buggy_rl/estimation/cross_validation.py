@@ -86,10 +86,8 @@ def jackknife(
 class Advantage:
     """Of one hypothesis over another, on what was held out [nats]."""
 
-    won: float
-    """In the blocks in which it is better."""
-    lost: float
-    """In those in which it is worse; above 0."""
+    total: float
+    """Over all blocks."""
     without_best: float
     """In all but the block that speaks most for it."""
 
@@ -104,5 +102,4 @@ def advantage(
     """Of `better` over `worse`, by blocks [N]."""
     gain = noise.loss(worse.square, dispersion) - noise.loss(better.square, dispersion)
     sums = torch.zeros(int(group.max()) + 1, dtype=gain.dtype).index_add_(0, group, gain)
-    won, lost = sums.clamp_min(0.0), -sums.clamp_max(0.0)
-    return Advantage(float(won.sum()), float(lost.sum()), float(sums.sum() - sums.max()))
+    return Advantage(float(sums.sum()), float(sums.sum() - sums.max()))

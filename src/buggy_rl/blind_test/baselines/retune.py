@@ -80,7 +80,7 @@ def tuned(make: Callable[[int], EnvBase], segments: Segments) -> Tuned:
     spread = better.covariance.diagonal().clamp_min(0.0).sqrt()
     numbers = zip(best.coordinates, best.vector.tolist(), spread.tolist(), strict=True)
     moves = [Move(c.parameter, z, sd) for c, z, sd in numbers if c.effect]
-    return Tuned(moves, won.won - won.lost)
+    return Tuned(moves, won.total)
 
 
 def _typical(problem: Problem, fit: Fit) -> float:
