@@ -11,7 +11,6 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.config import build, from_plain
-from buggy_rl.keys import LATERAL_ERROR, WAYPOINTS_CLOSED
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
@@ -161,6 +160,7 @@ def _track(rows: TensorDictBase, limit: int) -> Track:
     def whole(key: str) -> Tensor:
         return torch.cat([rows.get(key)[:until], after.get(key)[until - 1 : until]])
 
-    closed, lateral = after.get(WAYPOINTS_CLOSED)[:until], after.get(LATERAL_ERROR)[:until]
+    closed: Tensor = after.get(keys.WAYPOINTS_CLOSED)[:until]
+    lateral: Tensor = after.get(keys.LATERAL_ERROR)[:until]
     mean = lateral.abs().mean().item()
     return Track(whole(keys.POSE), whole(keys.VELOCITY), closed.sum().item(), mean)

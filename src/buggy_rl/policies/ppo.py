@@ -17,7 +17,6 @@ from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.value import GAE
 
 from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION, STEP_COUNT
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
 from buggy_rl.policies.clipped_loss import ClippedLoss
@@ -25,7 +24,7 @@ from buggy_rl.policies.collector import ResumableCollector
 from buggy_rl.policies.episodes import Episodes
 
 STATE_VALUE = "state_value"  # the critic's output
-LEARNED_FROM = (OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
+LEARNED_FROM = (keys.OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
 REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 ADAM_EPSILON = 1e-5
 
@@ -194,7 +193,7 @@ class PPO:
         following = value.roll(-1, -2)
         asked = after.get(keys.DONE).squeeze(-1).clone()
         asked[..., -1] = True
-        following[asked] = self.critic(after.select(OBSERVATION)[asked]).get(STATE_VALUE)
+        following[asked] = self.critic(after.select(keys.OBSERVATION)[asked]).get(STATE_VALUE)
         after.set(STATE_VALUE, following)
         self.gae(batch)
 
@@ -231,7 +230,7 @@ class PPO:
         limits = [t.max_steps for t in _transforms(self.env) if isinstance(t, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0)
         if limit:
-            age = self.collector.state[STEP_COUNT]
+            age = self.collector.state[keys.STEP_COUNT]
             age.copy_(torch.randint(limit, age.shape, generator=self.generator))
 
     def _set_learning_rate(self) -> float:
@@ -250,7 +249,7 @@ class PPO:
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
             reports += [self._descend(part) for part in rows[order].split(self.config.minibatch)]
-        self.policy.observe(rows[OBSERVATION])
+        self.policy.observe(rows[keys.OBSERVATION])
         means = torch.stack(reports).mean(0).tolist()
         return dict(zip(REPORTED, means, strict=True))
 

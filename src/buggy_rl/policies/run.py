@@ -9,8 +9,8 @@ import torch
 from omegaconf import MISSING
 from torchrl.envs import EnvBase, TransformedEnv
 
+from buggy_rl import keys
 from buggy_rl.config import belongs_to, plain
-from buggy_rl.keys import OBSERVATION
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
 from buggy_rl.policies.closed_loop import drive
@@ -77,7 +77,7 @@ def validation_task(task: TaskConfig) -> TaskConfig:
 
 def new_policy(env: TransformedEnv, config: PolicyConfig) -> Policy:
     """A policy for an environment's observation."""
-    return Policy(env.observation_spec[OBSERVATION].shape[-1], config)
+    return Policy(env.observation_spec[keys.OBSERVATION].shape[-1], config)
 
 
 def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float]:

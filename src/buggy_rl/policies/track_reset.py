@@ -6,7 +6,6 @@ from torch import Tensor
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 
 from buggy_rl import keys
-from buggy_rl.keys import COMPLETED, WAYPOINTS_CLOSED
 from buggy_rl.task.transforms.waypoints import Waypoints
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -44,9 +43,9 @@ class TrackReset:
         Returns:
             Which cars are held [N, 1]; `times` counts how often each was reset.
         """
-        self.idle = torch.where(following[WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
+        self.idle = torch.where(following[keys.WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
         lost = following[keys.TERMINATED] | (self.idle >= self.patience)
-        taken = lost & (self.held == 0) & ~following[COMPLETED]
+        taken = lost & (self.held == 0) & ~following[keys.COMPLETED]
         self.times = self.times + taken
         self.held = torch.where(taken, float(self.handling), (self.held - 1).clamp_min(0.0))
         held = self.held > 0

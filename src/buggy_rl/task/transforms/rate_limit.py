@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from buggy_rl.keys import LIMITED_ACTION
+from buggy_rl import keys
 from buggy_rl.task.transforms.commands import CommandFilter
 
 
@@ -16,7 +16,7 @@ class RateLimit(CommandFilter):
         dt: Control period [s].
     """
 
-    memory = LIMITED_ACTION
+    memory = keys.LIMITED_ACTION
 
     largest: Tensor
 

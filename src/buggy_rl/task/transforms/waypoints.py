@@ -5,23 +5,11 @@ from typing import Literal
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Composite, TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
+from torchrl.data import Binary, Composite
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    COMPLETED,
-    HEADING_ERROR,
-    LATERAL_ERROR,
-    NEXT_WAYPOINT,
-    OBSERVATION,
-    PATH,
-    PATH_POSITION,
-    WAYPOINTS,
-    WAYPOINTS_CLOSED,
-)
 from buggy_rl.task.paths import PathSet
-from buggy_rl.task.transforms.base import RandomTransform, counter, measured_pose, numbers
+from buggy_rl.task.transforms.base import COUNT, RandomTransform, measured_pose, numbers
 from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
@@ -56,7 +44,7 @@ class Waypoints(RandomTransform):
         ValueError: `order` is unknown.
     """
 
-    before: tuple[str, ...] = (OBSERVATION,)
+    before: tuple[str, ...] = (keys.OBSERVATION,)
 
     offset: Tensor
     modulus: Tensor
@@ -87,6 +75,16 @@ class Waypoints(RandomTransform):
         self.start_lateral, self.start_heading = start_lateral, start_heading
         for name, table in _tables(paths, visible).items():
             self.register_buffer(name, table, persistent=False)
+        self.writes = {
+            keys.PATH: COUNT,
+            keys.NEXT_WAYPOINT: COUNT,
+            keys.WAYPOINTS: numbers(visible, 2),
+            keys.WAYPOINTS_CLOSED: numbers(1),
+            keys.PATH_POSITION: numbers(1),
+            keys.LATERAL_ERROR: numbers(1),
+            keys.HEADING_ERROR: numbers(1),
+            keys.COMPLETED: Binary(1, dtype=torch.bool),
+        }
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
         # A path, and the pose that it starts at, unless the caller gives them.
@@ -94,15 +92,15 @@ class Waypoints(RandomTransform):
             parent = self.parent
             assert parent is not None
             tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
-        if tensordict.get(PATH, None) is None:
-            tensordict.set(PATH, self._chosen(tensordict.batch_size))
+        if tensordict.get(keys.PATH, None) is None:
+            tensordict.set(keys.PATH, self._chosen(tensordict.batch_size))
         if tensordict.get(keys.POSE, None) is None:
-            tensordict.set(keys.POSE, self._set_down(tensordict.get(PATH)))
+            tensordict.set(keys.POSE, self._set_down(tensordict.get(keys.PATH)))
         return tensordict
 
     def last_closed(self, tensordict: TensorDictBase) -> Tensor:
         """Pose [*, 3] on the waypoint that each car closed last, along the path to the next."""
-        row = self._row(tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT))
+        row = self._row(tensordict.get(keys.PATH), tensordict.get(keys.NEXT_WAYPOINT))
         end_x, end_y, along_x, along_y, length, _, yaw = _columns(self.pieces, row)
         return torch.cat([end_x - length * along_x, end_y - length * along_y, yaw], -1)
 
@@ -128,13 +126,13 @@ class Waypoints(RandomTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        path = tensordict.get(PATH)
-        begin = tensordict.get(NEXT_WAYPOINT, None)
+        path = tensordict.get(keys.PATH)
+        begin = tensordict.get(keys.NEXT_WAYPOINT, None)
         begin = torch.ones_like(path) if begin is None else begin
         return self._write(tensordict_reset, path, begin, torch.zeros_like(begin))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        path, following = tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT)
+        path, following = tensordict.get(keys.PATH), tensordict.get(keys.NEXT_WAYPOINT)
         closed = self._closed(next_tensordict.get(keys.POSE), path, following)
         return self._write(next_tensordict, path, following + closed, closed)
 
@@ -169,14 +167,14 @@ class Waypoints(RandomTransform):
         beside = along_x * dy - along_y * dx
         distance = torch.hypot(short - within, beside)
         laps = following // self.modulus[path]
-        td.set(PATH, path)
-        td.set(NEXT_WAYPOINT, following)
-        td.set(WAYPOINTS, self._seen(measured_pose(td), row))
-        td.set(WAYPOINTS_CLOSED, closed.to(x.dtype))
-        td.set(PATH_POSITION, laps * self.lap[path] + position - within)
-        td.set(LATERAL_ERROR, torch.copysign(distance, beside))
-        td.set(HEADING_ERROR, wrap_angle(yaw - path_yaw))
-        td.set(COMPLETED, following >= self.last[path])
+        td.set(keys.PATH, path)
+        td.set(keys.NEXT_WAYPOINT, following)
+        td.set(keys.WAYPOINTS, self._seen(measured_pose(td), row))
+        td.set(keys.WAYPOINTS_CLOSED, closed.to(x.dtype))
+        td.set(keys.PATH_POSITION, laps * self.lap[path] + position - within)
+        td.set(keys.LATERAL_ERROR, torch.copysign(distance, beside))
+        td.set(keys.HEADING_ERROR, wrap_angle(yaw - path_yaw))
+        td.set(keys.COMPLETED, following >= self.last[path])
         return td
 
     def _seen(self, pose: Tensor, row: Tensor) -> Tensor:
@@ -192,23 +190,10 @@ class Waypoints(RandomTransform):
         ahead = torch.addcmul(cos.unsqueeze(-1) * points, sin.unsqueeze(-1), turned)
         return ahead - own
 
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        one = torch.Size((*shape, 1))
-        return {
-            PATH: counter(shape, device),
-            NEXT_WAYPOINT: counter(shape, device),
-            WAYPOINTS: numbers(shape, self.visible, 2, device=device),
-            WAYPOINTS_CLOSED: numbers(shape, 1, device=device),
-            PATH_POSITION: numbers(shape, 1, device=device),
-            LATERAL_ERROR: numbers(shape, 1, device=device),
-            HEADING_ERROR: numbers(shape, 1, device=device),
-            COMPLETED: Binary(1, shape=one, dtype=torch.bool, device=device),
-        }
-
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         # What a reset may be asked for, beside the engine's pose and velocity.
-        for key in (PATH, NEXT_WAYPOINT):
-            state_spec[key] = counter(state_spec.shape, state_spec.device)
+        for key in (keys.PATH, keys.NEXT_WAYPOINT):
+            state_spec[key] = COUNT.expand(state_spec.shape + COUNT.shape)
         return state_spec
 
 
