@@ -16,7 +16,7 @@ from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
 from buggy_rl.policies.controllers.tuning import Trial, tune
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import make_paths
+from buggy_rl.task.paths.making import make_paths
 
 DRIVERS: dict[str, tuple[Callable[[Any], TensorDictModuleBase], Callable[[], Any]]] = {
     "pure_pursuit": (PurePursuit, PurePursuitConfig),
@@ -123,8 +123,7 @@ def results(
     """
     named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
-        make = DRIVERS[name][0] if name in DRIVERS else None
-        driver = make(found[name]) if make else RandomDriver(seed=config.seed)
+        driver = DRIVERS[name][0](found[name]) if name in found else RandomDriver(seed=config.seed)
         env = _course_env(config, named[course])
         yield Result(name, course, drive(env, driver, named[course].steps))
 

@@ -17,7 +17,8 @@ from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import joined_paths, make_paths
+from buggy_rl.task.paths.making import make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 
 ROOM = ("lap", "infinity", "random")
 

@@ -73,19 +73,6 @@ class NonFiniteLossError(FloatingPointError):
         self.batch = batch
 
 
-def train(
-    env: EnvBase, policy: Policy, config: PPOConfig, state: dict[str, Any] | None = None
-) -> Iterator[dict[str, float]]:
-    """Trains a policy, or goes on from a state, and yields metrics after every batch.
-
-    See `PPO`, which can also be asked for its state on the way.
-    """
-    run = PPO(env, policy, config)
-    if state is not None:
-        run.load_state_dict(state)
-    yield from run.run()
-
-
 class PPO:
     """A training run that can be stopped after any batch and goes on as if it never had been.
 

@@ -20,7 +20,7 @@ from torchrl.envs import EnvBase, Transform
 
 from buggy_rl import keys
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import PathSet
+from buggy_rl.task.paths.path_set import PathSet
 
 NAME = "buggy_rl/Waypoints-v0"
 TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)

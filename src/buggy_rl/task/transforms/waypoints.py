@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Binary, Composite
 
 from buggy_rl import keys
-from buggy_rl.task.paths import PathSet
+from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.transforms.base import COUNT, RandomTransform, measured_pose, numbers
 from buggy_rl.vehicle import wrap_angle
 
