@@ -45,15 +45,11 @@ class Scaling(nn.Module):
     batches: within one, collection and update use the same numbers.
     """
 
-    count: Tensor
-    mean: Tensor
-    sd: Tensor
-
     def __init__(self, size: int) -> None:
         super().__init__()
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("sd", torch.ones(size))
+        self.count = nn.Buffer(torch.zeros((), dtype=torch.float64))
+        self.mean = nn.Buffer(torch.zeros(size))
+        self.sd = nn.Buffer(torch.ones(size))
 
     def forward(self, observation: Tensor) -> Tensor:
         scaled = (observation - self.mean) / self.sd
@@ -146,10 +142,6 @@ class Policy(nn.Module):
 
     Commands are not squashed: the simulator clamps them and the data keep the sample, because the
     density of a squashed command diverges at its limits.
-
-    Args:
-        observation_size: Numbers in an observation.
-        config: Layers, exploration and scaling.
     """
 
     def __init__(self, observation_size: int, config: PolicyConfig | None = None) -> None:

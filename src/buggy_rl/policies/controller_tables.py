@@ -59,10 +59,7 @@ def tuned(
 ) -> tuple[Any, list[Trial]]:
     """Searches the numbers of a controller that close most waypoints on the training paths.
 
-    Args:
-        config: Simulator, task and extent of the search.
-        name: Of the controller.
-        step: Is called at every step.
+    Calls `step` at every step.
 
     Returns:
         The best numbers, and all that were tried, best first.
@@ -114,13 +111,7 @@ class Result:
 def results(
     config: DriverTablesConfig, found: dict[str, Any], progress: Callable[[Sequence], Any] = list
 ) -> Iterator[Result]:
-    """Scores each tuned controller and a random one on every set of paths.
-
-    Args:
-        config: Simulator and task.
-        found: Tuned numbers by controller.
-        progress: Wraps the list of evaluations.
-    """
+    """Scores each tuned controller, by its numbers, and a random one on every set of paths."""
     named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
         driver = DRIVERS[name][0](found[name]) if name in found else RandomDriver(seed=config.seed)

@@ -135,13 +135,7 @@ def _side_by_side(one: Driver, other: Driver) -> Driver:
 
 @torch.no_grad()
 def tracks(env: EnvBase, driver: Driver, steps: Sequence[int]) -> list[Track]:
-    """Lets each car drive one episode and keeps where it was.
-
-    Args:
-        env: From `make_env`, a batch of N cars.
-        driver: Of all cars.
-        steps: [N] of each car at most; it also ends where its episode does.
-    """
+    """Lets each of N cars drive one episode, for its own `steps` [N] at most."""
 
     def policy(tensordict: TensorDictBase) -> TensorDictBase:  # by its types TorchRL knows it
         return driver(tensordict)

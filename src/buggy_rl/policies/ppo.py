@@ -12,7 +12,7 @@ from typing import Any, Literal
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.envs import EnvBase, StepCounter, TransformedEnv
+from torchrl.envs import EnvBase, StepCounter
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.value import GAE
 
@@ -98,12 +98,11 @@ class PPO:
                 "make them equal"
             )
         self.env, self.policy, self.config = env, policy, config
-        actor, critic = policy.actor(), policy.critic()
-        self.critic = critic
+        self.actor, self.critic = policy.actor(), policy.critic()
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
         self.loss = ClippedLoss(
-            actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
-            critic,
+            self.actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
+            self.critic,
             clip_epsilon=config.clip,
             loss_critic_type="l2",
             critic_coeff=config.value_weight,
@@ -115,10 +114,9 @@ class PPO:
         self.optimiser = torch.optim.Adam(
             policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
         )
-        self.actor = actor
         self.collector = ResumableCollector(
             env,
-            actor,
+            self.actor,
             frames_per_batch=config.cars * config.batch_steps,
             total_frames=-1,
             exploration_type=ExplorationType.RANDOM,  # pyright: ignore[reportArgumentType]
@@ -214,7 +212,7 @@ class PPO:
 
     def _stagger(self) -> None:
         """Draws the ages of the first episodes uniformly, as after long collection."""
-        limits = [t.max_steps for t in _transforms(self.env) if isinstance(t, StepCounter)]
+        limits = [part.max_steps for part in self.env.modules() if isinstance(part, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0)
         if limit:
             age = self.collector.state[keys.STEP_COUNT]
@@ -258,9 +256,3 @@ class PPO:
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
         self.optimiser.step()
         return torch.stack([losses[name].detach() for name in REPORTED])
-
-
-def _transforms(env: EnvBase) -> Iterator[nn.Module]:
-    while isinstance(env, TransformedEnv):
-        yield from env.transform.modules()
-        env = env.base_env

@@ -92,9 +92,6 @@ def new_engine(config: EngineConfig, cars: int) -> EnvBase:
 class PolicyRun:
     """A training run with its validations, its policies and its checkpoint, all in one folder.
 
-    Args:
-        config: What to train, where and how; with `resume` it goes on from the checkpoint.
-
     Raises:
         ValueError: There is no checkpoint to go on from, or it is another run's.
     """

@@ -122,9 +122,7 @@ def _joined(parts: Sequence[Scores]) -> Scores:
 def tables(found: Sequence[Result], car: str) -> str:
     """Tables 7.2 to 7.7 as Markdown, ours beside the original's printed numbers.
 
-    Args:
-        found: From `results`.
-        car: What the car's column is called, such as "reference car".
+    `car` is what the car's column is called, such as "reference car".
     """
     closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
     kinds = list(dict.fromkeys(r.policy for r in found))

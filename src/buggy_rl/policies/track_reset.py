@@ -3,7 +3,7 @@
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.task.transforms.waypoints import Waypoints
@@ -27,9 +27,7 @@ class TrackReset:
     """
 
     def __init__(self, env: EnvBase, patience: float = 2.0, handling: float = 2.0) -> None:
-        stack = env.transform if isinstance(env, TransformedEnv) else None
-        parts = stack.transforms if isinstance(stack, Compose) else ()
-        found = [part for part in parts if isinstance(part, Waypoints)]
+        found = [part for part in env.modules() if isinstance(part, Waypoints)]
         if not found:
             raise ValueError("a track reset needs a task with waypoints to put cars back on")
         self.waypoints = found[0]

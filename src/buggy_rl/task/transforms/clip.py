@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
+from torch import nn
 
 from buggy_rl import keys
 from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
@@ -23,15 +23,12 @@ class ClipVelocity(TaskTransform):
 
     before: tuple[str, ...] = (keys.OBSERVATION,)
 
-    low: Tensor
-    high: Tensor
-
     def __init__(
         self, low: Sequence[float] = TRAINED_LOW, high: Sequence[float] = TRAINED_HIGH
     ) -> None:
         super().__init__()
-        self.register_buffer("low", torch.tensor(low, dtype=torch.float32), persistent=False)
-        self.register_buffer("high", torch.tensor(high, dtype=torch.float32), persistent=False)
+        self.low = nn.Buffer(torch.tensor(low, dtype=torch.float32), persistent=False)
+        self.high = nn.Buffer(torch.tensor(high, dtype=torch.float32), persistent=False)
         if self.low.shape != (3,) or self.high.shape != (3,) or not (self.low < self.high).all():
             raise ValueError(f"clip: low {list(low)} and high {list(high)} must bound 3 numbers")
         self.writes = {keys.MEASURED_VELOCITY: numbers(3)}

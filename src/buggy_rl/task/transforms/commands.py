@@ -40,10 +40,6 @@ class CommandFilter(TaskTransform):
         return next_tensordict.set(self.memory, tensordict.get(self.memory + GIVEN))
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return next_tensordict.set(self.memory, resting(next_tensordict))
-
-
-def resting(tensordict: TensorDictBase) -> Tensor:
-    """The command [*, 2] of a car at rest."""
-    pose = tensordict.get(keys.POSE)
-    return pose.new_tensor(RESTING).expand(*pose.shape[:-1], 2).clone()
+        pose = next_tensordict.get(keys.POSE)
+        resting = pose.new_tensor(RESTING).expand(*pose.shape[:-1], 2).clone()
+        return next_tensordict.set(self.memory, resting)

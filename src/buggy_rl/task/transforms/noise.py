@@ -4,7 +4,7 @@ import math
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from buggy_rl import keys
 from buggy_rl.task.transforms.base import (
@@ -34,9 +34,6 @@ class ObservationNoise(RandomTransform):
 
     before: tuple[str, ...] = (keys.OBSERVATION, keys.WAYPOINTS, keys.VELOCITY_ROWS)
 
-    deviation: Tensor
-    pairs: Tensor
-
     def __init__(
         self,
         position: float = 0.0007,
@@ -50,8 +47,8 @@ class ObservationNoise(RandomTransform):
             if value < 0:
                 raise ValueError(f"observation_noise: {name} is {value}: must not be negative")
         deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
-        self.register_buffer("deviation", deviation, persistent=False)
-        self.register_buffer("pairs", torch.arange(PAIRS), persistent=False)
+        self.deviation = nn.Buffer(deviation, persistent=False)
+        self.pairs = nn.Buffer(torch.arange(PAIRS), persistent=False)
         measured = {keys.MEASURED_POSE: numbers(3), keys.MEASURED_VELOCITY: numbers(3)}
         self.writes = {keys.NOISE_STATE: COUNT, **measured}
 

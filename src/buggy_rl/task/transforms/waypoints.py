@@ -1,10 +1,11 @@
 """The next waypoints of a path, and which of them the car has closed."""
 
+from functools import partial
 from typing import Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.data import Binary, Composite
 
 from buggy_rl import keys
@@ -24,7 +25,7 @@ class Waypoints(RandomTransform):
 
     the first being the original study's det(w - p, n) < 0 with n the normal to the left. Waypoints
     close one after the other: in one step as many as meet this in a row from the next one on, at
-    most those that are visible. A car beyond the bound has closed nothing; it can still come back.
+    most `at_once`. A car beyond the bound has closed nothing; it can still come back.
 
     On a closed path the queue goes on for ever. An open path is complete when its last waypoint
     is closed; the queue then holds waypoints straight ahead, none of which can be closed.
@@ -46,17 +47,6 @@ class Waypoints(RandomTransform):
 
     before: tuple[str, ...] = (keys.OBSERVATION,)
 
-    offset: Tensor
-    modulus: Tensor
-    last: Tensor
-    lap: Tensor
-    start: Tensor
-    points: Tensor
-    turned: Tensor
-    lines: Tensor
-    pieces: Tensor
-    places: Tensor
-
     def __init__(
         self,
         paths: PathSet,
@@ -73,8 +63,7 @@ class Waypoints(RandomTransform):
         self.paths, self.visible, self.at_once = paths, visible, at_once
         self.lateral_bound, self.order = lateral_bound, order
         self.start_lateral, self.start_heading = start_lateral, start_heading
-        for name, table in _tables(paths, visible).items():
-            self.register_buffer(name, table, persistent=False)
+        self._make_tables()
         self.writes = {
             keys.PATH: COUNT,
             keys.NEXT_WAYPOINT: COUNT,
@@ -85,6 +74,38 @@ class Waypoints(RandomTransform):
             keys.HEADING_ERROR: numbers(1),
             keys.COMPLETED: Binary(1, dtype=torch.bool),
         }
+
+    def _make_tables(self) -> None:
+        """Tables that steps look up in, the waypoints of all paths one behind the other.
+
+        `lines` [4, R] is x, y and tangent of each waypoint; `pieces` [7, R] the straight piece that
+        ends there: its end x, y, direction x, y, length, distance of its end along the path, yaw.
+        """
+        paths, ahead = self.paths, self.visible + 1  # a completed path still shows a full queue
+        points = paths.extended(ahead)  # (P, W', 2)
+        chord = torch.cat([paths.before(), points], 1).diff(dim=1)
+        length = chord.norm(dim=-1, keepdim=True)
+        run = length.clone()
+        run[:, 0] = 0.0
+        path = torch.arange(len(paths))
+        position = run.double().cumsum(1).float()
+        lap = position[path, paths.count - 1, 0] + length[:, 0, 0]
+        along = chord / length
+        yaw = torch.atan2(along[..., 1:], along[..., :1])
+        lines = torch.cat([points, paths.tangents(ahead)], -1)
+        pieces = torch.cat([points, along, length, position, yaw], -1)
+        turned = torch.stack([points[..., 1], -points[..., 0]], -1)
+        table = partial(nn.Buffer, persistent=False)
+        self.offset = table(path * points.shape[1])
+        self.modulus = table(torch.where(paths.closed, paths.count, ENDLESS))
+        self.last = table(torch.where(paths.closed, ENDLESS, paths.count))
+        self.lap = table(lap)
+        self.start = table(paths.start)
+        self.points = table(points.flatten(0, 1))
+        self.turned = table(turned.flatten(0, 1))
+        self.lines = table(lines.flatten(0, 1).T.contiguous())
+        self.pieces = table(pieces.flatten(0, 1).T.contiguous())
+        self.places = table(torch.arange(self.visible))
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
         # A path, and the pose that it starts at, unless the caller gives them.
@@ -200,36 +221,3 @@ class Waypoints(RandomTransform):
 def _columns(table: Tensor, rows: Tensor) -> tuple[Tensor, ...]:
     """Columns `rows` [*] of a table [C, R], as C tensors [*]."""
     return table.index_select(1, rows.flatten()).unflatten(1, rows.shape).unbind(0)
-
-
-def _tables(paths: PathSet, visible: int) -> dict[str, Tensor]:
-    """Tables that steps look up in, the waypoints of all paths one behind the other.
-
-    `lines` [4, R] is x, y and tangent of each waypoint; `pieces` [7, R] the straight piece that
-    ends there: its end x, y, direction x, y, length, distance of its end along the path, yaw.
-    """
-    ahead = visible + 1  # an open path, once completed, still shows a full queue
-    points = paths.extended(ahead)  # (P, W', 2)
-    chord = torch.cat([paths.before(), points], 1).diff(dim=1)
-    length = chord.norm(dim=-1, keepdim=True)
-    run = length.clone()
-    run[:, 0] = 0.0
-    path = torch.arange(len(paths))
-    position = run.double().cumsum(1).float()
-    lap = position[path, paths.count - 1, 0] + length[:, 0, 0]
-    along = chord / length
-    yaw = torch.atan2(along[..., 1:], along[..., :1])
-    lines = torch.cat([points, paths.tangents(ahead)], -1)
-    pieces = torch.cat([points, along, length, position, yaw], -1)
-    return {
-        "offset": path * points.shape[1],
-        "modulus": torch.where(paths.closed, paths.count, ENDLESS),
-        "last": torch.where(paths.closed, ENDLESS, paths.count),
-        "lap": lap,
-        "start": paths.start,
-        "points": points.flatten(0, 1),
-        "turned": torch.stack([points[..., 1], -points[..., 0]], -1).flatten(0, 1),
-        "lines": lines.flatten(0, 1).T.contiguous(),
-        "pieces": pieces.flatten(0, 1).T.contiguous(),
-        "places": torch.arange(visible),
-    }
