@@ -84,7 +84,7 @@ def compare(truth: dict[str, dict[str, float]], answer: dict) -> None:
 def draw(store, case) -> None:
     """Draws the held-out drive and the simulators' rollouts of it."""
     from buggy_rl.blind_test.blind_demo import MEASURED, distance, rollouts
-    from buggy_rl.viz import rollout_figure
+    from buggy_rl.viz.rollouts import rollout_figure
 
     shown = rollouts(store, case)
     measured = shown.pop(MEASURED)

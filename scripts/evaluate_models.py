@@ -24,7 +24,8 @@ def main() -> None:
     from buggy_rl.identification.open_loop import measured
     from buggy_rl.identification.study import candidates, fit_file, load_drives
     from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
-    from buggy_rl.viz import rollout_figure, table_figure
+    from buggy_rl.viz.rollouts import rollout_figure
+    from buggy_rl.viz.tables import table_figure
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)

@@ -19,7 +19,7 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.policies.drives import car_name
-    from buggy_rl.policies.tables import results, tables
+    from buggy_rl.policies.tables import mean_interval, results, tables
 
     torch.set_num_threads(config.threads)
     found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
@@ -34,7 +34,7 @@ def main() -> None:
             "place": r.place,
             "course": r.course,
             **r.scores.means(),
-            **dict(zip(("waypoints_low", "waypoints_high"), r.interval(), strict=True)),
+            **dict(zip(("waypoints_low", "waypoints_high"), mean_interval(r.seeds), strict=True)),
         }
         for r in found
     ]

@@ -21,7 +21,8 @@ def main() -> None:
     from buggy_rl import keys
     from buggy_rl.identification.study import load_drives
     from buggy_rl.recordings.windows import mirror
-    from buggy_rl.viz import histogram_figure, save_figure
+    from buggy_rl.viz.histograms import histogram_figure
+    from buggy_rl.viz.style import save_figure
 
     drives = load_drives(config.data, on_refusal=tqdm.write)
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)

@@ -15,7 +15,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policies.learning_curves:ShowLearningConfig")
 
     from buggy_rl.policies.learning_curves import curves
-    from buggy_rl.viz import learning_figure, save_figure
+    from buggy_rl.viz.learning import learning_figure
+    from buggy_rl.viz.style import save_figure
 
     found = curves(config)
     for curve in found:

@@ -16,8 +16,9 @@ def main() -> None:
     """Makes and draws every kind of path."""
     config = from_command_line(__doc__, "buggy_rl.task.paths.making:ShowPathsConfig")
 
-    from buggy_rl.task.paths import make_paths
-    from buggy_rl.viz import paths_figure, save_figure
+    from buggy_rl.task.paths.making import make_paths
+    from buggy_rl.viz.paths import paths_figure
+    from buggy_rl.viz.style import save_figure
 
     chosen = {
         "training": replace(config.paths, kind="simplex", part="training"),

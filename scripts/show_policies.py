@@ -18,7 +18,8 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.policies.drives import panels
-    from buggy_rl.viz import policies_figure, save_figure
+    from buggy_rl.viz.policies import policies_figure
+    from buggy_rl.viz.style import save_figure
 
     torch.set_num_threads(config.threads)
     found = list(panels(config, lambda todo: tqdm(todo, "driving", unit="place")))

@@ -48,11 +48,10 @@ def test_help_shows_key_default_and_meaning_of_every_option():
     assert all("\n      " in line for line in lines), "an option without a line that explains it"
 
 
-def test_help_follows_a_class_that_a_package_hands_on(tmp_path, monkeypatch):
-    # buggy_rl.task.paths hands PathConfig on: no class is defined there
+def test_help_follows_a_class_of_another_module(tmp_path, monkeypatch):
     (tmp_path / "travels.py").write_text(
         "from dataclasses import dataclass, field\n"
-        "from buggy_rl.task.paths import PathConfig\n"
+        "from buggy_rl.task.paths.making import PathConfig\n"
         "@dataclass\n"
         "class Trip:\n"
         "    paths: PathConfig = field(default_factory=PathConfig)\n"

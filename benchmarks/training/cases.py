@@ -24,7 +24,7 @@ from buggy_rl.policies.ppo import ADAM_EPSILON, PPO
 from buggy_rl.policies.run import PolicyRunConfig, new_policy, validation_task
 from buggy_rl.task.env import make_env
 from buggy_rl.task.gym import NAME
-from buggy_rl.task.paths import make_paths
+from buggy_rl.task.paths.making import make_paths
 from engines import make
 from training.cars import CarsVecEnv
 

@@ -13,7 +13,7 @@ from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitC
 from buggy_rl.policies.controllers.tuning import SearchConfig, tune
 from buggy_rl.policies.run import PolicyRunConfig, validation_task
 from buggy_rl.task.env import make_env
-from buggy_rl.task.paths import make_paths
+from buggy_rl.task.paths.making import make_paths
 from training.cases import Training, make_simulator, read_settings, validation_environment
 
 

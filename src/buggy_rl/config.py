@@ -24,6 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from omegaconf import DictConfig, OmegaConf, read_write
+from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
 OWNER = "owner"  # key of a field's metadata
 
@@ -69,8 +71,6 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
     Raises:
         ConfigError: An argument cannot be read, names an unknown key, or a needed value is missing.
     """
-    from omegaconf import OmegaConf
-
     config = OmegaConf.structured(cls)
     for overrides, group in groupby(arguments, lambda argument: "=" in argument):
         read = _override if overrides else _read_yaml
@@ -89,15 +89,11 @@ def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
     Raises:
         ConfigError: It has a key or value that the class does not take; the message names `source`.
     """
-    from omegaconf import OmegaConf
-
     layer = OmegaConf.create(dict(content))
     return OmegaConf.to_object(_merge(OmegaConf.structured(cls), [(source, layer)]))
 
 
 def _read_yaml(argument: str):
-    from omegaconf import OmegaConf
-
     file = Path(argument)
     if not file.is_file():
         raise ConfigError(f"there is no config file {file} (options are written key=value)")
@@ -108,8 +104,6 @@ def _read_yaml(argument: str):
 
 
 def _override(argument: str):
-    from omegaconf import OmegaConf
-
     try:
         return OmegaConf.from_dotlist([argument])
     except Exception as error:
@@ -118,8 +112,6 @@ def _override(argument: str):
 
 def _merge(config, layers):
     """Merges the parts of one layer, each with its source, into a config."""
-    from omegaconf import OmegaConf
-
     _empty_options(config, [OmegaConf.to_container(part) for _, part in layers])
     for source, part in layers:
         with _naming(source):
@@ -129,8 +121,6 @@ def _merge(config, layers):
 
 def _empty_options(config, parts) -> None:
     """Empties the fields whose owner (`belongs_to`) the parts of a layer change."""
-    from omegaconf import DictConfig, OmegaConf, read_write
-
     parts = [part for part in parts if isinstance(part, dict)]
     if not isinstance(config, DictConfig) or not parts:
         return
@@ -150,8 +140,6 @@ def _empty_options(config, parts) -> None:
 @contextmanager
 def _naming(source: str) -> Iterator[None]:
     """Turns what OmegaConf raises into one line that names the source."""
-    from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
-
     try:
         yield
     except ConfigKeyError as error:
@@ -178,7 +166,7 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
     """One line for each option of a dataclass: key, default, what it means. Imports nothing."""
     module, _, name = schema.partition(":")
     tree = _source(module)
-    origins, classes = _imported(tree), {node.name: node for node in _classes(tree)}
+    origins, classes = _imported(tree), _classes(tree)
     if name not in classes:
         raise ConfigError(f"{module} defines no class {name}")
     body = classes[name].body
@@ -216,19 +204,15 @@ def _imported(tree: ast.Module) -> dict[str, str]:
     }
 
 
-def _classes(tree: ast.Module) -> list[ast.ClassDef]:
-    return [node for node in tree.body if isinstance(node, ast.ClassDef)]
+def _classes(tree: ast.Module) -> dict[str, ast.ClassDef]:
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
 
 
 def _home(name: str) -> str:
-    """`module:Class` where a class of ours is defined, also when a package hands it on; or ""."""
+    """The `module:Class` itself if the class is ours, else ""."""
     module, _, attribute = name.partition(":")
-    if not module.startswith("buggy_rl."):
-        return ""
-    tree = _source(module)
-    if attribute in {node.name for node in _classes(tree)}:
-        return name
-    return _home(_imported(tree).get(attribute, ""))
+    ours = module.startswith("buggy_rl.") and attribute in _classes(_source(module))
+    return name if ours else ""
 
 
 def _default(value: ast.expr) -> str:

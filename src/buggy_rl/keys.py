@@ -9,9 +9,7 @@ VELOCITY = "velocity"  # [3] vx, vy [m/s], yaw_rate [rad/s], body frame at the t
 ACTION = "action"  # [2] throttle (-1 is no drive), steering (+1 is full left)
 
 HISTORY = "history"  # [K, 5] velocity and action of the last K steps, a learned engine's memory
-OUT_OF_RANGE = (
-    "out_of_range"  # [1] bool, the input of a learned engine is outside its training range
-)
+OUT_OF_RANGE = "out_of_range"  # [1] bool, a learned engine's input is outside its training range
 
 TIME = "t"  # [1] s, of a recording's row
 SEGMENT = "segment"  # int, stretch of a recording without a gap; windows never cross segments
@@ -29,9 +27,7 @@ OBSERVATION = "observation"  # [N] what the policy sees
 MEASURED_POSE = "measured_pose"  # [3] the pose as the sensing transforms left it
 MEASURED_VELOCITY = "measured_velocity"  # [3] likewise; absent without such a transform
 NOISE_STATE = "noise_state"  # [1] int64, position in the environment's stream of noise
-VELOCITY_ROWS = (
-    "velocity_rows"  # [K, 4] last velocities of the past-mean filter, and whether they exist
-)
+VELOCITY_ROWS = "velocity_rows"  # [K, 4] last velocities of the past mean, and 1 where they exist
 OBSERVATION_ROWS = "observation_rows"  # [K, N] last observations, oldest first
 
 LAST_ACTION = "last_action"  # [2] command of the step before

@@ -9,7 +9,8 @@ from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
 from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
-from buggy_rl.task.paths import PathConfig, joined_paths, make_paths
+from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 from buggy_rl.task.transforms import TRANSFORMS, make_transform
 from tests.contracts.test_engines import make
 

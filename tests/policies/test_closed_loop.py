@@ -7,7 +7,7 @@ from buggy_rl import keys
 from buggy_rl.engines.hold import HoldEngine
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
-from buggy_rl.task.paths import PathConfig
+from buggy_rl.task.paths.making import PathConfig
 
 STEPS = 100
 

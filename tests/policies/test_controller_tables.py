@@ -8,7 +8,7 @@ from buggy_rl.policies.controller_tables import DriverTablesConfig, results, tab
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig
 from buggy_rl.task.env import TaskConfig
-from buggy_rl.task.paths import PathConfig
+from buggy_rl.task.paths.making import PathConfig
 
 SMALL = DriverTablesConfig(
     output="nowhere",

@@ -11,11 +11,12 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import CatFrames, Compose, EnvBase, StepCounter, Transform, TransformedEnv
 
 from buggy_rl.config import build
+from buggy_rl.files import save_torch
 from buggy_rl.policies import ppo
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig
-from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
+from buggy_rl.policies.checkpoint import load_checkpoint
 from buggy_rl.policies.episodes import Episodes
-from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig, train
+from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.policies.run import PolicyRunConfig
 from buggy_rl.task.env import TaskConfig, make_env
 
@@ -175,7 +176,7 @@ def test_it_learns_to_go_where_the_reward_is():
     learning = {"epochs": 8, "minibatch": 256, "learning_rate": 1e-2, "discount": 0.9}
     settings = config(cars=64, steps=64 * STEPS * 30, **learning)
     policy = Policy(1, PolicyConfig(hidden=[16], initial_sd=0.3))
-    rewards = [m["reward"] for m in train(env, policy, settings)]
+    rewards = [m["reward"] for m in PPO(env, policy, settings).run()]
     assert rewards[0] < 0.6
     assert rewards[-1] > 0.88
     x = torch.tensor([[0.0], [0.5], [0.9]])
@@ -202,15 +203,14 @@ def test_a_resumed_run_gives_the_same_curve_bit_for_bit(tmp_path):
     for metrics in whole.run():
         rows.append(metrics)
         if len(rows) == 2:
-            save_checkpoint(whole.state_dict(), tmp_path / "checkpoint.pt")
+            save_torch(tmp_path / "checkpoint.pt", whole.state_dict())
     assert len(rows) == 4
     torch.manual_seed(999)  # another program, which has drawn other numbers
-    policy = Policy(3)
-    state = load_checkpoint(tmp_path / "checkpoint.pt")
-    again = list(train(stack(), policy, config(), state))
-    assert curve(again) == curve(rows[2:])
+    again = PPO(stack(), Policy(3), config())
+    again.load_state_dict(load_checkpoint(tmp_path / "checkpoint.pt"))
+    assert curve(again.run()) == curve(rows[2:])
     for name, tensor in whole.policy.state_dict().items():
-        assert torch.equal(tensor, policy.state_dict()[name]), name
+        assert torch.equal(tensor, again.policy.state_dict()[name]), name
 
 
 def test_a_seeded_run_resumes_bit_for_bit_too(tmp_path):
@@ -233,11 +233,12 @@ def test_a_seeded_run_resumes_bit_for_bit_too(tmp_path):
     whole = PPO(seeded(), Policy(23), config())
     batches = whole.run()
     next(batches)
-    save_checkpoint(whole.state_dict(), tmp_path / "checkpoint.pt")
+    save_torch(tmp_path / "checkpoint.pt", whole.state_dict())
     rest = curve(batches)
     torch.manual_seed(999)
-    state = load_checkpoint(tmp_path / "checkpoint.pt")
-    assert curve(train(seeded(), Policy(23), config(), state)) == rest
+    again = PPO(seeded(), Policy(23), config())
+    again.load_state_dict(load_checkpoint(tmp_path / "checkpoint.pt"))
+    assert curve(again.run()) == rest
 
 
 def test_ppo_uses_nothing_private_of_the_collector_to_resume():
@@ -284,7 +285,7 @@ def test_one_seed_is_one_curve_and_another_is_another():
     curves = []
     for seed in (1, 1, 2):
         torch.manual_seed(seed)
-        curves.append(curve(train(point(), Policy(1), config(steps=256))))
+        curves.append(curve(PPO(point(), Policy(1), config(steps=256)).run()))
     assert curves[0] == curves[1]
     assert curves[0] != curves[2]
 

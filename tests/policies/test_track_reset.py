@@ -5,7 +5,7 @@ from buggy_rl import keys
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.track_reset import TrackReset
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
-from buggy_rl.task.paths import PathConfig
+from buggy_rl.task.paths.making import PathConfig
 from tests.policies.test_closed_loop import STEPS, coasting, environment
 
 ENGINES = ("single_track", "mujoco", "reference")

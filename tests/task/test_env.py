@@ -22,7 +22,7 @@ from buggy_rl import keys
 from buggy_rl import keys as task
 from buggy_rl.config import ConfigError, build
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, in_order, make_env
-from buggy_rl.task.paths import PathConfig
+from buggy_rl.task.paths.making import PathConfig
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.history import History
 from buggy_rl.task.transforms.past_mean import PastMean

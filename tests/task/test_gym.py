@@ -8,7 +8,7 @@ from gymnasium.utils.env_checker import check_env
 
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
 from buggy_rl.task.gym import NAME
-from buggy_rl.task.paths import PathConfig
+from buggy_rl.task.paths.making import PathConfig
 
 FEW = TaskConfig(paths=PathConfig(count=5, waypoints=60))
 

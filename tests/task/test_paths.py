@@ -6,9 +6,9 @@ import opensimplex
 import pytest
 import torch
 
-from buggy_rl.task.paths import PathConfig, PathSet, joined_paths, make_paths
+from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.noise import simplex_noise
-from buggy_rl.task.paths.path_set import equal_paths
+from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
 from buggy_rl.task.paths.simplex import chase
 
 SMALL = PathConfig(count=8, validation_count=4, waypoints=120)
@@ -179,12 +179,6 @@ def test_sets_of_different_lengths_join_without_mixing():
     torch.testing.assert_close(
         both.largest_curvature, torch.cat([lap.largest_curvature, tight.largest_curvature])
     )
-
-
-def test_a_selection_keeps_the_order_asked_for():
-    paths = make_paths(SMALL)
-    assert paths.select([3, 1]).names == ("training 3", "training 1")
-    assert torch.equal(paths.select([3, 1]).points, paths.points[[3, 1]])
 
 
 def test_a_file_becomes_a_path_from_the_origin(tmp_path):

@@ -9,7 +9,8 @@ from matplotlib.collections import LineCollection
 
 from buggy_rl.policies.drives import Panel, Track
 from buggy_rl.policies.learning_curves import Curve
-from buggy_rl.viz import learning_figure, policies_figure
+from buggy_rl.viz.learning import learning_figure
+from buggy_rl.viz.policies import policies_figure
 
 
 @pytest.fixture(autouse=True)

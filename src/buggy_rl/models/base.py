@@ -26,24 +26,14 @@ class DynamicsModel(nn.Module):
     Buffers are fitted to the training data and saved with the weights.
     """
 
-    rows: int
-    """Rows of history, the present one included."""
-    input_mean: Tensor
-    input_scale: Tensor
-    output_scale: Tensor
-    rest_throttle: Tensor
-    """Highest throttle at which a standing car stays at rest."""
-    coast_loss: Tensor
-    """Least loss of speed in a step without drive [m/s]."""
-
     def __init__(self, rows: int) -> None:
         super().__init__()
-        self.rows = rows
-        self.register_buffer("input_mean", torch.zeros(INPUTS))
-        self.register_buffer("input_scale", torch.ones(INPUTS))
-        self.register_buffer("output_scale", torch.ones(3))
-        self.register_buffer("rest_throttle", torch.tensor(NO_DRIVE))
-        self.register_buffer("coast_loss", torch.tensor(0.001))
+        self.rows = rows  # of history, the present one included
+        self.input_mean = nn.Buffer(torch.zeros(INPUTS))
+        self.input_scale = nn.Buffer(torch.ones(INPUTS))
+        self.output_scale = nn.Buffer(torch.ones(3))
+        self.rest_throttle = nn.Buffer(torch.tensor(NO_DRIVE))  # highest for a car at rest
+        self.coast_loss = nn.Buffer(torch.tensor(0.001))  # [m/s] a step, at least
         self.envelope = Envelope()
 
     @abstractmethod

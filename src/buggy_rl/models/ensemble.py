@@ -9,7 +9,7 @@ from buggy_rl.models.base import DynamicsModel
 
 
 class Ensemble(DynamicsModel):
-    """Mean of its members' changes of velocity; their standard deviation is its uncertainty."""
+    """Mean of its members' changes of velocity."""
 
     def __init__(self, members: Sequence[DynamicsModel]) -> None:
         super().__init__(members[0].rows)
@@ -17,13 +17,5 @@ class Ensemble(DynamicsModel):
         self._registered = nn.ModuleList(members)
 
     def network(self, history: Tensor) -> Tensor:
-        return self._each(history).mean(0)
-
-    def spread(self, history: Tensor) -> Tensor:
-        """Standard deviation [*, 3] of the members' change of velocity for a history."""
-        normalised = (history - self.input_mean) / self.input_scale
-        return self._each(normalised).std(0) * self.output_scale
-
-    def _each(self, history: Tensor) -> Tensor:
         # Members share the ensemble's normalisation: they are trained on the same data.
-        return torch.stack([member.network(history) for member in self.members])  # (M, *, 3)
+        return torch.stack([member.network(history) for member in self.members]).mean(0)

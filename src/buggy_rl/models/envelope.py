@@ -17,23 +17,16 @@ class Envelope(nn.Module):
     that has no training row in it or in a neighbouring cell.
     """
 
-    low: Tensor
-    high: Tensor
-    occupied: Tensor
-    first: Tensor
-    second: Tensor
-    offset: Tensor
-
     def __init__(self) -> None:
         super().__init__()
-        self.register_buffer("low", torch.full((5,), -1.0))
-        self.register_buffer("high", torch.full((5,), 1.0))
+        self.low = nn.Buffer(torch.full((5,), -1.0))
+        self.high = nn.Buffer(torch.full((5,), 1.0))
         pairs = list(combinations(range(5), 2))
-        self.register_buffer("occupied", torch.ones(len(pairs) * BINS * BINS, dtype=torch.bool))
+        self.occupied = nn.Buffer(torch.ones(len(pairs) * BINS * BINS, dtype=torch.bool))
         first, second = torch.tensor(pairs).T
-        self.register_buffer("first", first, persistent=False)
-        self.register_buffer("second", second, persistent=False)
-        self.register_buffer("offset", torch.arange(len(pairs)) * BINS * BINS, persistent=False)
+        self.first = nn.Buffer(first, persistent=False)
+        self.second = nn.Buffer(second, persistent=False)
+        self.offset = nn.Buffer(torch.arange(len(pairs)) * BINS * BINS, persistent=False)
 
     def fit(self, rows: Tensor) -> None:
         """Fits range and occupancy to training rows [N, 5]."""

@@ -1,13 +1,12 @@
 """Building, saving and loading models."""
 
-import importlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from buggy_rl.config import belongs_to
+from buggy_rl.config import belongs_to, load_named
 from buggy_rl.files import save_torch
 from buggy_rl.models import MODELS
 from buggy_rl.models.base import DynamicsModel
@@ -34,8 +33,7 @@ def make_model(config: ModelConfig) -> DynamicsModel:
     """
     if config.kind not in MODELS:
         raise ValueError(f"no model {config.kind!r}; available: {', '.join(sorted(MODELS))}")
-    module, _, name = MODELS[config.kind].partition(":")
-    model_class = getattr(importlib.import_module(module), name)
+    model_class = load_named(MODELS[config.kind])
     try:
         members = [model_class(**config.options) for _ in range(config.members)]
     except TypeError as error:

@@ -17,9 +17,7 @@ POSE_GROWTH = 0.2  # [s] after which twice `POSE_SCALE` counts as one: errors gr
 def one_step_loss(model: DynamicsModel, batch: TensorDictBase) -> Tensor:
     """Mean squared error of the normalised change of velocity, as in the original study.
 
-    Args:
-        model: The model.
-        batch: Windows [B, rows + 1] or longer; `rows` of input, then the label.
+    Windows are [B, rows + 1] or longer: `rows` of input, then the label.
     """
     history = model_inputs(batch)[:, : model.rows]
     velocity = batch[keys.VELOCITY]
@@ -33,13 +31,7 @@ def rollout_loss(model: DynamicsModel, batch: TensorDictBase, horizon: int, dt: 
 
     L = VELOCITY_WEIGHT H((v - v_m) / s_v) + H((p - p_m) / (POSE_SCALE (1 + t / POSE_GROWTH))),
     with H the mean Huber loss, which is insensitive to glitches of the camera, and s_v the
-    standard deviation of the velocities.
-
-    Args:
-        model: The model.
-        batch: Windows [B, rows + horizon] or longer.
-        horizon: Steps.
-        dt: Control period [s].
+    standard deviation of the velocities. Windows are [B, rows + horizon] or longer; dt in [s].
     """
     rows, data = model.rows, model_inputs(batch)
     history, velocity = data[:, :rows], data[:, rows - 1, :3]

@@ -26,10 +26,7 @@ def fit_normalisation(
 ) -> None:
     """Sets means, scales, envelope and the behaviour at rest of a model and its members.
 
-    Args:
-        model: The model.
-        data: Training windows [N, L], filtered and mirrored as for the training.
-        recordings: The recordings they were cut from.
+    The training windows [N, L] are filtered and mirrored as for the training, `recordings` not.
     """
     rest_throttle = resting_throttle(recordings)
     coast_loss = coasting_deceleration(recordings) * recordings[0].dt

@@ -190,7 +190,7 @@ class Training:
         return total / len(self.validation)
 
     def _loss(self, batch: TensorDictBase, horizon: int) -> Tensor:
-        # Members are trained separately: their standard deviation is the uncertainty.
+        # Members are trained separately: the loss is not that of their mean.
         members = self.model.members if isinstance(self.model, Ensemble) else [self.model]
         if self.config.loss == "one_step":
             losses = [one_step_loss(member, batch) for member in members]

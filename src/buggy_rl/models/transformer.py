@@ -9,8 +9,6 @@ from buggy_rl.models.base import INPUTS, DynamicsModel
 class CausalTransformer(DynamicsModel):
     """Pre-norm encoder layers with a causal mask and learned positions, read at the last row."""
 
-    mask: Tensor
-
     def __init__(self, rows: int = 20, width: int = 32, layers: int = 2, heads: int = 4) -> None:
         super().__init__(rows)
         self.embedding = nn.Linear(INPUTS, width)
@@ -21,7 +19,7 @@ class CausalTransformer(DynamicsModel):
         self.encoder = nn.TransformerEncoder(layer, layers, enable_nested_tensor=False)
         self.head = nn.Linear(width, 3)
         mask = nn.Transformer.generate_square_subsequent_mask(rows)
-        self.register_buffer("mask", mask, persistent=False)
+        self.mask = nn.Buffer(mask, persistent=False)
 
     def network(self, history: Tensor) -> Tensor:
         sequences = history.reshape(-1, self.rows, INPUTS)

@@ -16,7 +16,6 @@ from torchrl.modules import ValueOperator
 
 from buggy_rl import keys
 from buggy_rl.files import save_torch
-from buggy_rl.keys import OBSERVATION
 
 ACTIONS = 2  # throttle, steering
 ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh, "elu": nn.ELU}
@@ -46,15 +45,11 @@ class Scaling(nn.Module):
     batches: within one, collection and update use the same numbers.
     """
 
-    count: Tensor
-    mean: Tensor
-    sd: Tensor
-
     def __init__(self, size: int) -> None:
         super().__init__()
-        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("sd", torch.ones(size))
+        self.count = nn.Buffer(torch.zeros((), dtype=torch.float64))
+        self.mean = nn.Buffer(torch.zeros(size))
+        self.sd = nn.Buffer(torch.ones(size))
 
     def forward(self, observation: Tensor) -> Tensor:
         scaled = (observation - self.mean) / self.sd
@@ -123,13 +118,13 @@ class Actor(TensorDictModuleBase):
 
     def __init__(self, mean: nn.Module, log_sd: nn.Parameter) -> None:
         super().__init__()
-        self.in_keys = [OBSERVATION]
+        self.in_keys = [keys.OBSERVATION]
         self.out_keys = ["loc", "scale", keys.ACTION, "action_log_prob"]
         self.mean, self.log_sd = mean, log_sd
 
     def get_dist(self, tensordict: TensorDictBase) -> Gaussian:
         """The distribution of commands for `observation` [*, size]; the loss asks for it."""
-        return Gaussian(self.mean(tensordict.get(OBSERVATION)), self.log_sd)
+        return Gaussian(self.mean(tensordict.get(keys.OBSERVATION)), self.log_sd)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes `action`, `loc`, `scale` [*, n] and `action_log_prob` [*]."""
@@ -147,10 +142,6 @@ class Policy(nn.Module):
 
     Commands are not squashed: the simulator clamps them and the data keep the sample, because the
     density of a squashed command diverges at its limits.
-
-    Args:
-        observation_size: Numbers in an observation.
-        config: Layers, exploration and scaling.
     """
 
     def __init__(self, observation_size: int, config: PolicyConfig | None = None) -> None:
@@ -170,12 +161,12 @@ class Policy(nn.Module):
 
     def critic(self) -> ValueOperator:
         """Writes `state_value` [*, 1] of `observation` [*, size]."""
-        return ValueOperator(nn.Sequential(self.scaling, self.value_layers), [OBSERVATION])
+        return ValueOperator(nn.Sequential(self.scaling, self.value_layers), [keys.OBSERVATION])
 
     def driver(self) -> TensorDictModule:
         """Writes the mean `action` [*, 2]; deterministic, for evaluation."""
         mean = nn.Sequential(self.scaling, self.mean_layers)
-        return TensorDictModule(mean, [OBSERVATION], [keys.ACTION])
+        return TensorDictModule(mean, [keys.OBSERVATION], [keys.ACTION])
 
     @torch.no_grad()
     def observe(self, observation: Tensor) -> None:

@@ -20,9 +20,7 @@ class Benchmark:
 def benchmark_paths(paths: PathConfig, random_paths: int) -> dict[str, Benchmark]:
     """The original study's path sets: random ones, lap, infinity and the tight random path.
 
-    Args:
-        paths: What they are made of.
-        random_paths: Of the training paths, the first so many.
+    Of the training paths they have the first `random_paths`.
     """
     plain = replace(paths, placed=False, mirrored=False, count=random_paths)
     return {
@@ -37,10 +35,7 @@ def benchmark_paths(paths: PathConfig, random_paths: int) -> dict[str, Benchmark
 def evaluation_task(task: TaskConfig, steps: int, camera: bool = False) -> TaskConfig:
     """A task as policies are evaluated on it: one path each, from its start, for `steps` steps.
 
-    Args:
-        task: As in training.
-        steps: Of an episode.
-        camera: Adds the tracking camera's noise, as on the car; not in a simulator.
+    `camera` adds the tracking camera's noise, as on the car.
     """
     stack = evaluation_transforms(task.transforms)
     stack["step_limit"] = TransformConfig("step_limit", {"max_steps": steps})

@@ -9,16 +9,10 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl.engines.single_precision import SinglePrecision
-from buggy_rl.files import save_torch
-
-
-def save_checkpoint(state: dict[str, Any], file: Path) -> None:
-    """Writes a state atomically: a run that is killed here leaves the one before it."""
-    save_torch(file, state)
 
 
 def load_checkpoint(file: Path) -> dict[str, Any]:
-    """Reads what `save_checkpoint` wrote.
+    """Reads a checkpoint.
 
     Raises:
         ValueError: There is no such file.

@@ -6,7 +6,6 @@ from torch import Tensor
 from torchrl.objectives import ClipPPOLoss
 
 from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION
 
 SMALLEST_SD = 1e-4  # of an advantage, as in TorchRL
 
@@ -33,7 +32,7 @@ class ClippedLoss(ClipPPOLoss):
         clipped = log_ratio.clamp(low.item(), high.item())
         advantage = _standardised(tensordict.get("advantage"))
         gain = torch.minimum(log_ratio.exp() * advantage, clipped.exp() * advantage)
-        value = self.critic_network.module(tensordict.get(OBSERVATION))
+        value = self.critic_network.module(tensordict.get(keys.OBSERVATION))
         miss = torch.nn.functional.mse_loss(value, tensordict.get("value_target"))
         found = {
             "loss_objective": -gain.mean(),

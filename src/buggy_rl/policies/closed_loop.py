@@ -10,13 +10,6 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    COMPLETED,
-    HEADING_ERROR,
-    LAST_ACTION,
-    LATERAL_ERROR,
-    WAYPOINTS_CLOSED,
-)
 from buggy_rl.policies.track_reset import TrackReset
 from buggy_rl.stepping import trajectory
 
@@ -76,15 +69,15 @@ def drive(
     flagged: Tensor | None = None
     states = trajectory(env, env.reset(), lambda _, state: driver(state), steps)
     for state, following in pairwise(states):
-        for name, value in _terms(following, state[LAST_ACTION]).items():
+        for name, value in _terms(following, state[keys.LAST_ACTION]).items():
             sums[name] += alive * value
-        furthest = torch.maximum(furthest, alive * following[LATERAL_ERROR].abs())
+        furthest = torch.maximum(furthest, alive * following[keys.LATERAL_ERROR].abs())
         if keys.OUT_OF_RANGE in following:
             flagged = torch.zeros(count, 1) if flagged is None else flagged
             flagged += alive * following[keys.OUT_OF_RANGE]
         driven += alive
-        completed |= (alive > 0) & following[COMPLETED]
-        going = going * ~following[keys.DONE if track_reset is None else COMPLETED]
+        completed |= (alive > 0) & following[keys.COMPLETED]
+        going = going * ~following[keys.DONE if track_reset is None else keys.COMPLETED]
         alive = going if track_reset is None else going * ~track_reset(following)
         if not going.any():
             break
@@ -108,12 +101,12 @@ SUMMED = ("waypoints", "lateral", "lateral_square", "heading", "speed", "effort"
 
 def _terms(following: TensorDictBase, before: Tensor) -> dict[str, Tensor]:
     """What a step adds to the sums, [N, 1] each; `before` [N, 2] is the action before it."""
-    lateral = following[LATERAL_ERROR]
+    lateral = following[keys.LATERAL_ERROR]
     return {
-        "waypoints": following[WAYPOINTS_CLOSED],
+        "waypoints": following[keys.WAYPOINTS_CLOSED],
         "lateral": lateral.abs(),
         "lateral_square": lateral.square(),
-        "heading": following[HEADING_ERROR].abs(),
+        "heading": following[keys.HEADING_ERROR].abs(),
         "speed": following[keys.VELOCITY][..., :1],
-        "effort": (following[LAST_ACTION] - before)[..., 1:].abs(),
+        "effort": (following[keys.LAST_ACTION] - before)[..., 1:].abs(),
     }

@@ -16,7 +16,7 @@ from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
 from buggy_rl.policies.controllers.tuning import SearchConfig, Trial, tune
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import make_paths
+from buggy_rl.task.paths.making import make_paths
 
 DRIVERS: dict[str, tuple[Callable[[Any], TensorDictModuleBase], Callable[[], Any]]] = {
     "pure_pursuit": (PurePursuit, PurePursuitConfig),
@@ -59,10 +59,7 @@ def tuned(
 ) -> tuple[Any, list[Trial]]:
     """Searches the numbers of a controller that close most waypoints on the training paths.
 
-    Args:
-        config: Simulator, task and extent of the search.
-        name: Of the controller.
-        step: Is called at every step.
+    Calls `step` at every step.
 
     Returns:
         The best numbers, and all that were tried, best first.
@@ -106,17 +103,10 @@ class Result:
 def results(
     config: DriverTablesConfig, found: dict[str, Any], progress: Callable[[Sequence], Any] = list
 ) -> Iterator[Result]:
-    """Scores each tuned controller and a random one on every set of paths.
-
-    Args:
-        config: Simulator and task.
-        found: Tuned numbers by controller.
-        progress: Wraps the list of evaluations.
-    """
+    """Scores each tuned controller, by its numbers, and a random one on every set of paths."""
     named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
-        make = DRIVERS[name][0] if name in DRIVERS else None
-        driver = make(found[name]) if make else RandomDriver(seed=config.seed)
+        driver = DRIVERS[name][0](found[name]) if name in found else RandomDriver(seed=config.seed)
         env = _course_env(config, named[course])
         yield Result(name, course, drive(env, driver, named[course].steps))
 

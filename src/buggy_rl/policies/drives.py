@@ -11,14 +11,14 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.config import build, from_plain
-from buggy_rl.keys import LATERAL_ERROR, WAYPOINTS_CLOSED
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import joined_paths, make_paths
+from buggy_rl.task.paths.making import make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 
 ROOM = ("lap", "infinity", "random")
 
@@ -135,13 +135,7 @@ def _side_by_side(one: Driver, other: Driver) -> Driver:
 
 @torch.no_grad()
 def tracks(env: EnvBase, driver: Driver, steps: Sequence[int]) -> list[Track]:
-    """Lets each car drive one episode and keeps where it was.
-
-    Args:
-        env: From `make_env`, a batch of N cars.
-        driver: Of all cars.
-        steps: [N] of each car at most; it also ends where its episode does.
-    """
+    """Lets each of N cars drive one episode, for its own `steps` [N] at most."""
 
     def policy(tensordict: TensorDictBase) -> TensorDictBase:  # by its types TorchRL knows it
         return driver(tensordict)
@@ -161,6 +155,7 @@ def _track(rows: TensorDictBase, limit: int) -> Track:
     def whole(key: str) -> Tensor:
         return torch.cat([rows.get(key)[:until], after.get(key)[until - 1 : until]])
 
-    closed, lateral = after.get(WAYPOINTS_CLOSED)[:until], after.get(LATERAL_ERROR)[:until]
+    closed: Tensor = after.get(keys.WAYPOINTS_CLOSED)[:until]
+    lateral: Tensor = after.get(keys.LATERAL_ERROR)[:until]
     mean = lateral.abs().mean().item()
     return Track(whole(keys.POSE), whole(keys.VELOCITY), closed.sum().item(), mean)

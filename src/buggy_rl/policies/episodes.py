@@ -9,7 +9,6 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.keys import WAYPOINTS_CLOSED
 
 EPISODES = 100  # last finished ones, over which is averaged
 
@@ -30,7 +29,7 @@ class Episodes:
     def take(self, batch: TensorDictBase) -> None:
         """Notes the episodes that end in a batch [cars, time]."""
         done, reward = batch["next", keys.DONE], batch["next", keys.REWARD]  # (cars, time, 1)
-        closed = batch.get(("next", WAYPOINTS_CLOSED), torch.full_like(reward, math.nan))
+        closed = batch.get(("next", keys.WAYPOINTS_CLOSED), torch.full_like(reward, math.nan))
         row = torch.cat([torch.ones_like(reward), reward, closed], -1)  # (cars, time, 3)
         total = row.cumsum(-2) + self.running.unsqueeze(-2)
         ended_before, before = _at_last_end(total, done)

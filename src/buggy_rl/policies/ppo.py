@@ -12,12 +12,11 @@ from typing import Any, Literal
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.envs import EnvBase, StepCounter, TransformedEnv
+from torchrl.envs import EnvBase, StepCounter
 from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.value import GAE
 
 from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION, STEP_COUNT
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
 from buggy_rl.policies.clipped_loss import ClippedLoss
@@ -25,7 +24,7 @@ from buggy_rl.policies.collector import ResumableCollector
 from buggy_rl.policies.episodes import Episodes
 
 STATE_VALUE = "state_value"  # the critic's output
-LEARNED_FROM = (OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
+LEARNED_FROM = (keys.OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
 REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 ADAM_EPSILON = 1e-5
 
@@ -74,19 +73,6 @@ class NonFiniteLossError(FloatingPointError):
         self.batch = batch
 
 
-def train(
-    env: EnvBase, policy: Policy, config: PPOConfig, state: dict[str, Any] | None = None
-) -> Iterator[dict[str, float]]:
-    """Trains a policy, or goes on from a state, and yields metrics after every batch.
-
-    See `PPO`, which can also be asked for its state on the way.
-    """
-    run = PPO(env, policy, config)
-    if state is not None:
-        run.load_state_dict(state)
-    yield from run.run()
-
-
 class PPO:
     """A training run that can be stopped after any batch and goes on as if it never had been.
 
@@ -112,12 +98,11 @@ class PPO:
                 "make them equal"
             )
         self.env, self.policy, self.config = env, policy, config
-        actor, critic = policy.actor(), policy.critic()
-        self.critic = critic
+        self.actor, self.critic = policy.actor(), policy.critic()
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
         self.loss = ClippedLoss(
-            actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
-            critic,
+            self.actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
+            self.critic,
             clip_epsilon=config.clip,
             loss_critic_type="l2",
             critic_coeff=config.value_weight,
@@ -129,10 +114,9 @@ class PPO:
         self.optimiser = torch.optim.Adam(
             policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
         )
-        self.actor = actor
         self.collector = ResumableCollector(
             env,
-            actor,
+            self.actor,
             frames_per_batch=config.cars * config.batch_steps,
             total_frames=-1,
             exploration_type=ExplorationType.RANDOM,  # pyright: ignore[reportArgumentType]
@@ -194,7 +178,7 @@ class PPO:
         following = value.roll(-1, -2)
         asked = after.get(keys.DONE).squeeze(-1).clone()
         asked[..., -1] = True
-        following[asked] = self.critic(after.select(OBSERVATION)[asked]).get(STATE_VALUE)
+        following[asked] = self.critic(after.select(keys.OBSERVATION)[asked]).get(STATE_VALUE)
         after.set(STATE_VALUE, following)
         self.gae(batch)
 
@@ -228,10 +212,10 @@ class PPO:
 
     def _stagger(self) -> None:
         """Draws the ages of the first episodes uniformly, as after long collection."""
-        limits = [t.max_steps for t in _transforms(self.env) if isinstance(t, StepCounter)]
+        limits = [part.max_steps for part in self.env.modules() if isinstance(part, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0)
         if limit:
-            age = self.collector.state[STEP_COUNT]
+            age = self.collector.state[keys.STEP_COUNT]
             age.copy_(torch.randint(limit, age.shape, generator=self.generator))
 
     def _set_learning_rate(self) -> float:
@@ -250,7 +234,7 @@ class PPO:
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
             reports += [self._descend(part) for part in rows[order].split(self.config.minibatch)]
-        self.policy.observe(rows[OBSERVATION])
+        self.policy.observe(rows[keys.OBSERVATION])
         means = torch.stack(reports).mean(0).tolist()
         return dict(zip(REPORTED, means, strict=True))
 
@@ -272,9 +256,3 @@ class PPO:
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
         self.optimiser.step()
         return torch.stack([losses[name].detach() for name in REPORTED])
-
-
-def _transforms(env: EnvBase) -> Iterator[nn.Module]:
-    while isinstance(env, TransformedEnv):
-        yield from env.transform.modules()
-        env = env.base_env

@@ -9,14 +9,15 @@ import torch
 from omegaconf import MISSING
 from torchrl.envs import EnvBase, TransformedEnv
 
+from buggy_rl import keys
 from buggy_rl.config import belongs_to, plain
-from buggy_rl.keys import OBSERVATION
+from buggy_rl.files import save_torch
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
-from buggy_rl.policies.checkpoint import load_checkpoint, save_checkpoint
+from buggy_rl.policies.checkpoint import load_checkpoint
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
-from buggy_rl.task.paths import make_paths
+from buggy_rl.task.paths.making import make_paths
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,6 @@ class PolicyRunConfig:
     """Logs to Weights & Biases too, offline unless WANDB_MODE says otherwise."""
 
 
-def training_environment(config: PolicyRunConfig) -> TransformedEnv:
-    """The environments that a policy learns from."""
-    return make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
-
-
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
     """One environment on each validation path; none of them is a training path."""
     task = validation_task(config.task)
@@ -77,7 +73,7 @@ def validation_task(task: TaskConfig) -> TaskConfig:
 
 def new_policy(env: TransformedEnv, config: PolicyConfig) -> Policy:
     """A policy for an environment's observation."""
-    return Policy(env.observation_spec[OBSERVATION].shape[-1], config)
+    return Policy(env.observation_spec[keys.OBSERVATION].shape[-1], config)
 
 
 def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float]:
@@ -90,15 +86,11 @@ def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float
 
 def new_engine(config: EngineConfig, cars: int) -> EnvBase:
     """A simulator with batch size [cars]."""
-    parameters, options = config.parameters or None, config.options
-    return make_simulator(config.simulator, cars, parameters=parameters, **options)
+    return make_simulator(config.simulator, cars, parameters=config.parameters, **config.options)
 
 
 class PolicyRun:
     """A training run with its validations, its policies and its checkpoint, all in one folder.
-
-    Args:
-        config: What to train, where and how; with `resume` it goes on from the checkpoint.
 
     Raises:
         ValueError: There is no checkpoint to go on from, or it is another run's.
@@ -108,7 +100,8 @@ class PolicyRun:
         self.config, self.folder = config, Path(config.output)
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
-        env, self.validation = training_environment(config), validation_environment(config)
+        env = make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
+        self.validation = validation_environment(config)
         self.policy = new_policy(env, config.policy)
         self.ppo = PPO(env, self.policy, config.ppo)
         self.batch = config.ppo.cars * config.ppo.batch_steps
@@ -134,7 +127,7 @@ class PolicyRun:
                     self._save_policies(metrics)
                 yield metrics
         except NonFiniteLossError as error:
-            save_checkpoint(error.batch.to_dict(), self.folder / "failed_batch.pt")
+            save_torch(self.folder / "failed_batch.pt", error.batch.to_dict())
             raise
 
     @property
@@ -150,7 +143,7 @@ class PolicyRun:
 
     def checkpoint(self) -> None:
         """Writes checkpoint.pt, from which a resumed run goes on bit for bit."""
-        save_checkpoint({**self.ppo.state_dict(), "best": self.best}, self.folder / "checkpoint.pt")
+        save_torch(self.folder / "checkpoint.pt", {**self.ppo.state_dict(), "best": self.best})
 
     def _validation_is_due(self) -> bool:
         share = self.config.validations / self.config.ppo.steps

@@ -71,10 +71,6 @@ class Result:
     seeds: tuple[float, ...]
     """Mean waypoints of each seed."""
 
-    def interval(self) -> tuple[float, float]:
-        """95 % interval of the mean over seeds, by Student's t; nan for a single one."""
-        return mean_interval(self.seeds)
-
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % interval of the mean of independent values, by Student's t; nan for a single one."""
@@ -126,39 +122,33 @@ def _joined(parts: Sequence[Scores]) -> Scores:
 def tables(found: Sequence[Result], car: str) -> str:
     """Tables 7.2 to 7.7 as Markdown, ours beside the original's printed numbers.
 
-    Args:
-        found: From `results`.
-        car: What the car's column is called, such as "reference car".
+    `car` is what the car's column is called, such as "reference car".
     """
     closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
     kinds = list(dict.fromkeys(r.policy for r in found))
+    room = ("lap", "infinity", "random")
+
+    def cell(kind: str, place: str, course: str, printed_in: str) -> str:
+        values, printed = closed[kind, place, course], _printed(printed_in, course, kind)
+        return f"{values.mean():.1f} ± {values.std(correction=0):.1f} ({printed})"
+
     lines = [
         "Waypoints closed, mean ± sd over drives and seeds; in brackets the original study's "
         "printed figures. The last table has the 95 % interval of the mean over seeds."
     ]
     for number, course in (("7.2", "training"), ("7.3", "validation")):
         lines += _heading(f"Table {number}: ten {course} paths, 1000 steps", "driven in", kinds)
-        lines += [
-            _row(place, [(closed[k, place, course], _printed(place, course, k)) for k in kinds])
-            for place in kinds
-        ]
+        lines += [_row(at, [cell(k, at, course, at) for k in kinds]) for at in kinds]
     lines += ["", "Table 7.4: the human driver's row is left for a person to drive."]
     lines += _heading("Table 7.5: each policy in its own simulator", "path", kinds)
-    room = ("lap", "infinity", "random")
-    for course in room:
-        own = [(closed[k, k, course], _printed("own simulator", course, k)) for k in kinds]
-        lines.append(_row(course, own))
+    lines += [_row(c, [cell(k, k, c, "own simulator") for k in kinds]) for c in room]
     lines += _heading(f"Table 7.6: on the {car}", "path", kinds)
-    for course in room:
-        there = [(closed[k, "car", course], _printed("car", course, k)) for k in kinds]
-        lines.append(_row(course, there))
+    lines += [_row(c, [cell(k, "car", c, "car") for k in kinds]) for c in room]
     lines += _heading(f"Table 7.7: waypoints lost from simulator to {car}", "path", kinds)
     lost = {k: [_lost(closed, k, course) for course in room] for k in kinds}
-    for index, course in enumerate(room):
-        lines.append(f"| {course} | " + " | ".join(f"{lost[k][index]:.1f}" for k in kinds) + " |")
+    lines += [_row(c, [f"{lost[k][i]:.1f}" for k in kinds]) for i, c in enumerate(room)]
     mean = [f"{sum(lost[k]) / 3:.1f} ({_printed('lost', 'mean', k)})" for k in kinds]
-    lines.append("| mean | " + " | ".join(mean) + " |")
-    return "\n".join([*lines, "", *_details(found)]) + "\n"
+    return "\n".join([*lines, _row("mean", mean), "", *_details(found)]) + "\n"
 
 
 def _lost(closed: Mapping[tuple[str, str, str], Tensor], kind: str, course: str) -> float:
@@ -170,16 +160,12 @@ def _printed(place: str, course: str, kind: str) -> str:
 
 
 def _heading(title: str, first: str, kinds: Sequence[str]) -> list[str]:
-    columns = " | ".join(f"policy from {kind}" for kind in kinds)
-    return ["", f"{title}:", "", f"| {first} | {columns} |", "|---|" + "---|" * len(kinds)]
+    columns = _row(first, [f"policy from {kind}" for kind in kinds])
+    return ["", f"{title}:", "", columns, "|---|" + "---|" * len(kinds)]
 
 
-def _row(name: str, cells: Sequence[tuple[Tensor, str]]) -> str:
-    texts = [
-        f"{values.mean():.1f} ± {values.std(correction=0):.1f} ({printed})"
-        for values, printed in cells
-    ]
-    return f"| {name} | " + " | ".join(texts) + " |"
+def _row(name: str, cells: Sequence[str]) -> str:
+    return f"| {name} | {' | '.join(cells)} |"
 
 
 def _details(found: Sequence[Result]) -> list[str]:
@@ -196,7 +182,7 @@ def _details(found: Sequence[Result]) -> list[str]:
         outside = "-" if m["out_of_range"] != m["out_of_range"] else f"{m['out_of_range']:.1%}"
         lines.append(
             f"| {r.policy} | {r.place} | {r.course} | {m['waypoints']:.1f}"
-            f" | {_range(r.interval())} | {m['kept_on']:.0%}"
+            f" | {_range(mean_interval(r.seeds))} | {m['kept_on']:.0%}"
             f" | {lateral} | {m['heading_mean']:.3f} | {m['speed']:.2f}"
             f" | {m['steering_effort']:.3f} | {outside} |"
         )

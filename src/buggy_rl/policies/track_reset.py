@@ -3,10 +3,9 @@
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.keys import COMPLETED, WAYPOINTS_CLOSED
 from buggy_rl.task.transforms.waypoints import Waypoints
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -28,9 +27,7 @@ class TrackReset:
     """
 
     def __init__(self, env: EnvBase, patience: float = 2.0, handling: float = 2.0) -> None:
-        stack = env.transform if isinstance(env, TransformedEnv) else None
-        parts = stack.transforms if isinstance(stack, Compose) else ()
-        found = [part for part in parts if isinstance(part, Waypoints)]
+        found = [part for part in env.modules() if isinstance(part, Waypoints)]
         if not found:
             raise ValueError("a track reset needs a task with waypoints to put cars back on")
         self.waypoints = found[0]
@@ -44,9 +41,9 @@ class TrackReset:
         Returns:
             Which cars are held [N, 1]; `times` counts how often each was reset.
         """
-        self.idle = torch.where(following[WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
+        self.idle = torch.where(following[keys.WAYPOINTS_CLOSED] > 0, 0.0, self.idle + 1)
         lost = following[keys.TERMINATED] | (self.idle >= self.patience)
-        taken = lost & (self.held == 0) & ~following[COMPLETED]
+        taken = lost & (self.held == 0) & ~following[keys.COMPLETED]
         self.times = self.times + taken
         self.held = torch.where(taken, float(self.handling), (self.held - 1).clamp_min(0.0))
         held = self.held > 0

@@ -113,14 +113,7 @@ def make_simulator(
     parameters: Mapping[str, float] | None = None,
     **options: Any,
 ) -> EnvBase:
-    """Builds an engine, or an engine with effects (`effects:` of a .yaml file).
-
-    Args:
-        simulator: As for `make_engine`.
-        batch_size: Likewise.
-        device: Likewise.
-        parameters: Likewise.
-        options: Likewise.
+    """Builds an engine, or an engine with effects (`effects:` of a .yaml file), as `make_engine`.
 
     Raises:
         ValueError: A name is unknown; the message lists the known ones.

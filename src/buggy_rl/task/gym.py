@@ -19,19 +19,11 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, Transform
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    COMPLETED,
-    HEADING_ERROR,
-    LATERAL_ERROR,
-    OBSERVATION,
-    PATH,
-    WAYPOINTS_CLOSED,
-)
 from buggy_rl.task.env import TaskConfig, make_env
-from buggy_rl.task.paths import PathSet
+from buggy_rl.task.paths.path_set import PathSet
 
 NAME = "buggy_rl/Waypoints-v0"
-TOLD = (PATH, WAYPOINTS_CLOSED, LATERAL_ERROR, HEADING_ERROR, COMPLETED)
+TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)
 
 
 class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -60,7 +52,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
                 f"{NAME} drives one car, the engine has a batch of {tuple(self._env.batch_size)}: "
                 "make it with batch_size=(), or use buggy_rl.task.env.make_env"
             )
-        size = self._env.observation_spec[OBSERVATION].shape
+        size = self._env.observation_spec[keys.OBSERVATION].shape
         self.observation_space = Box(-np.inf, np.inf, tuple(size), np.float32)
         self.action_space = Box(-1.0, 1.0, (2,), np.float32)
         self._state: TensorDictBase | None = None
@@ -71,8 +63,8 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Puts the car at the start of a path; `options={"path": i}` says of which."""
         super().reset(seed=seed)
         start = None
-        if options and PATH in options:
-            start = TensorDict({PATH: torch.tensor([int(options[PATH])])})
+        if options and keys.PATH in options:
+            start = TensorDict({keys.PATH: torch.tensor([int(options[keys.PATH])])})
         self._env.set_seed(int(self.np_random.integers(2**63 - 1)))
         self._state = self._env.reset(start)
         return self._shown(self._state)
@@ -99,7 +91,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _shown(self, state: TensorDictBase) -> tuple[NDArray[np.float32], dict[str, Any]]:
         info = {key: state[key].item() for key in TOLD}
         info |= {key: np.array(state[key].numpy()) for key in (keys.POSE, keys.VELOCITY)}
-        return np.array(state[OBSERVATION].numpy(), np.float32), info
+        return np.array(state[keys.OBSERVATION].numpy(), np.float32), info
 
 
 gymnasium.register(NAME, entry_point="buggy_rl.task.gym:WaypointsEnv")

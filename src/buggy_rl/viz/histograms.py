@@ -13,11 +13,7 @@ BINS = 60  # of each histogram; at 7 m/s a bin is 0.1 m/s
 
 
 def histogram_figure(parts: Mapping[str, TensorDictBase]) -> Figure:
-    """Histograms of the rows [*] of each part, the first one filled, the others as lines.
-
-    Args:
-        parts: Name -> rows with `velocity` and `action`, e.g. before and after mirroring.
-    """
+    """Histograms of `velocity` and `action` [*] of each part, the first one filled."""
     figure, axes = plt.subplots(1, 5, figsize=(15, 3), constrained_layout=True)
     filled = {"histtype": "stepfilled", "alpha": 0.35, "color": COLOURS[1]}
     for index, (name, data) in enumerate(parts.items()):

@@ -15,8 +15,7 @@ SPARSE = 30  # points of a curve below which they get markers; chosen
 def learning_figure(curves: Sequence[Curve]) -> Figure:
     """Waypoints closed over training steps: mean of all seeds, and band from worst to best.
 
-    Args:
-        curves: From `learning_curves.curves`; a colour for each name, a panel for each metric.
+    A colour for each name, a panel for each metric.
     """
     figure, axes = plt.subplots(1, len(SHOWN), figsize=(10, 4), layout="constrained", sharey=True)
     names = list(dict.fromkeys(curve.name for curve in curves))

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from buggy_rl.task.paths import PathSet
+from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.viz.style import COLOURS, MEASURED, tidy
 
 

@@ -23,11 +23,7 @@ PANEL = 3.2  # [inch] width of a panel
 
 
 def policies_figure(panels: Sequence[Panel]) -> Figure:
-    """A row for each path, a column for each policy and simulator; pure pursuit thin and grey.
-
-    Args:
-        panels: From `policies.drives.panels`, every path in every column.
-    """
+    """A row for each path, a column for each policy and simulator; pure pursuit thin and grey."""
     columns = list(dict.fromkeys((panel.policy, panel.place) for panel in panels))
     limits = _limits(panels)
     rows = list(limits)

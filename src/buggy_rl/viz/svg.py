@@ -27,10 +27,7 @@ Data = TypeVar("Data")
 def svg(draw: Callable[[Data], Figure], data: Data, words: str) -> str:
     """An SVG element that refers to nothing outside the page and takes the page's width.
 
-    Args:
-        draw: Makes the figure.
-        data: What it draws.
-        words: Description for screen readers.
+    `words` describe it to screen readers.
     """
     stream = io.StringIO()
     with matplotlib.rc_context(SETTINGS):

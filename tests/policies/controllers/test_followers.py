@@ -12,7 +12,8 @@ from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
 from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
-from buggy_rl.task.paths import PathConfig, joined_paths, make_paths
+from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 from buggy_rl.vehicle import VehicleDimensions
 from tests.policies.controllers.test_preview import circle, straight
 

@@ -4,7 +4,8 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
-from buggy_rl.policies.controllers.room import RecordConfig, RoomConfig, RoomDriver
+from buggy_rl.policies.controllers.recording import RecordConfig, RoomConfig
+from buggy_rl.policies.controllers.room import RoomDriver
 
 NOSE = 0.14  # [m] half the car's length, rounded up
 

@@ -5,7 +5,8 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl import keys as task
-from buggy_rl.task.paths import PathConfig, joined_paths, make_paths
+from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 from buggy_rl.task.transforms.waypoints import Waypoints
 from tests.task.transforms.cars import over_hold, place, square_path, start, step, straight_path
 

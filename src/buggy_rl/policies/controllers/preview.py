@@ -88,17 +88,13 @@ def allowed_speed(waypoints: Tensor, config: SpeedConfig) -> Tensor:
     to_bend = torch.cat([torch.zeros_like(way[..., :1]), way[..., :-1]], -1)
     lateral, braking = _column(config.lateral_acceleration), _column(config.braking)
     squared = (lateral / bend + 2 * braking * to_bend).amin(-1)
-    unseen = _square(config.unseen_speed) + 2 * config.braking * way[..., -1]
+    unseen = config.unseen_speed * config.unseen_speed + 2 * config.braking * way[..., -1]
     top = torch.as_tensor(config.top_speed, dtype=squared.dtype)
     return torch.minimum(torch.minimum(squared, unseen).sqrt(), top)
 
 
 def _column(number: Number) -> Number:
     return number.unsqueeze(-1) if isinstance(number, Tensor) else number
-
-
-def _square(number: Number) -> Number:
-    return number * number
 
 
 def throttle(speed: Tensor, wanted: Tensor, config: SpeedConfig) -> Tensor:

@@ -8,7 +8,6 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.keys import WAYPOINTS
 from buggy_rl.policies.controllers.preview import (
     SpeedConfig,
     ahead,
@@ -53,14 +52,14 @@ class PurePursuit(TensorDictModuleBase):
 
     def __init__(self, config: PurePursuitConfig | None = None) -> None:
         super().__init__()
-        self.in_keys, self.out_keys = [WAYPOINTS, keys.VELOCITY], [keys.ACTION]
+        self.in_keys, self.out_keys = [keys.WAYPOINTS, keys.VELOCITY], [keys.ACTION]
         self.config = config or PurePursuitConfig()
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes `action` [*, 2] for `waypoints` [*, W, 2] and `velocity` [*, 3]."""
         c = self.config
         velocity = tensordict[keys.VELOCITY]
-        seen = ahead(tensordict[WAYPOINTS], velocity, c.delay)  # (*, W, 2)
+        seen = ahead(tensordict[keys.WAYPOINTS], velocity, c.delay)  # (*, W, 2)
         speed = velocity[..., 0].clamp_min(0.0)
         rear = torch.tensor([REAR_AXLE, 0.0], device=seen.device)
         target = _at_distance(with_past(seen) + rear, c.shortest + c.seconds * speed)

@@ -15,13 +15,12 @@ class RandomDriver(TensorDictModuleBase):
     Args:
         hold: How long a command is held [s].
         seed: Of the commands; the global random state is neither read nor changed.
-        dt: Control period [s].
     """
 
-    def __init__(self, hold: float = 0.2, seed: int = 0, dt: float = CONTROL_PERIOD) -> None:
+    def __init__(self, hold: float = 0.2, seed: int = 0) -> None:
         super().__init__()
         self.in_keys, self.out_keys = [keys.VELOCITY], [keys.ACTION]
-        self.steps = max(1, round(hold / dt))
+        self.steps = max(1, round(hold / CONTROL_PERIOD))
         self._generator = torch.Generator().manual_seed(seed)
         self._held: Tensor | None = None
         self._age = 0

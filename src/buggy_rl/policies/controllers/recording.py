@@ -72,13 +72,7 @@ class RecordConfig:
 
 
 def driven(engine: EnvBase, driver: "RoomDriver", steps: int) -> Iterator[TensorDictBase]:
-    """Rows [*] of true `pose`, `velocity` and `action`: all cars drive off from rest.
-
-    Args:
-        engine: Of any physics.
-        driver: Says where each car starts and what it does.
-        steps: Rows to drive.
-    """
+    """Rows [*] of true `pose`, `velocity` and `action`: all cars drive off from rest."""
     pose = driver.start_pose(engine.batch_size)
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
     state = engine.reset(TensorDict(start, engine.batch_size))

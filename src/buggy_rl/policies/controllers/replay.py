@@ -21,10 +21,6 @@ class Replay(TensorDictModuleBase):
         self.in_keys, self.out_keys = [keys.VELOCITY], [keys.ACTION]
         self.actions, self.row = actions, 0
 
-    def reset(self) -> None:
-        """Begins again with the first row."""
-        self.row = 0
-
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes the next row's `action` [*, 2].
 
@@ -33,8 +29,8 @@ class Replay(TensorDictModuleBase):
         """
         if self.row >= self.actions.shape[-2]:
             raise IndexError(
-                f"all {self.actions.shape[-2]} commands have been driven: call reset(), or drive "
-                "no longer than they last"
+                f"all {self.actions.shape[-2]} commands have been driven: make a new Replay, or "
+                "drive no longer than they last"
             )
         velocity = tensordict[keys.VELOCITY]
         action = self.actions[..., self.row, :].to(velocity)

@@ -13,10 +13,8 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.policies.controllers.recording import RecordConfig, RoomConfig
+from buggy_rl.policies.controllers.recording import RoomConfig
 from buggy_rl.vehicle import CONTROL_PERIOD, rotate
-
-__all__ = ["RecordConfig", "RoomConfig", "RoomDriver"]
 
 STEERING_KINDS = ("hold", "ramp", "sweep", "steps", "straight")
 STEERING_CHANCES = (0.2, 0.2, 0.25, 0.15, 0.2)
@@ -47,17 +45,14 @@ class RoomDriver(TensorDictModuleBase):
     Args:
         config: The room.
         seed: Of what it decides; the global random state is neither read nor changed.
-        dt: Control period [s].
     """
 
-    def __init__(
-        self, config: RoomConfig | None = None, seed: int = 0, dt: float = CONTROL_PERIOD
-    ) -> None:
+    def __init__(self, config: RoomConfig | None = None, seed: int = 0) -> None:
         super().__init__()
         self.in_keys = [keys.POSE, keys.VELOCITY]
         self.out_keys = [keys.ACTION]
         self.config = config or RoomConfig()
-        self.dt = dt
+        self.dt = CONTROL_PERIOD
         self.memory: dict[str, Tensor] = {}
         self._generator = torch.Generator().manual_seed(seed)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import torch
@@ -80,7 +81,7 @@ def tune(
     ranges = dict(_ranges(config))
     low, high = (torch.tensor([r[i] for r in ranges.values()]) for i in (0, 1))
     generator = torch.Generator().manual_seed(search.seed)
-    best = torch.tensor([float(_value(config, name)) for name in ranges])
+    best = torch.tensor([float(attrgetter(name)(config)) for name in ranges])
     trials: list[Trial] = []
     for turn in range(search.rounds):
         reach = (high - low) * (1.0 if turn == 0 else NARROWING**turn)
@@ -120,20 +121,11 @@ def _ranges(config: Any, prefix: str = ""):
             yield prefix + item.name, item.metadata["range"]
 
 
-def _value(config: Any, name: str) -> Any:
-    first, _, rest = name.partition(".")
-    return _value(getattr(config, first), rest) if rest else getattr(config, first)
-
-
-def _with(config: Any, values: dict[str, Any]) -> Any:
+def _with(config: Any, values: dict[str, Any], prefix: str = "") -> Any:
     """The config with other values by dotted name."""
-    own: dict[str, Any] = {}
-    nested: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        first, _, rest = name.partition(".")
-        if rest:
-            nested.setdefault(first, {})[rest] = value
-        else:
-            own[first] = value
-    inner = {name: _with(getattr(config, name), part) for name, part in nested.items()}
-    return replace(config, **own, **inner)
+    changed = {}
+    for item in fields(config):
+        name, value = prefix + item.name, getattr(config, item.name)
+        nested = is_dataclass(value)
+        changed[item.name] = _with(value, values, f"{name}.") if nested else values.get(name, value)
+    return replace(config, **changed)

@@ -5,19 +5,18 @@ a step is a function of its input. Only a reset draws random numbers: the path, 
 target speed.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
-from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
 from buggy_rl import keys
-from buggy_rl.keys import MEASURED_POSE, MEASURED_VELOCITY
 
 RESTING = (-1.0, 0.0)  # no drive, wheels straight: the command before the first step
+COUNT = Bounded(0, torch.iinfo(torch.int64).max, torch.Size([1]), dtype=torch.int64)
 
 
 class TaskTransform(Transform):
@@ -31,10 +30,8 @@ class TaskTransform(Transform):
     """Keys that must have been written by what stands before."""
     before: tuple[str, ...] = ()
     """Keys that only what stands behind may write."""
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        """Specs of the keys that it writes, with the batch `shape`; none by default."""
-        return {}
+    writes: Mapping[str, TensorSpec] = {}
+    """Keys that it writes, with their specs without the batch."""
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -45,15 +42,14 @@ class TaskTransform(Transform):
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        specs = self._specs(observation_spec.shape, observation_spec.device)
-        self._check_place(observation_spec, specs)
-        for key, spec in specs.items():
-            observation_spec[key] = spec
+        self._check_place(observation_spec, self.writes)
+        for key, spec in self.writes.items():
+            observation_spec[key] = spec.expand(observation_spec.shape + spec.shape)
         return observation_spec
 
     def _check_place(self, promised: Composite, writes: Iterable[str]) -> None:
         name, written = type(self).__name__, set(map(str, promised.keys()))
-        twice = sorted(written.intersection(writes) - {MEASURED_POSE, MEASURED_VELOCITY})
+        twice = sorted(written.intersection(writes) - {keys.MEASURED_POSE, keys.MEASURED_VELOCITY})
         if twice:
             raise ValueError(
                 f"{name} stands twice in the stack ({', '.join(twice)} is already written): leave "
@@ -83,24 +79,16 @@ class RandomTransform(TaskTransform):
     generator: torch.Generator | None = None
 
 
-def numbers(shape: torch.Size, *sizes: int, device: DEVICE_TYPING | None) -> Unbounded:
-    """Spec of float32 numbers [*shape, *sizes]."""
-    return Unbounded(torch.Size((*shape, *sizes)), device=device)
-
-
-def counter(shape: torch.Size, device: DEVICE_TYPING | None) -> Bounded:
-    """Spec of one count [*shape, 1]."""
-    high = torch.iinfo(torch.int64).max
-    return Bounded(0, high, torch.Size((*shape, 1)), dtype=torch.int64, device=device)
+def numbers(*sizes: int) -> Unbounded:
+    """Spec of float32 numbers [*sizes]."""
+    return Unbounded(torch.Size(sizes))
 
 
 def measured_velocity(tensordict: TensorDictBase) -> Tensor:
     """Velocity [*, 3] as the sensing transforms so far left it."""
-    measured = tensordict.get(MEASURED_VELOCITY, None)
-    return tensordict.get(keys.VELOCITY) if measured is None else measured
+    return tensordict.get(keys.MEASURED_VELOCITY, tensordict.get(keys.VELOCITY))
 
 
 def measured_pose(tensordict: TensorDictBase) -> Tensor:
     """Pose [*, 3] as the sensing transforms so far left it."""
-    measured = tensordict.get(MEASURED_POSE, None)
-    return tensordict.get(keys.POSE) if measured is None else measured
+    return tensordict.get(keys.MEASURED_POSE, tensordict.get(keys.POSE))

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
+from torch import nn
 
-from buggy_rl.keys import MEASURED_VELOCITY, OBSERVATION
+from buggy_rl import keys
 from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
 
 # vx, vy [m/s], yaw_rate [rad/s]: the original study clipped the states of its learned model here.
@@ -23,23 +21,18 @@ class ClipVelocity(TaskTransform):
         high: Likewise.
     """
 
-    before: tuple[str, ...] = (OBSERVATION,)
-
-    low: Tensor
-    high: Tensor
+    before: tuple[str, ...] = (keys.OBSERVATION,)
 
     def __init__(
         self, low: Sequence[float] = TRAINED_LOW, high: Sequence[float] = TRAINED_HIGH
     ) -> None:
         super().__init__()
-        self.register_buffer("low", torch.tensor(low, dtype=torch.float32), persistent=False)
-        self.register_buffer("high", torch.tensor(high, dtype=torch.float32), persistent=False)
+        self.low = nn.Buffer(torch.tensor(low, dtype=torch.float32), persistent=False)
+        self.high = nn.Buffer(torch.tensor(high, dtype=torch.float32), persistent=False)
         if self.low.shape != (3,) or self.high.shape != (3,) or not (self.low < self.high).all():
             raise ValueError(f"clip: low {list(low)} and high {list(high)} must bound 3 numbers")
+        self.writes = {keys.MEASURED_VELOCITY: numbers(3)}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         velocity = measured_velocity(next_tensordict).clamp(self.low, self.high)
-        return next_tensordict.set(MEASURED_VELOCITY, velocity)
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {MEASURED_VELOCITY: numbers(shape, 3, device=device)}
+        return next_tensordict.set(keys.MEASURED_VELOCITY, velocity)

@@ -3,11 +3,8 @@
 from abc import abstractmethod
 from typing import ClassVar
 
-import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
 from buggy_rl.task.transforms.base import RESTING, TaskTransform, numbers
@@ -24,6 +21,10 @@ class CommandFilter(TaskTransform):
     memory: ClassVar[str]
     """Key of u'_{t-1}, [*, 2]."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.writes = {self.memory: numbers(2)}
+
     @abstractmethod
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
         """f, of tensors [*, 2]."""
@@ -39,13 +40,6 @@ class CommandFilter(TaskTransform):
         return next_tensordict.set(self.memory, tensordict.get(self.memory + GIVEN))
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return next_tensordict.set(self.memory, resting(next_tensordict))
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {self.memory: numbers(shape, 2, device=device)}
-
-
-def resting(tensordict: TensorDictBase) -> Tensor:
-    """The command [*, 2] of a car at rest."""
-    pose = tensordict.get(keys.POSE)
-    return pose.new_tensor(RESTING).expand(*pose.shape[:-1], 2).clone()
+        pose = next_tensordict.get(keys.POSE)
+        resting = pose.new_tensor(RESTING).expand(*pose.shape[:-1], 2).clone()
+        return next_tensordict.set(self.memory, resting)

@@ -5,7 +5,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Composite
 
-from buggy_rl.keys import OBSERVATION, OBSERVATION_ROWS
+from buggy_rl import keys
 from buggy_rl.task.transforms.base import TaskTransform, numbers
 
 
@@ -20,7 +20,7 @@ class History(TaskTransform):
         rows: Observations, the present one included.
     """
 
-    reads: tuple[str, ...] = (OBSERVATION,)
+    reads: tuple[str, ...] = (keys.OBSERVATION,)
 
     def __init__(self, rows: int = 4) -> None:
         super().__init__()
@@ -31,22 +31,21 @@ class History(TaskTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        row = tensordict_reset.get(OBSERVATION).unsqueeze(-2)
+        row = tensordict_reset.get(keys.OBSERVATION).unsqueeze(-2)
         return self._write(tensordict_reset, row.repeat_interleave(self.rows, -2))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        row = next_tensordict.get(OBSERVATION).unsqueeze(-2)
-        rows = tensordict.get(OBSERVATION_ROWS)
+        row = next_tensordict.get(keys.OBSERVATION).unsqueeze(-2)
+        rows = tensordict.get(keys.OBSERVATION_ROWS)
         return self._write(next_tensordict, torch.cat([rows[..., 1:, :], row], -2))
 
     def _write(self, td: TensorDictBase, rows: Tensor) -> TensorDictBase:
-        td.set(OBSERVATION_ROWS, rows)
-        return td.set(OBSERVATION, rows.flatten(-2))
+        td.set(keys.OBSERVATION_ROWS, rows)
+        return td.set(keys.OBSERVATION, rows.flatten(-2))
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        self._check_place(observation_spec, [OBSERVATION_ROWS])
-        shape, device = observation_spec.shape, observation_spec.device
-        size = observation_spec[OBSERVATION].shape[-1]
-        observation_spec[OBSERVATION_ROWS] = numbers(shape, self.rows, size, device=device)
-        observation_spec[OBSERVATION] = numbers(shape, self.rows * size, device=device)
+        self._check_place(observation_spec, [keys.OBSERVATION_ROWS])
+        *batch, size = observation_spec[keys.OBSERVATION].shape
+        observation_spec[keys.OBSERVATION_ROWS] = numbers(*batch, self.rows, size)
+        observation_spec[keys.OBSERVATION] = numbers(*batch, self.rows * size)
         return observation_spec

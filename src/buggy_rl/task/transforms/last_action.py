@@ -2,14 +2,14 @@
 
 from torch import Tensor
 
-from buggy_rl.keys import LAST_ACTION
+from buggy_rl import keys
 from buggy_rl.task.transforms.commands import CommandFilter
 
 
 class LastAction(CommandFilter):
     """u'_t = u_t within [-1, 1]. Nearer to the engine than a filter it records its output."""
 
-    memory = LAST_ACTION
+    memory = keys.LAST_ACTION
 
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
         return asked

@@ -3,7 +3,6 @@
 from tensordict import TensorDictBase
 
 from buggy_rl import keys
-from buggy_rl.keys import LATERAL_ERROR, REWARD_TERMS, STEP_COUNT
 from buggy_rl.task.transforms.base import TaskTransform
 
 
@@ -17,8 +16,8 @@ class LeavePath(TaskTransform):
         limit: [m]
     """
 
-    reads: tuple[str, ...] = (LATERAL_ERROR,)
-    before: tuple[str, ...] = (REWARD_TERMS, STEP_COUNT)
+    reads: tuple[str, ...] = (keys.LATERAL_ERROR,)
+    before: tuple[str, ...] = (keys.REWARD_TERMS, keys.STEP_COUNT)
 
     def __init__(self, limit: float = 1.0) -> None:
         super().__init__()
@@ -26,13 +25,8 @@ class LeavePath(TaskTransform):
             raise ValueError(f"leave_path: limit is {limit} m: must be above 0")
         self.limit = limit
 
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return tensordict_reset
-
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        left = next_tensordict.get(LATERAL_ERROR).abs() > self.limit
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        left = next_tensordict.get(keys.LATERAL_ERROR).abs() > self.limit
         for key in (keys.TERMINATED, keys.DONE):
             next_tensordict.set(key, next_tensordict.get(key) | left)
         return next_tensordict

@@ -4,22 +4,12 @@ import math
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
+from torch import Tensor, nn
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    MEASURED_POSE,
-    MEASURED_VELOCITY,
-    NOISE_STATE,
-    OBSERVATION,
-    VELOCITY_ROWS,
-    WAYPOINTS,
-)
 from buggy_rl.task.transforms.base import (
+    COUNT,
     RandomTransform,
-    counter,
     measured_pose,
     measured_velocity,
     numbers,
@@ -42,10 +32,7 @@ class ObservationNoise(RandomTransform):
         yaw_rate: [rad/s]
     """
 
-    before: tuple[str, ...] = (OBSERVATION, WAYPOINTS, VELOCITY_ROWS)
-
-    deviation: Tensor
-    pairs: Tensor
+    before: tuple[str, ...] = (keys.OBSERVATION, keys.WAYPOINTS, keys.VELOCITY_ROWS)
 
     def __init__(
         self,
@@ -55,17 +42,15 @@ class ObservationNoise(RandomTransform):
         yaw_rate: float = 0.03,
     ) -> None:
         super().__init__()
-        for name, value in (
-            ("position", position),
-            ("yaw", yaw),
-            ("velocity", velocity),
-            ("yaw_rate", yaw_rate),
-        ):
+        given = {"position": position, "yaw": yaw, "velocity": velocity, "yaw_rate": yaw_rate}
+        for name, value in given.items():
             if value < 0:
                 raise ValueError(f"observation_noise: {name} is {value}: must not be negative")
         deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
-        self.register_buffer("deviation", deviation, persistent=False)
-        self.register_buffer("pairs", torch.arange(PAIRS), persistent=False)
+        self.deviation = nn.Buffer(deviation, persistent=False)
+        self.pairs = nn.Buffer(torch.arange(PAIRS), persistent=False)
+        measured = {keys.MEASURED_POSE: numbers(3), keys.MEASURED_VELOCITY: numbers(3)}
+        self.writes = {keys.NOISE_STATE: COUNT, **measured}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -76,20 +61,13 @@ class ObservationNoise(RandomTransform):
         return self._write(tensordict_reset, state)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return self._write(next_tensordict, tensordict.get(NOISE_STATE) + PAIRS)
+        return self._write(next_tensordict, tensordict.get(keys.NOISE_STATE) + PAIRS)
 
     def _write(self, td: TensorDictBase, state: Tensor) -> TensorDictBase:
         noise = normal(state + self.pairs) * self.deviation  # (*, 6)
-        td.set(NOISE_STATE, state)
-        td.set(MEASURED_POSE, measured_pose(td) + noise[..., :3])
-        return td.set(MEASURED_VELOCITY, measured_velocity(td) + noise[..., 3:])
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {
-            NOISE_STATE: counter(shape, device),
-            MEASURED_POSE: numbers(shape, 3, device=device),
-            MEASURED_VELOCITY: numbers(shape, 3, device=device),
-        }
+        td.set(keys.NOISE_STATE, state)
+        td.set(keys.MEASURED_POSE, measured_pose(td) + noise[..., :3])
+        return td.set(keys.MEASURED_VELOCITY, measured_velocity(td) + noise[..., 3:])
 
 
 def normal(counter: Tensor) -> Tensor:

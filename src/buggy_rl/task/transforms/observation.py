@@ -8,7 +8,6 @@ from torch import Tensor
 from torchrl.data import Composite
 
 from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION, WAYPOINTS
 from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
 
 
@@ -19,7 +18,7 @@ class Observation(TaskTransform):
         inputs: Keys in this order, each flattened; `velocity` is the measured one.
     """
 
-    def __init__(self, inputs: Sequence[str] = (keys.VELOCITY, WAYPOINTS)) -> None:
+    def __init__(self, inputs: Sequence[str] = (keys.VELOCITY, keys.WAYPOINTS)) -> None:
         super().__init__()
         self.inputs = tuple(inputs)
         if not self.inputs:
@@ -28,7 +27,7 @@ class Observation(TaskTransform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         batch = next_tensordict.batch_dims
         rows = [self._value(next_tensordict, key).flatten(batch) for key in self.inputs]
-        return next_tensordict.set(OBSERVATION, torch.cat(rows, -1))
+        return next_tensordict.set(keys.OBSERVATION, torch.cat(rows, -1))
 
     def _value(self, td: TensorDictBase, key: str) -> Tensor:
         return measured_velocity(td) if key == keys.VELOCITY else td.get(key)
@@ -41,9 +40,7 @@ class Observation(TaskTransform):
                 f"observation: nothing before it writes {', '.join(missing)}; "
                 f"available: {', '.join(sorted(written))}"
             )
-        batch = len(observation_spec.shape)
-        sizes = [observation_spec[key].shape[batch:].numel() for key in self.inputs]
-        observation_spec[OBSERVATION] = numbers(
-            observation_spec.shape, sum(sizes), device=observation_spec.device
-        )
+        batch = observation_spec.shape
+        sizes = [observation_spec[key].shape[len(batch) :].numel() for key in self.inputs]
+        observation_spec[keys.OBSERVATION] = numbers(*batch, sum(sizes))
         return observation_spec

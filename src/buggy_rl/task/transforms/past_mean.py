@@ -3,10 +3,8 @@
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl.keys import MEASURED_VELOCITY, OBSERVATION, VELOCITY_ROWS
+from buggy_rl import keys
 from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
 
 
@@ -20,13 +18,15 @@ class PastMean(TaskTransform):
         width: Rows, the present one included; the original study's 5.
     """
 
-    before: tuple[str, ...] = (OBSERVATION,)
+    before: tuple[str, ...] = (keys.OBSERVATION,)
 
     def __init__(self, width: int = 5) -> None:
         super().__init__()
         if width < 1:
             raise ValueError(f"past_mean: width is {width}: must be at least 1")
         self.width = width
+        rows, mean = numbers(width, 4), numbers(3)
+        self.writes = {keys.VELOCITY_ROWS: rows, keys.MEASURED_VELOCITY: mean}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -36,18 +36,12 @@ class PastMean(TaskTransform):
         return self._write(tensordict_reset, rows, velocity)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        rows = tensordict.get(VELOCITY_ROWS)
+        rows = tensordict.get(keys.VELOCITY_ROWS)
         return self._write(next_tensordict, rows, measured_velocity(next_tensordict))
 
     def _write(self, td: TensorDictBase, rows: Tensor, velocity: Tensor) -> TensorDictBase:
         row = torch.cat([velocity, torch.ones_like(velocity[..., :1])], -1).unsqueeze(-2)
         rows = torch.cat([rows[..., 1:, :], row], -2)  # (*, width, 4)
         total = rows.sum(-2)
-        td.set(VELOCITY_ROWS, rows)
-        return td.set(MEASURED_VELOCITY, total[..., :3] / total[..., 3:])
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {
-            VELOCITY_ROWS: numbers(shape, self.width, 4, device=device),
-            MEASURED_VELOCITY: numbers(shape, 3, device=device),
-        }
+        td.set(keys.VELOCITY_ROWS, rows)
+        return td.set(keys.MEASURED_VELOCITY, total[..., :3] / total[..., 3:])

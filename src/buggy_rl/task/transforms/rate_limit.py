@@ -1,9 +1,9 @@
 """Commands that change no faster than a limit."""
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from buggy_rl.keys import LIMITED_ACTION
+from buggy_rl import keys
 from buggy_rl.task.transforms.commands import CommandFilter
 
 
@@ -16,17 +16,14 @@ class RateLimit(CommandFilter):
         dt: Control period [s].
     """
 
-    memory = LIMITED_ACTION
-
-    largest: Tensor
+    memory = keys.LIMITED_ACTION
 
     def __init__(self, throttle: float = 20.0, steering: float = 10.0, *, dt: float) -> None:
         super().__init__()
         for name, value in (("throttle", throttle), ("steering", steering)):
             if not value > 0:
                 raise ValueError(f"rate_limit: {name} is {value} a second: must be above 0")
-        largest = torch.tensor([throttle * dt, steering * dt])
-        self.register_buffer("largest", largest, persistent=False)
+        self.largest = nn.Buffer(torch.tensor([throttle * dt, steering * dt]), persistent=False)
 
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
         return previous + (asked - previous).clamp(-self.largest, self.largest)

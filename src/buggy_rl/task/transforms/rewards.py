@@ -5,45 +5,35 @@ from collections.abc import Callable, Mapping
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    LAST_ACTION,
-    LATERAL_ERROR,
-    PATH_POSITION,
-    REWARD_TERMS,
-    TARGET_SPEED,
-    WAYPOINTS_CLOSED,
-)
 from buggy_rl.task.transforms.base import TaskTransform, numbers
 
 
 def waypoints_closed(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     """1 for each waypoint closed in the step: the original study's reward (5.1)."""
-    return after.get(WAYPOINTS_CLOSED)
+    return after.get(keys.WAYPOINTS_CLOSED)
 
 
 def progress(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     """Distance gained along the path [m]; less than nothing when driving back."""
-    return after.get(PATH_POSITION) - before.get(PATH_POSITION)
+    return after.get(keys.PATH_POSITION) - before.get(keys.PATH_POSITION)
 
 
 def deviation(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     """-|lateral_error| [m]."""
-    return -after.get(LATERAL_ERROR).abs()
+    return -after.get(keys.LATERAL_ERROR).abs()
 
 
 def steering_effort(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     """-(s_t - s_{t-1})^2, with s the steering command."""
-    change = after.get(LAST_ACTION)[..., 1:] - before.get(LAST_ACTION)[..., 1:]
+    change = after.get(keys.LAST_ACTION)[..., 1:] - before.get(keys.LAST_ACTION)[..., 1:]
     return -change.square()
 
 
 def speed_error(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     """-|vx - target_speed| [m/s]."""
-    return -(after.get(keys.VELOCITY)[..., :1] - after.get(TARGET_SPEED)).abs()
+    return -(after.get(keys.VELOCITY)[..., :1] - after.get(keys.TARGET_SPEED)).abs()
 
 
 def terminated(before: TensorDictBase, after: TensorDictBase) -> Tensor:
@@ -62,11 +52,11 @@ def out_of_range(before: TensorDictBase, after: TensorDictBase) -> Tensor:
 
 Term = Callable[[TensorDictBase, TensorDictBase], Tensor]
 TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each reads
-    "waypoints_closed": (waypoints_closed, (WAYPOINTS_CLOSED,)),
-    "progress": (progress, (PATH_POSITION,)),
-    "deviation": (deviation, (LATERAL_ERROR,)),
-    "steering_effort": (steering_effort, (LAST_ACTION,)),
-    "speed_error": (speed_error, (TARGET_SPEED,)),
+    "waypoints_closed": (waypoints_closed, (keys.WAYPOINTS_CLOSED,)),
+    "progress": (progress, (keys.PATH_POSITION,)),
+    "deviation": (deviation, (keys.LATERAL_ERROR,)),
+    "steering_effort": (steering_effort, (keys.LAST_ACTION,)),
+    "speed_error": (speed_error, (keys.TARGET_SPEED,)),
     "terminated": (terminated, ()),
     "out_of_range": (out_of_range, ()),
 }
@@ -89,13 +79,14 @@ class Rewards(TaskTransform):
                 f"available: {', '.join(sorted(TERMS))}"
             )
         self.reads = tuple(key for name in self.weights for key in TERMS[name][1])
+        self.writes = {keys.REWARD_TERMS: numbers(len(self.weights))}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         pose = tensordict_reset.get(keys.POSE)
         nothing = pose.new_zeros((*pose.shape[:-1], len(self.weights)))
-        return tensordict_reset.set(REWARD_TERMS, nothing)
+        return tensordict_reset.set(keys.REWARD_TERMS, nothing)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         terms = [
@@ -103,8 +94,5 @@ class Rewards(TaskTransform):
             for name, weight in self.weights.items()
         ]
         row = torch.cat(terms, -1)  # (*, terms)
-        next_tensordict.set(REWARD_TERMS, row)
+        next_tensordict.set(keys.REWARD_TERMS, row)
         return next_tensordict.set(keys.REWARD, row.sum(-1, keepdim=True))
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {REWARD_TERMS: numbers(shape, len(self.weights), device=device)}

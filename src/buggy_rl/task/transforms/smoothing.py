@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from buggy_rl.keys import SMOOTHED_ACTION
+from buggy_rl import keys
 from buggy_rl.task.transforms.commands import CommandFilter
 
 
@@ -17,7 +17,7 @@ class ActionSmoothing(CommandFilter):
         dt: Control period [s].
     """
 
-    memory = SMOOTHED_ACTION
+    memory = keys.SMOOTHED_ACTION
 
     def __init__(self, time_constant: float = 0.05, *, dt: float) -> None:
         super().__init__()

@@ -2,11 +2,8 @@
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.data import TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION, TARGET_SPEED
 from buggy_rl.task.transforms.base import RandomTransform, numbers
 
 
@@ -18,22 +15,20 @@ class TargetSpeed(RandomTransform):
         high: [m/s]; equal to `low` for one speed always.
     """
 
-    before: tuple[str, ...] = (OBSERVATION,)
+    before: tuple[str, ...] = (keys.OBSERVATION,)
 
     def __init__(self, low: float = 1.0, high: float = 3.0) -> None:
         super().__init__()
         if not 0 <= low <= high:
             raise ValueError(f"target_speed: low {low} and high {high} m/s are no range above 0")
         self.low, self.high = low, high
+        self.writes = {keys.TARGET_SPEED: numbers(1)}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = next_tensordict.get(keys.POSE)
         shape = (*pose.shape[:-1], 1)
         share = torch.rand(shape, generator=self.generator, device=pose.device)
-        return next_tensordict.set(TARGET_SPEED, self.low + (self.high - self.low) * share)
+        return next_tensordict.set(keys.TARGET_SPEED, self.low + (self.high - self.low) * share)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return next_tensordict.set(TARGET_SPEED, tensordict.get(TARGET_SPEED))
-
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        return {TARGET_SPEED: numbers(shape, 1, device=device)}
+        return next_tensordict.set(keys.TARGET_SPEED, tensordict.get(keys.TARGET_SPEED))

@@ -1,27 +1,16 @@
 """The next waypoints of a path, and which of them the car has closed."""
 
+from functools import partial
 from typing import Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
-from torchrl.data import Binary, Composite, TensorSpec
-from torchrl.data.utils import DEVICE_TYPING
+from torch import Tensor, nn
+from torchrl.data import Binary, Composite
 
 from buggy_rl import keys
-from buggy_rl.keys import (
-    COMPLETED,
-    HEADING_ERROR,
-    LATERAL_ERROR,
-    NEXT_WAYPOINT,
-    OBSERVATION,
-    PATH,
-    PATH_POSITION,
-    WAYPOINTS,
-    WAYPOINTS_CLOSED,
-)
-from buggy_rl.task.paths import PathSet
-from buggy_rl.task.transforms.base import RandomTransform, counter, measured_pose, numbers
+from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.transforms.base import COUNT, RandomTransform, measured_pose, numbers
 from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
@@ -36,7 +25,7 @@ class Waypoints(RandomTransform):
 
     the first being the original study's det(w - p, n) < 0 with n the normal to the left. Waypoints
     close one after the other: in one step as many as meet this in a row from the next one on, at
-    most those that are visible. A car beyond the bound has closed nothing; it can still come back.
+    most `at_once`. A car beyond the bound has closed nothing; it can still come back.
 
     On a closed path the queue goes on for ever. An open path is complete when its last waypoint
     is closed; the queue then holds waypoints straight ahead, none of which can be closed.
@@ -56,18 +45,7 @@ class Waypoints(RandomTransform):
         ValueError: `order` is unknown.
     """
 
-    before: tuple[str, ...] = (OBSERVATION,)
-
-    offset: Tensor
-    modulus: Tensor
-    last: Tensor
-    lap: Tensor
-    start: Tensor
-    points: Tensor
-    turned: Tensor
-    lines: Tensor
-    pieces: Tensor
-    places: Tensor
+    before: tuple[str, ...] = (keys.OBSERVATION,)
 
     def __init__(
         self,
@@ -85,8 +63,49 @@ class Waypoints(RandomTransform):
         self.paths, self.visible, self.at_once = paths, visible, at_once
         self.lateral_bound, self.order = lateral_bound, order
         self.start_lateral, self.start_heading = start_lateral, start_heading
-        for name, table in _tables(paths, visible).items():
-            self.register_buffer(name, table, persistent=False)
+        self._make_tables()
+        self.writes = {
+            keys.PATH: COUNT,
+            keys.NEXT_WAYPOINT: COUNT,
+            keys.WAYPOINTS: numbers(visible, 2),
+            keys.WAYPOINTS_CLOSED: numbers(1),
+            keys.PATH_POSITION: numbers(1),
+            keys.LATERAL_ERROR: numbers(1),
+            keys.HEADING_ERROR: numbers(1),
+            keys.COMPLETED: Binary(1, dtype=torch.bool),
+        }
+
+    def _make_tables(self) -> None:
+        """Tables that steps look up in, the waypoints of all paths one behind the other.
+
+        `lines` [4, R] is x, y and tangent of each waypoint; `pieces` [7, R] the straight piece that
+        ends there: its end x, y, direction x, y, length, distance of its end along the path, yaw.
+        """
+        paths, ahead = self.paths, self.visible + 1  # a completed path still shows a full queue
+        points = paths.extended(ahead)  # (P, W', 2)
+        chord = torch.cat([paths.before(), points], 1).diff(dim=1)
+        length = chord.norm(dim=-1, keepdim=True)
+        run = length.clone()
+        run[:, 0] = 0.0
+        path = torch.arange(len(paths))
+        position = run.double().cumsum(1).float()
+        lap = position[path, paths.count - 1, 0] + length[:, 0, 0]
+        along = chord / length
+        yaw = torch.atan2(along[..., 1:], along[..., :1])
+        lines = torch.cat([points, paths.tangents(ahead)], -1)
+        pieces = torch.cat([points, along, length, position, yaw], -1)
+        turned = torch.stack([points[..., 1], -points[..., 0]], -1)
+        table = partial(nn.Buffer, persistent=False)
+        self.offset = table(path * points.shape[1])
+        self.modulus = table(torch.where(paths.closed, paths.count, ENDLESS))
+        self.last = table(torch.where(paths.closed, ENDLESS, paths.count))
+        self.lap = table(lap)
+        self.start = table(paths.start)
+        self.points = table(points.flatten(0, 1))
+        self.turned = table(turned.flatten(0, 1))
+        self.lines = table(lines.flatten(0, 1).T.contiguous())
+        self.pieces = table(pieces.flatten(0, 1).T.contiguous())
+        self.places = table(torch.arange(self.visible))
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
         # A path, and the pose that it starts at, unless the caller gives them.
@@ -94,15 +113,15 @@ class Waypoints(RandomTransform):
             parent = self.parent
             assert parent is not None
             tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
-        if tensordict.get(PATH, None) is None:
-            tensordict.set(PATH, self._chosen(tensordict.batch_size))
+        if tensordict.get(keys.PATH, None) is None:
+            tensordict.set(keys.PATH, self._chosen(tensordict.batch_size))
         if tensordict.get(keys.POSE, None) is None:
-            tensordict.set(keys.POSE, self._set_down(tensordict.get(PATH)))
+            tensordict.set(keys.POSE, self._set_down(tensordict.get(keys.PATH)))
         return tensordict
 
     def last_closed(self, tensordict: TensorDictBase) -> Tensor:
         """Pose [*, 3] on the waypoint that each car closed last, along the path to the next."""
-        row = self._row(tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT))
+        row = self._row(tensordict.get(keys.PATH), tensordict.get(keys.NEXT_WAYPOINT))
         end_x, end_y, along_x, along_y, length, _, yaw = _columns(self.pieces, row)
         return torch.cat([end_x - length * along_x, end_y - length * along_y, yaw], -1)
 
@@ -128,13 +147,13 @@ class Waypoints(RandomTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        path = tensordict.get(PATH)
-        begin = tensordict.get(NEXT_WAYPOINT, None)
+        path = tensordict.get(keys.PATH)
+        begin = tensordict.get(keys.NEXT_WAYPOINT, None)
         begin = torch.ones_like(path) if begin is None else begin
         return self._write(tensordict_reset, path, begin, torch.zeros_like(begin))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        path, following = tensordict.get(PATH), tensordict.get(NEXT_WAYPOINT)
+        path, following = tensordict.get(keys.PATH), tensordict.get(keys.NEXT_WAYPOINT)
         closed = self._closed(next_tensordict.get(keys.POSE), path, following)
         return self._write(next_tensordict, path, following + closed, closed)
 
@@ -169,14 +188,14 @@ class Waypoints(RandomTransform):
         beside = along_x * dy - along_y * dx
         distance = torch.hypot(short - within, beside)
         laps = following // self.modulus[path]
-        td.set(PATH, path)
-        td.set(NEXT_WAYPOINT, following)
-        td.set(WAYPOINTS, self._seen(measured_pose(td), row))
-        td.set(WAYPOINTS_CLOSED, closed.to(x.dtype))
-        td.set(PATH_POSITION, laps * self.lap[path] + position - within)
-        td.set(LATERAL_ERROR, torch.copysign(distance, beside))
-        td.set(HEADING_ERROR, wrap_angle(yaw - path_yaw))
-        td.set(COMPLETED, following >= self.last[path])
+        td.set(keys.PATH, path)
+        td.set(keys.NEXT_WAYPOINT, following)
+        td.set(keys.WAYPOINTS, self._seen(measured_pose(td), row))
+        td.set(keys.WAYPOINTS_CLOSED, closed.to(x.dtype))
+        td.set(keys.PATH_POSITION, laps * self.lap[path] + position - within)
+        td.set(keys.LATERAL_ERROR, torch.copysign(distance, beside))
+        td.set(keys.HEADING_ERROR, wrap_angle(yaw - path_yaw))
+        td.set(keys.COMPLETED, following >= self.last[path])
         return td
 
     def _seen(self, pose: Tensor, row: Tensor) -> Tensor:
@@ -192,59 +211,13 @@ class Waypoints(RandomTransform):
         ahead = torch.addcmul(cos.unsqueeze(-1) * points, sin.unsqueeze(-1), turned)
         return ahead - own
 
-    def _specs(self, shape: torch.Size, device: DEVICE_TYPING | None) -> dict[str, TensorSpec]:
-        one = torch.Size((*shape, 1))
-        return {
-            PATH: counter(shape, device),
-            NEXT_WAYPOINT: counter(shape, device),
-            WAYPOINTS: numbers(shape, self.visible, 2, device=device),
-            WAYPOINTS_CLOSED: numbers(shape, 1, device=device),
-            PATH_POSITION: numbers(shape, 1, device=device),
-            LATERAL_ERROR: numbers(shape, 1, device=device),
-            HEADING_ERROR: numbers(shape, 1, device=device),
-            COMPLETED: Binary(1, shape=one, dtype=torch.bool, device=device),
-        }
-
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         # What a reset may be asked for, beside the engine's pose and velocity.
-        for key in (PATH, NEXT_WAYPOINT):
-            state_spec[key] = counter(state_spec.shape, state_spec.device)
+        for key in (keys.PATH, keys.NEXT_WAYPOINT):
+            state_spec[key] = COUNT.expand(state_spec.shape + COUNT.shape)
         return state_spec
 
 
 def _columns(table: Tensor, rows: Tensor) -> tuple[Tensor, ...]:
     """Columns `rows` [*] of a table [C, R], as C tensors [*]."""
     return table.index_select(1, rows.flatten()).unflatten(1, rows.shape).unbind(0)
-
-
-def _tables(paths: PathSet, visible: int) -> dict[str, Tensor]:
-    """Tables that steps look up in, the waypoints of all paths one behind the other.
-
-    `lines` [4, R] is x, y and tangent of each waypoint; `pieces` [7, R] the straight piece that
-    ends there: its end x, y, direction x, y, length, distance of its end along the path, yaw.
-    """
-    ahead = visible + 1  # an open path, once completed, still shows a full queue
-    points = paths.extended(ahead)  # (P, W', 2)
-    chord = torch.cat([paths.before(), points], 1).diff(dim=1)
-    length = chord.norm(dim=-1, keepdim=True)
-    run = length.clone()
-    run[:, 0] = 0.0
-    path = torch.arange(len(paths))
-    position = run.double().cumsum(1).float()
-    lap = position[path, paths.count - 1, 0] + length[:, 0, 0]
-    along = chord / length
-    yaw = torch.atan2(along[..., 1:], along[..., :1])
-    lines = torch.cat([points, paths.tangents(ahead)], -1)
-    pieces = torch.cat([points, along, length, position, yaw], -1)
-    return {
-        "offset": path * points.shape[1],
-        "modulus": torch.where(paths.closed, paths.count, ENDLESS),
-        "last": torch.where(paths.closed, ENDLESS, paths.count),
-        "lap": lap,
-        "start": paths.start,
-        "points": points.flatten(0, 1),
-        "turned": torch.stack([points[..., 1], -points[..., 0]], -1).flatten(0, 1),
-        "lines": lines.flatten(0, 1).T.contiguous(),
-        "pieces": pieces.flatten(0, 1).T.contiguous(),
-        "places": torch.arange(visible),
-    }
