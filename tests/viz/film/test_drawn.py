@@ -53,7 +53,9 @@ def test_waypoints_turn_as_they_are_closed():
     waypoints = np.array([[-1.0, 0.6], [-0.5, 0.6], [0.0, 0.6], [0.5, 0.6]])
     counts = []
     for closed in (0, 3):
-        frame = Drawn([1.0], SIZE).frame(shot(row(0, -0.6, closed=closed), waypoints=waypoints), VIEW)
+        frame = Drawn([1.0], SIZE).frame(
+            shot(row(0, -0.6, closed=closed), waypoints=waypoints), VIEW
+        )
         counts.append((len(pixels_of(frame, OPEN)), len(pixels_of(frame, CLOSED))))
     (before_open, before_closed), (after_open, after_closed) = counts
     assert before_open > 10

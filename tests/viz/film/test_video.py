@@ -37,9 +37,13 @@ def test_a_png_is_the_last_frame(tmp_path):
 
 
 def test_an_interrupted_film_leaves_nothing_behind(tmp_path):
-    with pytest.raises(KeyboardInterrupt), writing(tmp_path / "film.gif", 10.0) as write:
-        write(np.zeros((8, 8, 3), np.uint8))
-        raise KeyboardInterrupt
+    def interrupted() -> None:
+        with writing(tmp_path / "film.gif", 10.0) as write:
+            write(np.zeros((8, 8, 3), np.uint8))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert list(tmp_path.iterdir()) == []
 
 

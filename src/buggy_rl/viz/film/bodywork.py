@@ -120,7 +120,9 @@ def _wheel(label: str, d: VehicleDimensions, x: float, sign: int, alpha: float) 
     ]
     for number in range(TREADS):
         angle = 2 * math.pi * number / TREADS
-        parts.append(_block(angle, 0.95 * radius, (0.05 * radius, half, 0.11 * radius), TYRE, alpha))
+        parts.append(
+            _block(angle, 0.95 * radius, (0.05 * radius, half, 0.11 * radius), TYRE, alpha)
+        )
     for number in range(SPOKES):
         angle = 2 * math.pi * number / SPOKES
         size = (0.2 * radius, 1.08 * half, 0.06 * radius)

@@ -115,7 +115,9 @@ class _Pen:
         """A polygon in the frame of a car."""
         x, y, yaw = pose
         turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        self.draw.polygon(self.pixels(np.array(corners) @ turn + [x, y]), fill=_bytes(colour, alpha))
+        self.draw.polygon(
+            self.pixels(np.array(corners) @ turn + [x, y]), fill=_bytes(colour, alpha)
+        )
 
     def box(self, pose, place, size, turn: float, colour: Colour, alpha: int) -> None:
         """A rectangle about a place in the frame of a car, turned to the left there."""

@@ -7,6 +7,8 @@ from typing import Any
 
 from omegaconf import MISSING
 
+GHOST_ALPHA = 0.4
+
 
 @dataclass(frozen=True)
 class FilmConfig:
@@ -113,7 +115,7 @@ def _frames(config: FilmConfig, tracks, rows, tell) -> Iterator[Any]:
     poses = np.array([row.pose for row in rows[0]])
     width, height = config.size
     looks = views(config.camera, poses, seen, config.fps, width / height)  # type: ignore[arg-type]
-    with _studio(config, len(tracks), tell) as studio:
+    with studio(config.renderer, (width, height), len(tracks), tell) as drawing:
         for index, view in enumerate(looks):
             shot = Shot(
                 [track.name for track in tracks],
@@ -121,21 +123,33 @@ def _frames(config: FilmConfig, tracks, rows, tell) -> Iterator[Any]:
                 [own[: index + 1] for own in places],
                 tracks[0].waypoints,
             )
-            yield with_inset(studio.frame(shot, view), shot, config.title)
+            yield with_inset(drawing.frame(shot, view), shot, config.title)
 
 
-def _studio(config: FilmConfig, cars: int, tell: Callable[[str], object]):
-    """What draws: MuJoCo's renderer, or a drawing from above."""
+def studio(
+    renderer: str, size: tuple[int, int], cars: int, tell: Callable[[str], object] = print
+) -> Any:
+    """What draws: MuJoCo's renderer, or a drawing from above.
+
+    Args:
+        renderer: rendered, drawn, or auto for the first that works.
+        size: Width and height of the frames [pixels].
+        cars: The first is solid, a second one translucent.
+        tell: Is told why it is drawn from above.
+
+    Raises:
+        ValueError: Nothing can render here, and nothing else will do.
+    """
     from buggy_rl.viz.film.drawn import Drawn
     from buggy_rl.viz.film.gl import advice, backend
     from buggy_rl.viz.film.rendered import Rendered
 
-    alphas, size = [1.0, 0.4][:cars], (config.size[0], config.size[1])
-    if config.renderer == "drawn":
+    alphas = [1.0, GHOST_ALPHA][:cars]
+    if renderer == "drawn":
         return Drawn(alphas, size)
     if backend():
         return Rendered(alphas, size)
-    if config.renderer == "rendered":
+    if renderer == "rendered":
         raise ValueError(f"renderer=rendered: {advice()}")
     tell(advice())
     return Drawn(alphas, size)

@@ -4,14 +4,19 @@
 # MuJoCo's compiled module has no type stubs.
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from buggy_rl.viz.film.colours import Colour
+from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.viz.film.colours import CAR, CLOSED, GHOST, OPEN, PATH, Colour
+from buggy_rl.viz.film.shot import Shot
 
 FLAT = 0.0008  # [m] half height of a ribbon
+PATH_WIDTH, TRAIL_WIDTH = 0.006, 0.005  # [m] half widths of ribbons
+DISC = (0.022, 0.004)  # [m] radius and height of a waypoint
 SHADOW = tuple((1.0 - 0.09 * layer, 0.055) for layer in range(7))  # share of its size, opacity
 
 
@@ -21,9 +26,20 @@ class Painter:
     def __init__(self, scene: mujoco.MjvScene) -> None:
         self.scene = scene
 
+    def shot(self, shot: Shot, dimensions: VehicleDimensions) -> None:
+        """The first car's shadow and path, and where each car has been."""
+        d = dimensions
+        middle = d.cg_to_front_axle - d.sensor_to_cg - d.wheelbase / 2
+        self.shadow(shot.rows[0].pose, middle, 1.35 * d.length, 1.7 * d.track_width)
+        for points, done in shot.paths():
+            self.line(points, CLOSED if done else PATH, PATH_WIDTH, 0.9)
+            self.discs(points[1:], CLOSED if done else OPEN, *DISC)
+        for trail, colour in zip(shot.trails, (CAR, GHOST), strict=False):
+            self.line(trail, colour, TRAIL_WIDTH, 0.55)
+
     def line(self, points: NDArray, colour: Colour, half_width: float, alpha: float = 1.0) -> None:
         """A ribbon on the floor through points [N, 2]."""
-        for (x, y), (to_x, to_y) in zip(points[:-1], points[1:], strict=True):
+        for (x, y), (to_x, to_y) in pairwise(points):
             length, yaw = np.hypot(to_x - x, to_y - y), np.arctan2(to_y - y, to_x - x)
             if length < 1e-6:
                 continue
@@ -41,7 +57,7 @@ class Painter:
             self._add(mujoco.mjtGeom.mjGEOM_CYLINDER, size, place, np.eye(3), colour, 1.0)
 
     def shadow(self, pose: Sequence[float], middle: float, length: float, width: float) -> None:
-        """A soft shadow under a car at a pose; a shadow map would be coarse, and slow without a GPU.
+        """A soft shadow under a car at a pose; a shadow map is coarse, and slow without a GPU.
 
         Args:
             pose: x, y [m], yaw [rad].

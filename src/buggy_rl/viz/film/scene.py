@@ -43,6 +43,8 @@ WORLD = """
   </worldbody>
 </mujoco>
 """
+
+
 @dataclass(frozen=True)
 class Look:
     """How a car is shown."""

@@ -23,7 +23,7 @@ class Shot:
     """[W, 2] of the first car's path."""
 
     def paths(self) -> Iterator[tuple[NDArray, bool]]:
-        """Parts [N, 2] of the path that begin at a waypoint, and whether they are behind the car."""
+        """Parts [N, 2] of the path, from a waypoint on, and whether they are behind the car."""
         if self.waypoints is not None:
             closed = self.rows[0].closed
             yield self.waypoints[max(0, closed - BEHIND) : closed + 1], True

@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
@@ -25,7 +27,7 @@ from buggy_rl.viz.film.track import Track
 
 TABLES = (".csv", ".parquet", ".npy", ".db3", ".mcap", ".bag")
 COURSES = ("lap", "infinity", "random", "training", "validation")
-STEP = Callable[[], object]
+Step = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def read_recording(what: str, columns: str = "") -> Recording:
     return recordings[0]
 
 
-def track_of(what: str, part: Part, step: STEP = lambda: None) -> Track:
+def track_of(what: str, part: Part, step: Step = lambda: None) -> Track:
     """The track of a recording, a simulator or a policy.
 
     Args:
@@ -93,13 +95,10 @@ def track_of(what: str, part: Part, step: STEP = lambda: None) -> Track:
 
 def of_recording(recording: Recording, part: Part) -> Track:
     """The part of a recording as it was measured."""
-    data = _rows(recording, part)
-    keys_ = (keys.POSE, keys.VELOCITY, keys.ACTION)
-    pose, velocity, action = (data[key].double().numpy() for key in keys_)
-    return Track(recording.name, data[keys.TIME][:, 0].numpy(), pose, velocity, action)
+    return Track(recording.name, *_columns(_rows(recording, part)))
 
 
-def of_simulator(simulator: EnvBase, name: str, part: Part, step: STEP = lambda: None) -> Track:
+def of_simulator(simulator: EnvBase, name: str, part: Part, step: Step = lambda: None) -> Track:
     """A simulator [1] under a recording's commands, from where the recording was.
 
     It shows what its sensor would show.
@@ -115,10 +114,11 @@ def of_simulator(simulator: EnvBase, name: str, part: Part, step: STEP = lambda:
 
     states = trajectory(simulator, simulator.reset(start), act, len(action) - 1)
     pose, velocity = _unwrapped([_seen(state) for state in states])
-    return Track(name, data[keys.TIME][:, 0].numpy(), pose, velocity, action.double().numpy())
+    time, _, _, commands = _columns(data)
+    return Track(name, time, pose, velocity, commands)
 
 
-def of_policy(file: str, part: Part, step: STEP = lambda: None) -> Track:
+def of_policy(file: str, part: Part, step: Step = lambda: None) -> Track:
     """A policy on its task, in the simulator it was trained in or in the part's."""
     policy, about = load_policy(file)
     engine = from_plain(EngineConfig, about["config"]["engine"], file)
@@ -129,7 +129,7 @@ def of_policy(file: str, part: Part, step: STEP = lambda: None) -> Track:
 
 
 def _of_driver(
-    simulator: EnvBase, task: TaskConfig, driver: Driver, name: str, part: Part, step: STEP
+    simulator: EnvBase, task: TaskConfig, driver: Driver, name: str, part: Part, step: Step
 ) -> Track:
     """A driver on the part's course, until the course or the time ends."""
     if part.course not in COURSES:
@@ -177,6 +177,15 @@ def _rows(recording: Recording, part: Part) -> TensorDictBase:
     return recording.data[first : min(last, first + part.steps + 1)]
 
 
+def _columns(data: TensorDictBase) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Time [T], pose, velocity and action."""
+    rows: list[torch.Tensor] = [
+        data.get(key) for key in (keys.TIME, keys.POSE, keys.VELOCITY, keys.ACTION)
+    ]
+    time, pose, velocity, action = (row.double().numpy() for row in rows)
+    return time[:, 0], pose, velocity, action
+
+
 def _seen(state: TensorDictBase) -> tuple[torch.Tensor, torch.Tensor]:
     """Pose and velocity [1, 3] as a sensor shows them, in a simulator that has one."""
     pose, velocity = state.get(keys.MEASURED_POSE, None), state.get(keys.MEASURED_VELOCITY, None)
@@ -185,10 +194,8 @@ def _seen(state: TensorDictBase) -> tuple[torch.Tensor, torch.Tensor]:
     return pose.detach().clone(), velocity.detach().clone()
 
 
-def _unwrapped(seen: Sequence[tuple[torch.Tensor, torch.Tensor]]):
+def _unwrapped(seen: Sequence[tuple[torch.Tensor, ...]]) -> tuple[NDArray, NDArray]:
     """Poses [T, 3], yaw unwrapped, and velocities [T, 3] of one car."""
-    import numpy as np
-
     pose = torch.cat([p for p, _ in seen]).double().numpy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     return pose, torch.cat([v for _, v in seen]).double().numpy()

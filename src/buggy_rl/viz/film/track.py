@@ -66,7 +66,7 @@ class Track:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """From the first row to the last [s]."""
         return float(self.time[-1] - self.time[0])
 
     def rolled(self, dimensions: VehicleDimensions) -> NDArray:
@@ -88,13 +88,14 @@ class Track:
         row = np.searchsorted(own, times, side="right") - 1
         return [
             Row(
-                (float(x), float(y), float(yaw)),
-                float(speed[i]),
-                *map(float, action[i]),
-                float(action[i, 1]) * FULL_LOCK,
-                float(roll[i]),
-                float(times[i]),
-                int(closed[max(0, row[i])]),
+                pose=(float(x), float(y), float(yaw)),
+                speed=float(speed[i]),
+                throttle=float(action[i, 0]),
+                steering=float(action[i, 1]),
+                wheel_angle=float(action[i, 1]) * FULL_LOCK,
+                roll=float(roll[i]),
+                time=float(times[i]),
+                closed=int(closed[max(0, row[i])]),
             )
             for i, (x, y, yaw) in enumerate(pose)
         ]
