@@ -1,9 +1,20 @@
-"""Figures of recordings, simulators and policies."""
+"""Figures of recordings, simulators and policies, and films of them."""
 
-from buggy_rl.viz.histograms import histogram_figure as histogram_figure
-from buggy_rl.viz.learning import learning_figure as learning_figure
-from buggy_rl.viz.paths import paths_figure as paths_figure
-from buggy_rl.viz.policies import policies_figure as policies_figure
-from buggy_rl.viz.rollouts import rollout_figure as rollout_figure
-from buggy_rl.viz.style import save_figure as save_figure
-from buggy_rl.viz.tables import table_figure as table_figure
+import importlib
+from typing import Any
+
+HOMES = {  # imported when asked for: `--help` reads what is beside this file without matplotlib
+    "histogram_figure": "histograms",
+    "learning_figure": "learning",
+    "paths_figure": "paths",
+    "policies_figure": "policies",
+    "rollout_figure": "rollouts",
+    "save_figure": "style",
+    "table_figure": "tables",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in HOMES:
+        raise AttributeError(f"{__name__} has no {name!r}; available: {', '.join(HOMES)}")
+    return getattr(importlib.import_module(f"{__name__}.{HOMES[name]}"), name)
