@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ class FilmConfig:
     """The film: .mp4, .gif, or .png for its last frame."""
     ghost: str = ""
     """A second one of these, translucent beside the first."""
+    then: str = ""
+    """A ghost that takes the first one's place while the film runs a second time."""
     recording: str = ""
     """Whose commands simulators are given, from where it was; without one pure pursuit drives."""
     columns: str = ""
@@ -45,6 +48,8 @@ class FilmConfig:
     """Of the film over that of the car."""
     title: str = ""
     """Written above."""
+    then_title: str = ""
+    """Written above while it runs a second time."""
     seed: int = 0
     """Of whatever is random in a simulator."""
     live: bool = False
@@ -60,16 +65,17 @@ class FilmConfig:
             raise ValueError(f"renderer={self.renderer}: must be auto, rendered or drawn")
 
 
-def tracks(config: FilmConfig, step: Callable[[], object] = lambda: None) -> list:
-    """The track, and that of the ghost.
+def tracks(config: FilmConfig, ghost: str, step: Callable[[], object] = lambda: None) -> list:
+    """The film's own track, and that of a ghost if there is one.
 
     Args:
         config: What is filmed.
+        ghost: A recording, a simulator or a policy; empty for none.
         step: Called at every step that is simulated.
     """
     from buggy_rl.viz.film.sources import Part, is_recording, read_recording, track_of
 
-    both = [what for what in (config.what, config.ghost) if what]
+    both = [what for what in (config.what, ghost) if what]
     source = config.recording or next((what for what in both if is_recording(what)), "")
     part = Part(
         read_recording(source, config.columns) if source else None,
@@ -78,12 +84,18 @@ def tracks(config: FilmConfig, step: Callable[[], object] = lambda: None) -> lis
     return [track_of(what, part, step) for what in both]
 
 
-def frames(config: FilmConfig, tracks: Sequence[Any], tell: Callable[[str], object] = print):
+def frames(
+    config: FilmConfig,
+    tracks: Sequence[Any],
+    title: str = "",
+    tell: Callable[[str], object] = print,
+) -> tuple[Iterator[Any], int]:
     """Draws tracks.
 
     Args:
         config: How.
         tracks: The first one's car is solid, the second one's translucent.
+        title: Written above.
         tell: Is told why a film is drawn from above.
 
     Returns:
@@ -98,10 +110,10 @@ def frames(config: FilmConfig, tracks: Sequence[Any], tell: Callable[[str], obje
     times = np.arange(count) * config.speed / config.fps
     dimensions = VehicleDimensions()
     rows = [track.at(times, dimensions) for track in tracks]
-    return _frames(config, tracks, rows, tell), count
+    return _frames(config, tracks, rows, title, tell), count
 
 
-def _frames(config: FilmConfig, tracks, rows, tell) -> Iterator[Any]:
+def _frames(config: FilmConfig, tracks, rows, title: str, tell) -> Iterator[Any]:
     import numpy as np
 
     from buggy_rl.viz.film.cameras import views
@@ -123,7 +135,7 @@ def _frames(config: FilmConfig, tracks, rows, tell) -> Iterator[Any]:
                 [own[: index + 1] for own in places],
                 tracks[0].waypoints,
             )
-            yield with_inset(drawing.frame(shot, view), shot, config.title)
+            yield with_inset(drawing.frame(shot, view), shot, title)
 
 
 def studio(
@@ -166,10 +178,13 @@ def film(config: FilmConfig, progress: Callable[..., Any], tell: Callable[[str],
     from buggy_rl.viz.film.video import check_output, writing
 
     output = check_output(config.output)
+    ghosts = [(config.ghost, config.title)]
+    ghosts += [(config.then, config.then_title)] if config.then else []
     with progress(desc="driving", unit="step") as bar:
-        found = tracks(config, bar.update)
-    drawn, count = frames(config, found, tell)
+        found = [(tracks(config, ghost, bar.update), title) for ghost, title in ghosts]
+    parts = [frames(config, shown, title, tell) for shown, title in found]
+    all_, count = chain(*(drawn for drawn, _ in parts)), sum(count for _, count in parts)
     with writing(output, config.fps) as write:
-        for frame in progress(drawn, desc="drawing", unit="frame", total=count):
+        for frame in progress(all_, desc="drawing", unit="frame", total=count):
             write(frame)
     return output

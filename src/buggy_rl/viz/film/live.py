@@ -30,7 +30,7 @@ def show(config: FilmConfig) -> None:
     from buggy_rl.viz.film.scene import Look, Scene
     from buggy_rl.viz.film.shot import Shot
 
-    found = tracks(config)
+    found = tracks(config, config.ghost)
     scene = Scene([Look(CAR), Look(GHOST, GHOST_ALPHA)][: len(found)])
     longest = max(track.duration for track in found)
     with viewer.launch_passive(scene.model, scene.data) as window:
