@@ -8,7 +8,7 @@ Many cars at once are what the environment underneath is for: `buggy_rl.task.env
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -19,10 +19,14 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, Transform
 
 from buggy_rl import keys
+from buggy_rl.config import load_named
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.transforms.waypoints import Waypoints
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 NAME = "buggy_rl/Waypoints-v0"
+STILL = "buggy_rl.viz.film.still:Still"  # loaded when something is drawn: it needs MuJoCo
 TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)
 
 
@@ -37,7 +41,10 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         effects: Missing physics.
         task: What to do; None is the default task.
         paths: To follow instead of `task.paths`.
+        render_mode: "rgb_array" for pictures by `render`, None for none.
     """
+
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": round(1 / CONTROL_PERIOD)}
 
     def __init__(
         self,
@@ -45,7 +52,10 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         effects: Sequence[Transform] = (),
         task: TaskConfig | None = None,
         paths: PathSet | None = None,
+        render_mode: str | None = None,
     ) -> None:
+        self.render_mode = render_mode
+        self._still: Any = None
         self._env = make_env(engine, effects, task, paths=paths)
         if self._env.batch_size:
             raise ValueError(
@@ -62,6 +72,8 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Puts the car at the start of a path; `options={"path": i}` says of which."""
         super().reset(seed=seed)
+        if self._still is not None:
+            self._still.restart()
         start = None
         if options and keys.PATH in options:
             start = TensorDict({keys.PATH: torch.tensor([int(options[keys.PATH])])})
@@ -83,8 +95,28 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward, terminated = float(after[keys.REWARD]), bool(after[keys.TERMINATED])
         return observation, reward, terminated, bool(truncated), info
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture [480, 640, 3] of the car and the path ahead; None without a render mode.
+
+        Rendered by MuJoCo where OpenGL works, otherwise drawn from above.
+
+        Raises:
+            RuntimeError: There was no reset yet.
+        """
+        if self.render_mode is None:
+            return None
+        if self._state is None:
+            raise RuntimeError("render before reset: call reset first")
+        if self._still is None:
+            stack: Any = self._env.transform
+            waypoints = next(t for t in stack if isinstance(t, Waypoints))
+            self._still = load_named(STILL)(waypoints.paths)
+        return self._still(self._state)
+
     def close(self) -> None:
-        """Ends the simulator."""
+        """Ends the simulator and what draws it."""
+        if self._still is not None:
+            self._still.close()
         if not self._env.is_closed:
             self._env.close()
 

@@ -1,1 +1,1 @@
-"""Figures of recordings, simulators and policies."""
+"""Figures of recordings, simulators and policies, and films of them."""
