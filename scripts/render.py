@@ -1,31 +1,45 @@
-"""Films a recording, a simulator or a policy, with a second one as a translucent ghost.
+r"""Films a recording, a simulator or a policy: mp4, gif or png.
 
     python scripts/render.py what=data/sample/sample_00.csv output=runs/drive.mp4
-    python scripts/render.py what=drive.csv ghost=fitted.yaml output=runs/drift.gif camera=top
-    python scripts/render.py what=policy.pt course=infinity output=runs/policy.mp4
+    python scripts/render.py what=data/sample/sample_00.csv ghost=mujoco restart=2
+    python scripts/render.py what=runs/fitted.yaml ghost=runs/repaired.yaml \
+        recording=data/sample/sample_00.csv start=5
+    python scripts/render.py what=runs/policy/best.pt ghost=pure_pursuit course=infinity
+    python scripts/render.py what=my_simulator.py:factory camera=top output=runs/mine.gif
 
-Rendered by MuJoCo where OpenGL works, otherwise drawn from above.
+The ghost is the translucent car. A simulator drives under the commands of a recording, where one is
+named, and else pure pursuit drives it round the course. Without OpenGL it is drawn from above.
 """
+
+from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
-    """Writes the film, or shows it."""
-    config = from_command_line(__doc__, "buggy_rl.viz.film.film:FilmConfig")
+    """Makes the tracks, then the film."""
+    config = from_command_line(__doc__, "buggy_rl.viz.film.options:RenderConfig")
 
     import torch
     from tqdm import tqdm
 
-    torch.set_num_threads(1)
+    from buggy_rl.viz.film.film import director, frames
+    from buggy_rl.viz.film.source import Source
+    from buggy_rl.viz.film.video import check_ending, write_video
+
+    torch.set_num_threads(config.threads)
+    check_ending(config.output)
+    says = director(Source(config).tracks(), config.picture)
     if config.live:
-        from buggy_rl.viz.film.live import show
+        from buggy_rl.viz.film.live import play
 
-        show(config)
-        return
-    from buggy_rl.viz.film.film import film
-
-    print(f"written: {film(config, tqdm, tqdm.write)}")
+        return play(says, config.playback)
+    times = says.times(config.fps, config.playback).tolist()
+    if Path(config.output).suffix.lower() == ".png":
+        times = [says.moment(config.moment)]
+    made = frames(says, tqdm(times, "rendering", unit="frame"), config.picture, tqdm.write)
+    write_video(made, config.output, config.fps)
+    print(f"written: {config.output} ({len(times)} frames, {says.tracks[0].duration:.1f} s driven)")
 
 
 if __name__ == "__main__":

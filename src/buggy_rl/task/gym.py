@@ -22,11 +22,9 @@ from buggy_rl import keys
 from buggy_rl.config import load_named
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths.path_set import PathSet
-from buggy_rl.task.transforms.waypoints import Waypoints
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 NAME = "buggy_rl/Waypoints-v0"
-STILL = "buggy_rl.viz.film.still:Still"  # loaded when something is drawn: it needs MuJoCo
+RENDERER = "buggy_rl.viz.film.pixels:Pixels"  # by name: no task needs to know how it is drawn
 TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)
 
 
@@ -41,10 +39,11 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         effects: Missing physics.
         task: What to do; None is the default task.
         paths: To follow instead of `task.paths`.
-        render_mode: "rgb_array" for pictures by `render`, None for none.
+        render_mode: `rgb_array` for `render`, or None.
+        picture: How `render` shows it, a `buggy_rl.viz.film.options.PictureConfig`.
     """
 
-    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": round(1 / CONTROL_PERIOD)}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 100}
 
     def __init__(
         self,
@@ -53,9 +52,11 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: TaskConfig | None = None,
         paths: PathSet | None = None,
         render_mode: str | None = None,
+        picture: Any = None,
     ) -> None:
-        self.render_mode = render_mode
-        self._still: Any = None
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode={render_mode!r}: must be rgb_array or None")
+        self.render_mode, self._picture, self._pixels = render_mode, picture, None
         self._env = make_env(engine, effects, task, paths=paths)
         if self._env.batch_size:
             raise ValueError(
@@ -72,13 +73,15 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Puts the car at the start of a path; `options={"path": i}` says of which."""
         super().reset(seed=seed)
-        if self._still is not None:
-            self._still.restart()
         start = None
         if options and keys.PATH in options:
             start = TensorDict({keys.PATH: torch.tensor([int(options[keys.PATH])])})
         self._env.set_seed(int(self.np_random.integers(2**63 - 1)))
         self._state = self._env.reset(start)
+        if self.render_mode is not None:
+            self._pixels = self._pixels or load_named(RENDERER)(self._env, self._picture)
+            self._pixels.forget()
+            self._pixels.record(self._state)
         return self._shown(self._state)
 
     def step(
@@ -90,33 +93,29 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._state.set(keys.ACTION, torch.as_tensor(action, dtype=torch.float32))
         after = self._env.step(self._state)["next"]
         self._state = after
+        if self._pixels is not None:
+            self._pixels.record(after)
         observation, info = self._shown(after)
         truncated = after.get(keys.TRUNCATED, None)  # a task may have no end but failure
         reward, terminated = float(after[keys.REWARD]), bool(after[keys.TERMINATED])
         return observation, reward, terminated, bool(truncated), info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture [480, 640, 3] of the car and the path ahead; None without a render mode.
-
-        Rendered by MuJoCo where OpenGL works, otherwise drawn from above.
+        """Pixels [H, W, 3] of the car on its path; None without `render_mode="rgb_array"`.
 
         Raises:
             RuntimeError: There was no reset yet.
         """
         if self.render_mode is None:
             return None
-        if self._state is None:
+        if self._pixels is None:
             raise RuntimeError("render before reset: call reset first")
-        if self._still is None:
-            stack: Any = self._env.transform
-            waypoints = next(t for t in stack if isinstance(t, Waypoints))
-            self._still = load_named(STILL)(waypoints.paths)
-        return self._still(self._state)
+        return self._pixels.frame()
 
     def close(self) -> None:
         """Ends the simulator and what draws it."""
-        if self._still is not None:
-            self._still.close()
+        if self._pixels is not None:
+            self._pixels.close()
         if not self._env.is_closed:
             self._env.close()
 

@@ -1,52 +1,80 @@
+"""The choice of OpenGL: in processes of its own, and what is said where there is none."""
+
+import os
+import subprocess
+import sys
+
 import pytest
 
 from buggy_rl.viz.film import gl
-from buggy_rl.viz.film.cameras import View
-from buggy_rl.viz.film.film import studio
-from buggy_rl.viz.film.rendered import Rendered
-from tests.viz.film.test_drawn import SIZE, VIEW, row, shot
 
 
 @pytest.fixture
-def no_gl(monkeypatch):
-    """A machine on which nothing renders."""
-    monkeypatch.setattr(gl, "_draws", lambda name: False)
-    gl.backend.cache_clear()
+def fresh():
+    gl.probe.cache_clear()
     yield
-    gl.backend.cache_clear()
+    gl.probe.cache_clear()
 
 
-def test_without_opengl_films_are_drawn_from_above_and_the_packages_are_named(no_gl):
-    said = []
-    with studio("auto", SIZE, 1, said.append) as drawing:
-        assert drawing.frame(shot(row(0, 0)), VIEW).shape == (240, 320, 3)
-    assert "apt-get install libegl1 libgl1" in said[0]
+def test_a_backend_that_is_set_is_the_only_one_tried():
+    assert gl.candidates({"MUJOCO_GL": "osmesa"}, "linux") == ["osmesa"]
+    assert gl.candidates({}, "linux") == ["egl", "osmesa"]
+    assert gl.candidates({"DISPLAY": ":0"}, "linux") == ["egl", "osmesa", "glfw"]
+    assert gl.candidates({}, "darwin") == [""]
 
 
-def test_a_renderer_that_was_asked_for_and_does_not_work_is_an_error(no_gl):
-    with pytest.raises(ValueError, match="renderer=rendered: no OpenGL works here"):
-        studio("rendered", SIZE, 1)
+@pytest.mark.usefixtures("fresh")
+def test_a_backend_that_fails_does_so_elsewhere_and_is_named(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    found = gl.probe()
+    assert found.backend is None
+    assert "MUJOCO_GL=nonsense: RuntimeError: invalid value" in found.reason
 
 
-def test_a_chosen_backend_that_does_not_work_is_named(no_gl, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    assert gl.advice().startswith("MUJOCO_GL=osmesa does not work")
+@pytest.mark.usefixtures("fresh")
+def test_the_answer_is_found_once(monkeypatch):
+    started = []
+
+    class Failing:
+        def __init__(self, backend):
+            started.append(backend)
+
+        def ask(self, content):
+            raise gl.WorkerError("no")
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(gl, "WorkerProcess", Failing)
+    monkeypatch.setattr(gl, "candidates", lambda environment: ["egl", "osmesa"])
+    assert gl.probe() is gl.probe()
+    assert started == ["egl", "osmesa"]
 
 
-def test_the_first_backend_that_draws_is_taken(monkeypatch):
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    monkeypatch.setattr(gl, "_draws", lambda name: name == "osmesa")
-    gl.backend.cache_clear()
-    assert gl.backend() == "osmesa"
-    gl.backend.cache_clear()
+def test_a_process_that_hangs_is_ended(monkeypatch):
+    monkeypatch.setattr(gl, "PATIENCE", 0.3)
+    monkeypatch.setattr(gl.worker, "__file__", __file__)  # which neither reads nor answers
+    monkeypatch.setattr(gl.sys, "executable", "/bin/cat")
+    monkeypatch.setattr(gl.subprocess, "Popen", _sleeping(subprocess.Popen))
+    process = gl.WorkerProcess("egl")
+    with pytest.raises(gl.WorkerError, match=r"MUJOCO_GL=egl did not answer within 0\.3 s"):
+        process.ask(None)
+    process.close()
 
 
-def test_mujoco_renders_the_car_where_opengl_works():
-    if not gl.backend():
-        pytest.skip(f"no OpenGL: install Debian's {gl.PACKAGES}")
-    view = View((0.0, 0.0, 0.03), 0.8, 30.0, -20.0)
-    with Rendered([1.0], SIZE) as renderer:
-        there = renderer.frame(shot(row(0, 0)), view)
-        away = renderer.frame(shot(row(50, 0)), view)
-    assert there.shape == (240, 320, 3)
-    assert (there != away).any(-1).mean() > 0.02
+def _sleeping(popen):
+    return lambda command, **rest: popen(["sleep", "60"], **rest)
+
+
+def test_importing_films_loads_nothing_of_mujoco_and_sets_nothing():
+    # TorchRL imports mujoco itself, so what is looked for is what of ours needs it.
+    code = (
+        "import os, sys, buggy_rl.viz, buggy_rl.viz.film.film, buggy_rl.viz.film.pixels, "
+        "buggy_rl.viz.film.source, buggy_rl.viz.film.gl; "
+        "needing = [f'buggy_rl.viz.film.{name}' for name in ('bodywork', 'scene', 'live')]; "
+        "assert not set(needing) & set(sys.modules), 'imported'; "
+        "assert 'MUJOCO_GL' not in os.environ"
+    )
+    clean = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=clean)
+    assert done.returncode == 0, done.stderr

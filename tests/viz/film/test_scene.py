@@ -1,82 +1,125 @@
-"""The scene needs no OpenGL: where everything stands is computed, not drawn."""
+"""MuJoCo's model of a film: everything but pixels, so no OpenGL is needed."""
 
-import math
-
+import mujoco
 import numpy as np
 import pytest
 
 from buggy_rl.vehicle import VehicleDimensions
-from buggy_rl.viz.film.scene import Look, Scene
-from buggy_rl.viz.film.track import Row
+from buggy_rl.viz.film import wheels
+from buggy_rl.viz.film.director import Director
+from buggy_rl.viz.film.scene import Scene
+from tests.viz.film.tracks import circle, straight
 
 CAR = VehicleDimensions()
-FRONT = CAR.cg_to_front_axle - CAR.sensor_to_cg
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene([Look((0.8, 0.2, 0.2)), Look((0.0, 0.4, 0.6), 0.4)])
+    return Scene(CAR, ghost=True)
 
 
-def row(pose=(0.0, 0.0, 0.0), wheel_angle=0.0, roll=0.0) -> Row:
-    return Row(pose, 1.0, 0.0, 0.0, wheel_angle, roll, 0.0)
+def shot(car, ghost, time):
+    return Director([car, ghost]).shot(time)
 
 
-def wheel(scene, name):
-    return scene.data.body(name).xpos.copy(), scene.data.body(name).xmat.reshape(3, 3).copy()
+def placed(scene, time=1.0):
+    scene.place(shot(circle(), straight(y=0.7, name="ghost"), time))
+    return scene.data
 
 
-def test_wheels_stand_on_the_floor_where_the_dimensions_have_them(scene):
-    scene.set([row(), row()])
-    for axle, x in (("front", FRONT), ("rear", FRONT - CAR.wheelbase)):
-        for side, sign in (("left", 1), ("right", -1)):
-            place, _ = wheel(scene, f"car_0_wheel_{axle}_{side}")
-            expected = [x, sign * CAR.track_width / 2, CAR.wheel_radius]
-            assert place == pytest.approx(expected, abs=1e-4)
+def test_the_car_stands_where_its_track_has_it(scene):
+    data = placed(scene)
+    # The circle of 2 m at 1 m/s: half a radian after a second.
+    expected = [2 * np.sin(0.5), 2 * (1 - np.cos(0.5)), 0.0]
+    np.testing.assert_allclose(data.body("car").xpos, expected, atol=1e-9)
+    forward = data.body("car").xmat.reshape(3, 3)[:, 0]
+    np.testing.assert_allclose(forward, [np.cos(0.5), np.sin(0.5), 0.0], atol=1e-9)
 
 
-def test_the_body_is_as_long_as_the_car_and_between_its_wheels(scene):
-    scene.set([row(), row()])
+def test_the_ghost_stands_where_its_own_has_it(scene):
+    np.testing.assert_allclose(placed(scene).body("ghost").xpos, [1.0, 0.7, 0.0], atol=1e-9)
+
+
+def test_wheels_touch_the_floor_at_the_corners_of_the_car(scene):
+    data = placed(scene, 0.0)
+    for place, (x, y) in zip(wheels.PLACES, wheels.places(CAR), strict=True):
+        position = data.body(f"car_{place}").xpos
+        np.testing.assert_allclose(position, [x, y, CAR.wheel_radius], atol=1e-9)
+
+
+def test_wheels_turn_forwards_and_front_wheels_steer_to_the_left(scene):
+    before = placed(scene, 0.0).body("car_rear_left").xmat.reshape(3, 3).copy()
+    director = Director([straight(speed=0.5), straight(name="ghost")])
+    scene.place(director.shot(0.02))  # 1 cm
+    after = scene.data.body("car_rear_left").xmat.reshape(3, 3)
+    # What was on top has moved ahead by r sin(angle), angle = 1 cm / r.
+    top = after @ before.T @ np.array([0.0, 0.0, CAR.wheel_radius])
+    assert top[0] == pytest.approx(CAR.wheel_radius * np.sin(0.01 / CAR.wheel_radius))
+    scene.place(Director([circle(), straight(name="ghost")]).shot(0.0))  # steering 0.5
+    axle = scene.data.body("car_front_left").xmat.reshape(3, 3)[:, 1]
+    angle = np.arctan2(-axle[0], axle[1])
+    assert angle == pytest.approx(0.5 * wheels.FULL_LOCK)
+    rear = scene.data.body("car_rear_left").xmat.reshape(3, 3)[:, 1]
+    np.testing.assert_allclose(rear, [0, 1, 0], atol=1e-9)
+
+
+def test_the_car_is_as_large_as_its_dimensions(scene):
+    scene.place(shot(straight(), straight(name="ghost"), 0.0))
+    low, high = corners(scene, "car")
+    assert high[0] - low[0] == pytest.approx(CAR.length, rel=0.06)
+    assert high[1] - low[1] == pytest.approx(CAR.track_width + CAR.wheel_width, rel=0.02)
+    assert low[2] == pytest.approx(0.0, abs=1e-3)
+
+
+def corners(scene, name):
+    """Lowest and highest coordinates of a car's meshes."""
     model, data = scene.model, scene.data
-    corners = []
-    for geom in np.flatnonzero(model.geom_bodyid == model.body("car_0").id):
-        middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-        signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
-        turn = data.geom_xmat[geom].reshape(3, 3)
-        corners.append(data.geom_xpos[geom] + (middle + signs * half) @ turn.T)
-    low, high = np.concatenate(corners).min(0), np.concatenate(corners).max(0)
-    assert high[0] - low[0] == pytest.approx(CAR.length, rel=0.1)
-    assert (low[0] + high[0]) / 2 == pytest.approx(FRONT - CAR.wheelbase / 2, abs=0.01)
-    assert low[2] > 0.0
-    assert high[1] < CAR.track_width
+    points = []
+    for geom in range(model.ngeom):
+        mesh = int(model.geom_dataid[geom])
+        root = model.body(int(model.body_rootid[model.geom_bodyid[geom]])).name
+        if mesh >= 0 and root == name:
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            vertices = model.mesh_vert[first : first + count]
+            turn = data.geom_xmat[geom].reshape(3, 3)
+            points.append(vertices @ turn.T + data.geom_xpos[geom])
+    every = np.concatenate(points)
+    return every.min(0), every.max(0)
 
 
-def test_cars_stand_at_their_poses_and_turn_to_the_left(scene):
-    scene.set([row((1.0, 2.0, math.pi / 2)), row((-1.0, 0.5, 0.0))])
-    place, _ = wheel(scene, "car_0_wheel_front_left")
-    assert place[:2] == pytest.approx([1.0 - CAR.track_width / 2, 2.0 + FRONT], abs=1e-4)
-    ghost, _ = wheel(scene, "car_1_wheel_front_left")
-    assert ghost[:2] == pytest.approx([-1.0 + FRONT, 0.5 + CAR.track_width / 2], abs=1e-4)
+def test_another_cars_dimensions_make_another_car():
+    long = Scene(VehicleDimensions(length=0.4, wheelbase=0.26, cg_to_front_axle=0.12))
+    long.place(Director([straight()]).shot(0.0))
+    low, high = corners(long, "car")
+    assert high[0] - low[0] == pytest.approx(0.4, rel=0.06)
+    with pytest.raises(KeyError):
+        long.model.body("ghost")
 
 
-def test_front_wheels_are_steered_to_the_left_and_rear_wheels_are_not(scene):
-    scene.set([row(wheel_angle=0.3), row()])
-    _, front = wheel(scene, "car_0_wheel_front_right")
-    _, rear = wheel(scene, "car_0_wheel_rear_right")
-    # Seen from above the axle, y of the wheel, has turned to the left.
-    assert front[:2, 1] == pytest.approx([-math.sin(0.3), math.cos(0.3)], abs=1e-6)
-    assert rear[:2, 1] == pytest.approx([0.0, 1.0], abs=1e-6)
+def test_the_ghost_alone_is_translucent(scene):
+    alpha = {name: [] for name in ("car", "ghost")}
+    for geom in range(scene.model.ngeom):
+        root = scene.model.body(int(scene.model.body_rootid[scene.model.geom_bodyid[geom]])).name
+        if root in alpha:
+            alpha[root].append(float(scene.model.geom_rgba[geom, 3]))
+    assert set(alpha["car"]) == {1.0}
+    assert max(alpha["ghost"]) < 0.6
 
 
-def test_a_wheel_that_rolls_forwards_moves_forwards_at_its_top(scene):
-    scene.set([row(roll=0.2), row()])
-    _, turned = wheel(scene, "car_0_wheel_rear_left")
-    top = turned @ np.array([0.0, 0.0, 1.0])
-    assert top[0] == pytest.approx(math.sin(0.2), abs=1e-6)
+def test_nothing_collides_or_falls(scene):
+    data = placed(scene)
+    assert data.ncon == 0
+    height = data.body("car").xpos[2]
+    mujoco.mj_step(scene.model, data)
+    assert data.body("car").xpos[2] == height
 
 
-def test_only_the_ghost_is_translucent(scene):
-    for index, alpha in ((0, 1.0), (1, 0.4)):
-        body = scene.model.body(f"car_{index}").id
-        own = scene.model.geom_rgba[scene.model.geom_bodyid == body]
-        assert own[:, 3] == pytest.approx(alpha)
+def test_a_shot_with_another_number_of_cars_is_refused(scene):
+    with pytest.raises(ValueError, match=r"1 cars for a scene of 2.*ghost=True"):
+        scene.place(Director([straight()]).shot(0.0))
+
+
+def test_the_model_survives_its_way_to_another_process(scene):
+    copy = mujoco.MjModel.from_binary_path("film.mjb", {"film.mjb": scene.binary()})
+    assert copy.ngeom == scene.model.ngeom
+    np.testing.assert_array_equal(copy.geom_rgba, scene.model.geom_rgba)

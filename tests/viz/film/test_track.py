@@ -1,51 +1,106 @@
+"""Tracks, their checks and their sources."""
+
 import numpy as np
 import pytest
+import torch
+from tensordict import TensorDict
 
-from buggy_rl.vehicle import VehicleDimensions
-from buggy_rl.viz.film.track import FULL_LOCK, Track
-
-CAR = VehicleDimensions()
-
-
-def straight(seconds: float = 1.0, speed: float = 2.0, **more) -> Track:
-    time = np.arange(0.0, seconds + 1e-9, 0.01)
-    pose = np.stack([speed * time, 0 * time, 0 * time], -1)
-    velocity = np.stack([0 * time + speed, 0 * time, 0 * time], -1)
-    return Track("straight", time + 7.0, pose, velocity, np.full((len(time), 2), 0.5), **more)
+from buggy_rl import keys
+from buggy_rl.recordings.recording import Recording
+from buggy_rl.viz.film.track import Course, Track, from_recording, from_rollout
+from tests.viz.film.tracks import circle
 
 
-def test_wheels_roll_as_far_as_the_car_drives():
-    rolled = straight(1.0, 2.0).rolled(CAR)
-    assert rolled[0] == 0.0
-    assert rolled[-1] == pytest.approx(2.0 / CAR.wheel_radius)
-    assert straight(1.0, -1.0).rolled(CAR)[-1] == pytest.approx(-1.0 / CAR.wheel_radius)
+def recording(count=100, gap=60):
+    """A car whose x is the time; a gap of 1 s before row `gap`."""
+    time = 5.0 + 0.01 * torch.arange(count, dtype=torch.float64)
+    time[gap:] += 1.0
+    segment = (torch.arange(count) >= gap).long()
+    pose = torch.stack([time.float(), torch.zeros(count), torch.zeros(count)], -1)
+    data = TensorDict(
+        {
+            keys.TIME: time[:, None],
+            keys.POSE: pose,
+            keys.VELOCITY: torch.ones(count, 3),
+            keys.ACTION: torch.zeros(count, 2),
+            keys.SEGMENT: segment,
+        },
+        [count],
+    )
+    return Recording("drive", data, 0.01)
 
 
-def test_rows_are_read_between_those_there_are_and_held_beyond_them():
-    before, middle, beyond = straight().at(np.array([0.0, 0.505, 9.0]), CAR)
-    assert before.pose == (0.0, 0.0, 0.0)
-    assert middle.pose[0] == pytest.approx(1.01)
-    assert beyond.pose[0] == pytest.approx(2.0)
-    assert middle.wheel_angle == pytest.approx(0.5 * FULL_LOCK)
-    assert (before.time, beyond.time) == (0.0, 9.0)
+def test_a_recording_is_shown_from_its_start_to_the_gap():
+    track = from_recording(recording(), start=0.2, seconds=10.0)
+    assert track.time[0] == 0.0
+    assert track.pose[0, 0] == pytest.approx(5.2)
+    assert track.duration == pytest.approx(0.39)  # rows 20 to 59
+    assert from_recording(recording(), 0.2, 0.1).duration == pytest.approx(0.1)
 
 
-def test_waypoints_are_closed_when_they_are_and_not_before():
-    closed = np.zeros(101)
-    closed[50:] = 3
-    rows = straight(closed=closed).at(np.array([0.0, 0.4999, 0.5, 1.0]), CAR)
-    assert [row.closed for row in rows] == [0, 0, 3, 3]
+@pytest.mark.parametrize(("start", "said"), [(1.0, "gap"), (7.0, "ends at 1.99"), (-1.0, "start")])
+def test_a_start_outside_is_refused(start, said):
+    with pytest.raises(ValueError, match=said):
+        from_recording(recording(), start)
 
 
-def test_a_track_says_where_it_is_no_number():
-    pose = np.zeros((10, 3))
-    pose[4, 1] = np.nan
-    with pytest.raises(ValueError, match=r"bad: pose is no number at 0\.04 s.*seconds=0\.0"):
-        Track("bad", np.arange(10) * 0.01, pose, np.zeros((10, 3)), np.zeros((10, 2)))
+def test_between_rows_the_motion_is_linear_and_the_command_holds():
+    time = np.array([0.0, 1.0, 2.0])
+    pose = np.array([[0, 0, 3.0], [1, 2, -3.2], [2, 4, -3.0]])  # yaw passes pi
+    action = np.array([[-1, 0], [1, 0.5], [0, 0]])
+    track = Track("t", time, pose, np.zeros((3, 3)), action)
+    (x, y, yaw), _, (throttle, _) = track.at(0.5)
+    assert (x, y, throttle) == (0.5, 1.0, -1.0)
+    assert yaw == pytest.approx(3.0 + (2 * np.pi - 6.2) / 2)
+    assert track.at(1.0)[2].tolist() == [1.0, 0.5]
 
 
-def test_a_track_of_one_row_or_of_unequal_lengths_is_refused():
-    with pytest.raises(ValueError, match="1 rows are no film"):
-        Track("short", np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 2)))
-    with pytest.raises(ValueError, match="3 rows of velocity for 2 of time"):
-        Track("odd", np.arange(2.0), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((2, 2)))
+def broken(**changes):
+    track = circle()
+    columns = {n: getattr(track, n).copy() for n in ("time", "pose", "velocity", "action")}
+    columns.update({name: change(columns[name]) for name, change in changes.items()})
+    return Track("broken", **columns)
+
+
+def nan_at(row):
+    def change(column):
+        column[row] = np.nan
+        return column
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"pose": nan_at(123)}, r"not finite at 1\.23 s.*seconds=1\.23"),
+        ({"time": lambda t: t[::-1].copy()}, "increase"),
+        ({"action": lambda a: a[:-1]}, "action has 400 rows, time has 401"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_with_its_place(changes, said):
+    with pytest.raises(ValueError, match=said):
+        broken(**changes)
+
+
+def test_a_rollout_of_an_environment_becomes_a_track():
+    rows = TensorDict(
+        {
+            keys.POSE: torch.rand(5, 3),
+            keys.VELOCITY: torch.rand(5, 3),
+            keys.ACTION: torch.rand(5, 2),
+        },
+        [5],
+    )
+    track = from_rollout(rows, "mine", 0.02)
+    assert track.duration == pytest.approx(0.08)
+    np.testing.assert_allclose(track.velocity, rows[keys.VELOCITY].numpy())
+
+
+def test_indices_go_on_over_laps_and_end_with_an_open_path():
+    points = np.arange(10.0).reshape(5, 2)
+    lap, open_ = Course(points, True), Course(points, False)
+    assert lap.within(3, 7).tolist() == [3, 4, 5, 6]
+    np.testing.assert_array_equal(lap.waypoints(np.array([6])), points[[1]])
+    assert open_.within(3, 7).tolist() == [3, 4]
+    assert open_.within(-2, 2).tolist() == [0, 1]

@@ -118,6 +118,13 @@ class PathSet:
         points = rotate(self.points - self.start[:, None, :2], turn) + start[:, None, :2]
         return type(self)(points, self.count, self.closed, start, self.names)
 
+    def select(self, indices: Sequence[int]) -> Self:
+        """Some of the paths, in the order given."""
+        chosen = torch.as_tensor(indices)
+        names = tuple(self.names[i] for i in indices)
+        points, count, closed = self.points[chosen], self.count[chosen], self.closed[chosen]
+        return type(self)(points, count, closed, self.start[chosen], names)
+
 
 def joined_paths(parts: Sequence[PathSet]) -> PathSet:
     """All paths of several sets in one."""

@@ -1,160 +1,164 @@
-"""The buggy as it looks: MJCF of one car with steered and rolling wheels, without any physics.
+"""The buggy as MuJoCo geoms: body of convex meshes, wheels with tread and spokes that turn.
 
-Body frame at the tracking sensor, projected on the floor: x forward, y left, z up.
+Lengths are fractions of the car's own: half its length, half its track width, its wheel radius.
 """
 
-import math
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo's compiled module has no type stubs.
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
 
 from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.viz.film import meshes, wheels
+from buggy_rl.viz.film.colours import GHOST_TINT, RGB, mixed
 
-TREADS = 16  # blocks about a tyre, which show that it rolls
+Tint = Callable[[RGB], RGB]
 SPOKES = 5
-TYRE, RIM, SPOKE = "0.07 0.07 0.08", "0.80 0.81 0.83", "0.30 0.31 0.33"
-GLASS, CARBON = "0.10 0.13 0.17", "0.13 0.13 0.14"
+SIDES = 36  # of a wheel's outline; every second pair bears a lug
+DARK, GLASS, RIM, TYRE = (
+    (0.13, 0.14, 0.16),
+    (0.10, 0.13, 0.18),
+    (0.86, 0.87, 0.88),
+    (0.09, 0.09, 0.09),
+)
+LAMP, TAIL, STRIPE = (1.0, 0.97, 0.82), (0.55, 0.04, 0.05), (0.97, 0.97, 0.95)
+
+# Cross sections: x, half width at foot and top, z of foot and top, in the fractions above.
+PARTS: dict[str, tuple[RGB | None, list[meshes.Section]]] = {  # None is the car's own colour
+    "pan": (DARK, [(-0.92, 0.34, 0.42, 0.62, 0.95), (0.95, 0.24, 0.26, 0.66, 0.9)]),
+    "bumper": (DARK, [(0.9, 0.5, 0.46, 0.62, 0.98), (1.0, 0.42, 0.36, 0.66, 0.92)]),
+    "nose": (None, [(0.1, 0.46, 0.4, 0.8, 1.72), (0.62, 0.32, 0.26, 0.8, 1.36),
+                    (0.94, 0.2, 0.16, 0.82, 1.05)]),
+    "pods": (None, [(-0.42, 0.66, 0.5, 0.7, 1.3), (0.2, 0.62, 0.44, 0.7, 1.22)]),
+    "deck": (None, [(-0.95, 0.26, 0.2, 1.0, 1.5), (-0.6, 0.44, 0.34, 0.8, 1.76),
+                    (0.12, 0.48, 0.4, 0.8, 1.74)]),
+    "cabin": (GLASS, [(-0.62, 0.36, 0.28, 1.7, 1.76), (-0.36, 0.38, 0.26, 1.7, 2.42),
+                      (-0.04, 0.38, 0.26, 1.7, 2.42), (0.3, 0.34, 0.3, 1.62, 1.7)]),
+    "roof": (None, [(-0.42, 0.29, 0.24, 2.38, 2.5), (0.0, 0.29, 0.24, 2.38, 2.5)]),
+    "stripe": (STRIPE, [(0.28, 0.1, 0.1, 1.5, 1.665), (0.62, 0.085, 0.085, 1.2, 1.39),
+                        (0.9, 0.07, 0.07, 0.95, 1.105)]),
+    "wing": (None, [(-1.06, 0.84, 0.84, 2.5, 2.58), (-0.74, 0.84, 0.84, 2.3, 2.4)]),
+}  # fmt: skip
 
 
-def car_body(name: str, dimensions: VehicleDimensions, colour: str, alpha: float = 1.0) -> str:
-    """MJCF of a car on a free joint.
+@dataclass(frozen=True)
+class Scale:
+    """What the fractions are of, and the middle between the axles [m]."""
 
-    Joints: NAME (free), NAME_steer_left and _right (positive left), NAME_roll_front and _rear of
-    each side (positive forward).
+    middle: float
+    axle: float
+    """Half the wheelbase, as a fraction of half the length."""
+    length: float
+    width: float
+    radius: float
 
-    Args:
-        name: Prefix of its parts.
-        dimensions: Of the car.
-        colour: Of the body, `r g b` in 0..1.
-        alpha: Opacity; a ghost's is below 1.
-    """
-    front = dimensions.cg_to_front_axle - dimensions.sensor_to_cg
-    rear = front - dimensions.wheelbase
-    parts = [
-        f'<body name="{name}"><freejoint name="{name}"/>',
-        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>',
-        *_shell(name, dimensions, front, rear, colour, alpha),
-    ]
-    for axle, x in (("front", front), ("rear", rear)):
-        for side, sign in (("left", 1), ("right", -1)):
-            parts.append(_wheel(f"{name}_{{}}_{axle}_{side}", dimensions, x, sign, alpha))
-    return "\n".join([*parts, "</body>"])
+    @classmethod
+    def of(cls, dimensions: VehicleDimensions) -> "Scale":
+        """Half length, half track width and wheel radius."""
+        front, rear = wheels.places(dimensions)[[0, 2], 0]
+        half_length, half_width = dimensions.length / 2, dimensions.track_width / 2
+        axle = (front - rear) / dimensions.length
+        return cls((front + rear) / 2, axle, half_length, half_width, dimensions.wheel_radius)
 
+    def point(self, x: float, y: float, z: float) -> list[float]:
+        """From fractions to metres in the body frame."""
+        return [self.middle + x * self.length, y * self.width, z * self.radius]
 
-def car_meshes(dimensions: VehicleDimensions) -> str:
-    """MJCF assets: convex hulls of the body's panels, shared by all cars."""
-    half, width = dimensions.length / 2, dimensions.track_width / 2
-    front = dimensions.cg_to_front_axle - dimensions.sensor_to_cg
-    middle, z = front - dimensions.wheelbase / 2, dimensions.wheel_radius
-    nose, tail = middle + half, middle - half
-    hulls = {
-        "tub": [
-            *_ring(nose - 0.01, 0.18 * width, 0.5 * z, 0.9 * z),
-            *_ring(front - 0.01, 0.46 * width, 0.35 * z, 1.55 * z),
-            *_ring(middle - 0.02, 0.66 * width, 0.35 * z, 1.75 * z),
-            *_ring(tail + 0.035, 0.5 * width, 0.5 * z, 1.7 * z),
-        ],
-        "cabin": [
-            *_ring(front - 0.035, 0.4 * width, 1.5 * z, 1.55 * z),
-            *_ring(middle + 0.005, 0.36 * width, 1.5 * z, 2.6 * z),
-            *_ring(middle - 0.045, 0.34 * width, 1.5 * z, 2.55 * z),
-            *_ring(tail + 0.06, 0.4 * width, 1.5 * z, 1.7 * z),
-        ],
-        "roof": [
-            *_ring(middle + 0.002, 0.37 * width, 2.55 * z, 2.68 * z),
-            *_ring(middle - 0.048, 0.35 * width, 2.5 * z, 2.63 * z),
-        ],
-    }
-    return "\n".join(
-        f'<mesh name="{name}" inertia="shell" vertex="{_numbers(points)}"/>'
-        for name, points in hulls.items()
-    )
+    def section(self, section: meshes.Section) -> meshes.Section:
+        """Likewise."""
+        x, foot, top, low, high = section
+        width, radius = self.width, self.radius
+        along = self.middle + x * self.length
+        return along, foot * width, top * width, low * radius, high * radius
 
 
-def _shell(
-    name: str, d: VehicleDimensions, front: float, rear: float, colour: str, alpha: float
-) -> list[str]:
-    half, width, z = d.length / 2, d.track_width / 2, d.wheel_radius
-    middle, tail = front - d.wheelbase / 2, front - d.wheelbase / 2 - half
-    body, dark, glass = (f'rgba="{c} {alpha}"' for c in (colour, CARBON, GLASS))
-    wing = f'pos="{tail + 0.014:.4f} 0 {2.75 * z:.4f}" size="0.020 {0.85 * width:.4f} 0.0022"'
-    parts = [
-        f'<geom type="mesh" mesh="tub" {body}/>',
-        f'<geom type="mesh" mesh="cabin" {glass}/>',
-        f'<geom type="mesh" mesh="roof" {body}/>',
-        f'<geom type="box" pos="{middle:.4f} 0 {0.45 * z:.4f}" '
-        f'size="{0.86 * half:.4f} {0.5 * width:.4f} 0.003" {dark}/>',
-        f'<geom type="box" pos="{middle + half:.4f} 0 {0.6 * z:.4f}" '
-        f'size="0.008 {0.62 * width:.4f} 0.006" {dark}/>',
-        f'<geom type="box" {wing} {body}/>',
-        # The tracking camera, where pose and velocity are measured.
-        f'<geom type="box" pos="0.004 0 {1.75 * z:.4f}" size="0.006 0.02 0.006" {dark}/>',
-    ]
-    for sign in (1, -1):
-        plate, strut = sign * 0.85 * width, sign * 0.35 * width
-        parts += [
-            f'<geom type="box" pos="{tail + 0.014:.4f} {plate:.4f} {2.7 * z:.4f}" '
-            f'size="0.023 0.0015 0.011" {dark}/>',
-            f'<geom type="capsule" size="0.0025" fromto="{tail + 0.04:.4f} {strut:.4f} '
-            f'{1.5 * z:.4f} {tail + 0.016:.4f} {strut:.4f} {2.7 * z:.4f}" {dark}/>',
-        ]
-        for x in (front, rear):  # suspension arms
-            parts += [
-                f'<geom type="capsule" size="0.003" fromto="{x + dx:.4f} {sign * 0.3 * width:.4f} '
-                f'{0.7 * z:.4f} {x:.4f} {sign * (width - d.wheel_width / 2):.4f} {z:.4f}" {dark}/>'
-                for dx in (-0.02, 0.02)
-            ]
-    return parts
+def add_meshes(spec: mujoco.MjSpec, dimensions: VehicleDimensions) -> None:
+    """The shapes that all cars of a scene share."""
+    scale = Scale.of(dimensions)
+    for name, (_, sections) in PARTS.items():
+        vertices = meshes.hull([scale.section(section) for section in sections])
+        spec.add_mesh(name=name, uservert=vertices.flatten())
+    radius, half = dimensions.wheel_radius, dimensions.wheel_width / 2
+    tread = [(-1.0, 0.62), (-1.0, 0.84), (-0.72, 0.96), (0.72, 0.96), (1.0, 0.84), (1.0, 0.62)]
+    profile = [(y * half, r * radius) for y, r in tread]
+    vertices, faces = meshes.revolved(profile, SIDES, lugs=0.04 / 0.96)
+    spec.add_mesh(name="tyre", uservert=vertices.flatten(), userface=faces.flatten())
 
 
-def _wheel(label: str, d: VehicleDimensions, x: float, sign: int, alpha: float) -> str:
-    """One wheel; `label` has a place for the kind of joint."""
-    radius, half = d.wheel_radius, d.wheel_width / 2
-    steered = "front" in label
-    name = label.format("wheel")
-    steer = f'<joint name="{label.format("steer")}" axis="0 0 1"/>' if steered else ""
-    parts = [
-        f'<body name="{name}" pos="{x:.4f} {sign * d.track_width / 2:.4f} {radius:.4f}">',
-        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>',
-        f'{steer}<joint name="{label.format("roll")}" axis="0 1 0"/>',
-        _disc(0.96 * radius, half, 0.0, TYRE, alpha),
-        _disc(0.62 * radius, 1.04 * half, 0.0, RIM, alpha),
-        _disc(0.16 * radius, 1.14 * half, 0.0, SPOKE, alpha),
-    ]
-    for number in range(TREADS):
-        angle = 2 * math.pi * number / TREADS
-        parts.append(
-            _block(angle, 0.95 * radius, (0.05 * radius, half, 0.11 * radius), TYRE, alpha)
-        )
-    for number in range(SPOKES):
-        angle = 2 * math.pi * number / SPOKES
-        size = (0.2 * radius, 1.08 * half, 0.06 * radius)
-        parts.append(_block(angle, 0.36 * radius, size, SPOKE, alpha))
-    return "".join([*parts, "</body>"])
+def add_car(
+    spec: mujoco.MjSpec, name: str, paint: RGB, alpha: float, dimensions: VehicleDimensions
+) -> None:
+    """A mocap body with two hinges for steering and four for rolling, named `NAME_...`."""
+    share = GHOST_TINT if alpha < 1 else 0.0
+    body = spec.worldbody.add_body(name=name, mocap=True)
+
+    def tinted(colour: RGB) -> RGB:
+        return mixed(colour, paint, share)
+
+    for part, (colour, _) in PARTS.items():
+        _geom(body, "mesh", tinted(colour or paint), alpha, meshname=part)
+    _add_details(body, Scale.of(dimensions), tinted, alpha)
+    for place, (x, y) in zip(wheels.PLACES, wheels.places(dimensions), strict=True):
+        hub = body.add_body(name=f"{name}_{place}_hub", pos=[x, y, dimensions.wheel_radius])
+        _weigh(hub)
+        if place.startswith("front"):
+            hub.add_joint(name=f"{name}_{place}_steer", axis=[0, 0, 1])
+        wheel = hub.add_body(name=f"{name}_{place}")
+        _weigh(wheel)
+        wheel.add_joint(name=f"{name}_{place}_roll", axis=[0, 1, 0])
+        _add_wheel(wheel, tinted, alpha, dimensions, float(np.sign(y)))
 
 
-def _disc(radius: float, half: float, y: float, rgb: str, alpha: float) -> str:
-    return (
-        f'<geom type="cylinder" size="{radius:.4f} {half:.4f}" pos="0 {y:.4f} 0" '
-        f'euler="1.5707963 0 0" rgba="{rgb} {alpha}"/>'
-    )
+def _add_details(body, scale: Scale, tinted: Tint, alpha: float) -> None:
+    """Suspension, struts and end plates of the wing, lamps."""
+    length, width, radius = scale.length, scale.width, scale.radius
+
+    def box(x, y, z, half, colour):
+        size = [half[0] * length, half[1] * width, half[2] * radius]
+        _geom(body, "box", tinted(colour), alpha, pos=scale.point(x, y, z), size=size)
+
+    for x in (scale.axle, -scale.axle):
+        for shift in (-0.07, 0.07):
+            box(x + shift, 0, 0.9, (0.018, 0.86, 0.06), DARK)
+        box(x, 0, 1.5, (0.02, 0.5, 0.24), DARK)
+    for side in (-1, 1):
+        box(-0.88, 0.26 * side, 1.95, (0.045, 0.025, 0.45), DARK)
+        box(-0.9, 0.86 * side, 2.42, (0.19, 0.02, 0.26), DARK)
+        _geom(body, "ellipsoid", tinted(LAMP), alpha, pos=scale.point(0.84, 0.15 * side, 1.08),
+              size=[0.05 * length, 0.06 * width, 0.11 * radius])  # fmt: skip
+        box(-0.95, 0.14 * side, 1.32, (0.02, 0.07, 0.07), TAIL)
 
 
-def _block(angle: float, radius: float, size: tuple[float, ...], rgb: str, alpha: float) -> str:
-    """A box at an angle about a wheel's axis, its x outwards."""
-    x, z = radius * math.cos(angle), -radius * math.sin(angle)
-    sizes = " ".join(f"{s:.4f}" for s in size)
-    return (
-        f'<geom type="box" size="{sizes}" pos="{x:.4f} 0 {z:.4f}" euler="0 {angle:.4f} 0" '
-        f'rgba="{rgb} {alpha}"/>'
-    )
+def _add_wheel(
+    body, tinted: Tint, alpha: float, dimensions: VehicleDimensions, side: float
+) -> None:
+    """Tyre, and on the outer side a dish with spokes."""
+    radius, half = dimensions.wheel_radius, dimensions.wheel_width / 2
+    _geom(body, "mesh", tinted(TYRE), alpha, meshname="tyre")
+    lying = [np.sqrt(0.5), np.sqrt(0.5), 0, 0]  # the cylinder's z onto y
+    face = side * half
+    dish = dict(quat=lying, pos=[0, 0.52 * face, 0])
+    _geom(body, "cylinder", tinted(DARK), alpha, size=[0.63 * radius, 0.5 * half, 0], **dish)
+    for spoke in range(SPOKES):
+        angle = 2 * np.pi * spoke / SPOKES
+        where = [0.34 * radius * np.cos(angle), 1.03 * face, -0.34 * radius * np.sin(angle)]
+        turn = [np.cos(angle / 2), 0, np.sin(angle / 2), 0]
+        _geom(body, "box", tinted(RIM), alpha, pos=where, quat=turn,
+              size=[0.28 * radius, 0.06 * half, 0.085 * radius])  # fmt: skip
+    hub = dict(quat=lying, pos=[0, 1.04 * face, 0])
+    _geom(body, "cylinder", tinted(RIM), alpha, size=[0.15 * radius, 0.12 * half, 0], **hub)
 
 
-def _ring(x: float, half_width: float, low: float, high: float) -> list[tuple[float, ...]]:
-    """Corners of a cross-section, narrower above."""
-    return [
-        (x, side * half_width * (1.0 if z == low else 0.85), z)
-        for side in (1, -1)
-        for z in (low, high)
-    ]
+def _weigh(body) -> None:
+    """A mass, which MuJoCo wants of what a joint moves; it moves nothing here."""
+    body.explicitinertial, body.mass, body.inertia = True, 0.1, [1e-4] * 3
 
 
-def _numbers(points: list[tuple[float, ...]]) -> str:
-    return " ".join(f"{value:.4f}" for point in points for value in point)
+def _geom(body, kind: str, colour: RGB, alpha: float, **where) -> None:
+    """A geom that touches nothing."""
+    type_ = getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
+    body.add_geom(type=type_, rgba=[*colour, alpha], contype=0, conaffinity=0, **where)

@@ -1,19 +1,31 @@
-"""Colours of films: those of the figures, so that one thing has one colour everywhere."""
-
-from matplotlib.colors import to_rgb
+"""Colours of films, distinct also to the colour-blind; what they mean is told by shape too."""
 
 from buggy_rl.viz.style import COLOURS
 
-Colour = tuple[float, float, float]
-"""r, g, b in 0..1."""
+RGB = tuple[float, float, float]
 
 
-def rgb(colour: str | Colour) -> Colour:
-    """A colour by its name, as #rrggbb or as numbers."""
-    red, green, blue = to_rgb(colour)
+def rgb(colour: str) -> RGB:
+    """Red, green, blue in 0..1 of #rrggbb."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
+def pixel(colour: RGB) -> tuple[int, int, int]:
+    """The same in 0..255."""
+    red, green, blue = (round(255 * part) for part in colour)
     return red, green, blue
 
 
 CAR, GHOST = rgb(COLOURS[0]), rgb(COLOURS[1])
-PATH, OPEN, CLOSED = rgb("#2e4057"), rgb(COLOURS[2]), rgb(COLOURS[3])
-INK, PAPER = rgb("#1b1f24"), rgb("#f4f5f6")
+OPEN, CLOSED = rgb(COLOURS[2]), rgb(COLOURS[3])
+AHEAD = (0.96, 0.95, 0.92)
+FLOOR, GRID, SKY = (0.56, 0.58, 0.61), (0.44, 0.47, 0.50), (0.88, 0.91, 0.94)
+GHOST_ALPHA = 0.42
+GHOST_TINT = 0.55  # share of its paint in the colour of every part of the ghost
+
+
+def mixed(one: RGB, other: RGB, share: float) -> RGB:
+    """Between two colours: the other for `share` 1."""
+    red, green, blue = ((1 - share) * a + share * b for a, b in zip(one, other, strict=True))
+    return red, green, blue

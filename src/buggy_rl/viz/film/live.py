@@ -1,51 +1,69 @@
-"""Shows a film in MuJoCo's own viewer, where there is a screen."""
+"""MuJoCo's interactive viewer: the film in real time, with a camera that the mouse moves."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
+import math
 import os
 import sys
 import time
 
+import mujoco
 import numpy as np
 
-from buggy_rl.viz.film.film import GHOST_ALPHA, FilmConfig, tracks
+from buggy_rl.viz.film.director import Director
+from buggy_rl.viz.film.marks import Marks, marks
+from buggy_rl.viz.film.scene import Scene
+from buggy_rl.viz.film.shot import View
 
-PERIOD = 1 / 60  # [s] between two pictures
+PERIOD = 1 / 60  # [s] between two frames
 
 
-def show(config: FilmConfig) -> None:
-    """Plays tracks again and again until the window is closed.
+def play(director: Director, playback: float = 1.0) -> None:
+    """Plays the tracks in a window, from the beginning again at the end, until it is closed.
 
     Raises:
         ValueError: There is no screen.
     """
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        raise ValueError("live=true needs a screen (DISPLAY is not set): write a film instead")
-    os.environ["MUJOCO_GL"] = "glfw"
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise ValueError("live=true needs a screen and DISPLAY is not set: write output=film.mp4")
     from mujoco import viewer
 
-    from buggy_rl.viz.film.colours import CAR, GHOST
-    from buggy_rl.viz.film.painter import Painter
-    from buggy_rl.viz.film.scene import Look, Scene
-    from buggy_rl.viz.film.shot import Shot
-
-    found = tracks(config, config.ghost)
-    scene = Scene([Look(CAR), Look(GHOST, GHOST_ALPHA)][: len(found)])
-    longest = max(track.duration for track in found)
+    scene = Scene(director.dimensions, ghost=len(director.tracks) > 1)
+    begin = time.monotonic()
     with viewer.launch_passive(scene.model, scene.data) as window:
-        window.cam.distance, window.cam.elevation = 1.6, -30.0
-        begun = time.monotonic()
+        look(window.cam, director.shot(0.0).view, turned=True)
         while window.is_running():
-            now = (config.speed * (time.monotonic() - begun)) % longest
-            rows = [track.at(np.array([now]), scene.dimensions)[0] for track in found]
-            scene.set(rows)
-            window.cam.lookat[:2] = rows[0].pose[:2]
-            drawn = window.user_scn
-            assert drawn is not None
-            drawn.ngeom = 0
-            trails = [np.empty((0, 2))] * len(found)
-            shot = Shot([t.name for t in found], rows, trails, found[0].waypoints)
-            Painter(drawn).shot(shot, scene.dimensions)
+            now = (time.monotonic() - begin) * playback % director.tracks[0].duration
+            shot = director.shot(now)
+            with window.lock():
+                scene.place(shot)
+                look(window.cam, shot.view, turned=False)
+                room = window.user_scn
+                assert room is not None
+                room.ngeom = 0
+                add(room, marks(shot, director.dimensions))
             window.sync()
             time.sleep(PERIOD)
+
+
+def look(camera, view: View, turned: bool) -> None:
+    """Moves the point looked at; distance and direction are the mouse's, unless `turned`."""
+    camera.lookat[:] = view.x, view.y, view.z
+    if turned:
+        camera.distance = view.distance
+        camera.azimuth, camera.elevation = math.degrees(view.azimuth), math.degrees(view.elevation)
+
+
+def add(scene: mujoco.MjvScene, drawn: Marks) -> None:
+    """Appends marks to a scene, as many as it has room for."""
+    room = scene.maxgeom - scene.ngeom
+    columns = (drawn.kind, drawn.size, drawn.position, drawn.yaw, drawn.colour)
+    for kind, size, position, yaw, colour in list(zip(*columns, strict=True))[:room]:
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        turn = np.array([cos, -sin, 0, sin, cos, 0, 0, 0, 1])
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, kind, size, position, turn, colour.astype(np.float32))
+        scene.ngeom += 1

@@ -1,42 +1,140 @@
-"""Frames by MuJoCo's renderer, in this process."""
+"""From shots to pixels: MuJoCo's renderer in a process of its own, or a drawing from above."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo's compiled module has no type stubs.
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
 
-from collections.abc import Sequence
+from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.viz.film import gl
+from buggy_rl.viz.film.drawing import Drawing
+from buggy_rl.viz.film.shot import Frame, Shot
 
-import mujoco
-from numpy.typing import NDArray
-
-from buggy_rl.viz.film.cameras import View
-from buggy_rl.viz.film.colours import CAR, GHOST
-from buggy_rl.viz.film.painter import Painter
-from buggy_rl.viz.film.scene import Look, Scene
-from buggy_rl.viz.film.shot import Shot
-
-MOST_GEOMS = 20_000  # of a frame
+RENDERERS = ("auto", "mujoco", "drawing")
 
 
-class Renderer:
-    """Draws shots.
+class Renderer(Protocol):
+    """What makes frames of shots."""
+
+    note: str
+    """What the user should know about the choice; empty if nothing."""
+
+    def frames(self, shots: Iterable[Shot]) -> Iterator[Frame]:
+        """A frame for each shot, in order."""
+        ...
+
+    def close(self) -> None:
+        """Ends what it has started."""
+        ...
+
+
+class MujocoRenderer:
+    """Renders in another process, one shot ahead of what is asked for.
 
     Args:
-        alphas: Opacity of each car.
-        size: Width and height of the frames [pixels].
+        backend: Value of `MUJOCO_GL`.
+        dimensions: Of the cars.
+        size: Width and height [pixel].
+        ghost: There is a second car.
+        samples: Of each pixel.
+
+    Raises:
+        WorkerError: It cannot render.
     """
 
-    def __init__(self, alphas: Sequence[float], size: tuple[int, int]) -> None:
-        looks = [Look(c, a) for c, a in zip((CAR, GHOST), alphas, strict=False)]
-        self.scene = Scene(looks, size=size)
-        self.renderer = mujoco.Renderer(self.scene.model, size[1], size[0], MOST_GEOMS)
-        self.camera = mujoco.MjvCamera()
+    note = ""
 
-    def frame(self, shot: Shot, view: View) -> NDArray:
-        """[H, W, 3] uint8."""
-        self.scene.set(shot.rows)
-        self.camera.lookat[:] = view.lookat
-        self.camera.distance, self.camera.azimuth = view.distance, view.azimuth
-        self.camera.elevation = view.elevation
-        self.renderer.update_scene(self.scene.data, self.camera)
-        Painter(self.renderer.scene).shot(shot, self.scene.dimensions)
-        return self.renderer.render()
+    def __init__(
+        self,
+        backend: str,
+        dimensions: VehicleDimensions,
+        size: tuple[int, int],
+        ghost: bool,
+        samples: int,
+    ) -> None:
+        from buggy_rl.viz.film.scene import Scene
+
+        self._dimensions = dimensions
+        self._scene = Scene(dimensions, size, ghost, samples)
+        self._process = gl.WorkerProcess(backend)
+        try:
+            self._process.ask((self._scene.binary(), size))
+        except gl.WorkerError:
+            self._process.close()
+            raise
+
+    def frames(self, shots: Iterable[Shot]) -> Iterator[Frame]:
+        """A frame for each shot; the next one is rendered while this one is used."""
+        waiting = False
+        for shot in shots:
+            self._process.send(self._state(shot))
+            if waiting:
+                yield self._process.receive()
+            waiting = True
+        if waiting:
+            yield self._process.receive()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.close()
+
+    def _state(self, shot: Shot) -> dict:
+        """What `worker.serve` takes."""
+        from buggy_rl.viz.film.marks import marks
+
+        self._scene.place(shot)
+        data, view, drawn = self._scene.data, shot.view, marks(shot, self._dimensions)
+        return {
+            "qpos": data.qpos.copy(),
+            "mocap_pos": data.mocap_pos.copy(),
+            "mocap_quat": data.mocap_quat.copy(),
+            "lookat": (view.x, view.y, view.z),
+            "camera": (view.distance, math.degrees(view.azimuth), math.degrees(view.elevation)),
+            "marks": (drawn.kind, drawn.size, drawn.position, drawn.yaw, drawn.colour),
+        }
+
+
+@contextmanager
+def opened(
+    choice: str,
+    size: tuple[int, int],
+    ghost: bool,
+    dimensions: VehicleDimensions | None = None,
+    samples: int = 4,
+) -> Iterator[Renderer]:
+    """A renderer, closed at the end.
+
+    Args:
+        choice: mujoco, drawing, or auto for MuJoCo where OpenGL works and else the drawing.
+        size: Width and height [pixel].
+        ghost: There is a second car.
+        dimensions: Of the cars; None is the buggy.
+        samples: Of each pixel, in MuJoCo.
+
+    Raises:
+        ValueError: The choice is unknown, the size is odd, or MuJoCo cannot render.
+    """
+    renderer = make_renderer(choice, size, ghost, dimensions or VehicleDimensions(), samples)
+    try:
+        yield renderer
+    finally:
+        renderer.close()
+
+
+def make_renderer(
+    choice: str, size: tuple[int, int], ghost: bool, dimensions: VehicleDimensions, samples: int = 4
+) -> Renderer:
+    """Likewise, to be closed by the caller."""
+    if choice not in RENDERERS:
+        raise ValueError(f"renderer={choice!r}: must be one of {', '.join(RENDERERS)}")
+    if min(size) < 64 or any(side % 2 for side in size):
+        raise ValueError(f"size={list(size)}: both sides must be even and at least 64 pixels")
+    if choice == "drawing":
+        return Drawing(dimensions, size)
+    found = gl.probe()
+    if found.backend is not None:
+        return MujocoRenderer(found.backend, dimensions, size, ghost, samples)
+    why = f"MuJoCo cannot render here ({found.reason})"
+    if choice == "mujoco":
+        raise ValueError(f"{why}: {gl.REMEDY}, or take renderer=drawing")
+    return Drawing(dimensions, size, f"{why}: drawn from above instead; to see it, {gl.REMEDY}")

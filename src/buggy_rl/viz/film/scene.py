@@ -1,105 +1,119 @@
-"""The scene: a floor, the cars and, drawn anew in each frame, paths and waypoints. No physics."""
+"""MuJoCo's model of a film: floor, light, sky and one or two cars that a shot puts in place."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from buggy_rl.vehicle import VehicleDimensions
-from buggy_rl.viz.film.bodywork import car_body, car_meshes
-from buggy_rl.viz.film.colours import Colour
-from buggy_rl.viz.film.track import Row
+from buggy_rl.viz.film import wheels
+from buggy_rl.viz.film.bodywork import add_car, add_meshes
+from buggy_rl.viz.film.colours import CAR, FLOOR, GHOST, GHOST_ALPHA, GRID, RGB, SKY
+from buggy_rl.viz.film.marks import SUN
+from buggy_rl.viz.film.shot import Car, Shot
 
-WORLD = """
-<mujoco model="film">
-  <compiler angle="radian" autolimits="true"/>
-  <option gravity="0 0 0"/>
-  <statistic extent="1.5"/>
-  <visual>
-    <global offwidth="{width}" offheight="{height}"/>
-    <headlight ambient="0.42 0.42 0.42" diffuse="0.2 0.2 0.2" specular="0 0 0"/>
-    <quality offsamples="4"/>
-    <map znear="0.02" zfar="40" haze="0.35"/>
-    <rgba haze="0.80 0.85 0.90 1"/>
-  </visual>
-  <default><geom contype="0" conaffinity="0" mass="0"/></default>
-  <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.50 0.64 0.80"
-             rgb2="0.84 0.89 0.94" width="128" height="768"/>
-    <texture name="tiles" type="2d" builtin="flat" rgb1="0.60 0.62 0.64" mark="edge"
-             markrgb="0.48 0.50 0.53" width="160" height="160"/>
-    <material name="tiles" texture="tiles" texrepeat="1 1" texuniform="true"/>
-    {meshes}
-  </asset>
-  <worldbody>
-    <light pos="0 0 5" dir="0.3 0.25 -1" directional="true" castshadow="false"
-           diffuse="0.6 0.6 0.58" specular="0.1 0.1 0.1"/>
-    <geom type="plane" size="60 60 0.1" material="tiles"/>
-    {cars}
-  </worldbody>
-</mujoco>
-"""
-
-
-@dataclass(frozen=True)
-class Look:
-    """How a car is shown."""
-
-    colour: Colour
-    alpha: float = 1.0
+NAMES = ("car", "ghost")
 
 
 class Scene:
-    """A MuJoCo model of cars without physics, each set to a row of its track.
+    """Takes shots; renderers and MuJoCo's viewer read `model` and `data`.
 
     Args:
-        looks: Of each car.
-        dimensions: Of all cars.
-        size: Width and height of the frames [pixels].
+        dimensions: Of both cars.
+        size: Width and height of the picture [pixel].
+        ghost: There is a second, translucent car.
+        samples: Of each pixel against jagged edges.
     """
 
     def __init__(
         self,
-        looks: Sequence[Look],
-        dimensions: VehicleDimensions | None = None,
+        dimensions: VehicleDimensions,
         size: tuple[int, int] = (640, 480),
+        ghost: bool = False,
+        samples: int = 4,
     ) -> None:
-        self.dimensions = dimensions or VehicleDimensions()
-        bodies = [
-            car_body(_name(i), self.dimensions, " ".join(map(str, look.colour)), look.alpha)
-            for i, look in enumerate(looks)
-        ]
-        world = WORLD.format(
-            meshes=car_meshes(self.dimensions),
-            cars="\n".join(bodies),
-            width=size[0],
-            height=size[1],
-        )
-        self.model = mujoco.MjModel.from_xml_string(world)
+        spec = mujoco.MjSpec()
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        _set_visual(spec, size, samples)
+        _add_surroundings(spec)
+        add_meshes(spec, dimensions)
+        self.names = NAMES[: 1 + ghost]
+        for name, paint, alpha in zip(self.names, (CAR, GHOST), (1.0, GHOST_ALPHA), strict=False):
+            add_car(spec, name, paint, alpha, dimensions)
+        self.model: mujoco.MjModel = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.looks = list(looks)
+        self._mocap = [int(self.model.body(name).mocapid[0]) for name in self.names]
+        self._roll = [self._joints(name, "roll", wheels.PLACES) for name in self.names]
+        self._steer = [self._joints(name, "steer", wheels.PLACES[:2]) for name in self.names]
 
-    def set(self, rows: Sequence[Row]) -> None:
-        """Puts each car where its row has it, wheels steered and rolled."""
-        for index, row in enumerate(rows):
-            name = _name(index)
-            x, y, yaw = row.pose
-            adr = self.model.joint(name).qposadr[0]
-            quaternion = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
-            self.data.qpos[adr : adr + 7] = [x, y, 0.0, *quaternion]
-            for side in ("left", "right"):
-                self._turn(f"{name}_steer_front_{side}", row.wheel_angle)
-                for axle in ("front", "rear"):
-                    self._turn(f"{name}_roll_{axle}_{side}", row.roll)
+    def place(self, shot: Shot) -> None:
+        """Puts the cars where a shot has them, wheels steered and rolled.
+
+        Raises:
+            ValueError: The shot has another number of cars than the scene.
+        """
+        if len(shot.cars) != len(self.names):
+            raise ValueError(
+                f"a shot with {len(shot.cars)} cars for a scene of {len(self.names)}: make the "
+                "scene with ghost=True if there is a second trajectory"
+            )
+        for index, car in enumerate(shot.cars):
+            self._place(index, car)
         mujoco.mj_forward(self.model, self.data)
 
-    def _turn(self, joint: str, angle: float) -> None:
-        self.data.qpos[self.model.joint(joint).qposadr[0]] = angle
+    def binary(self) -> bytes:
+        """The compiled model, for a renderer in another process."""
+        content = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
+        mujoco.mj_saveModel(self.model, None, content)
+        return content.tobytes()
+
+    def _place(self, index: int, car: Car) -> None:
+        body, data = self._mocap[index], self.data
+        data.mocap_pos[body] = car.x, car.y, 0.0
+        data.mocap_quat[body] = np.cos(car.yaw / 2), 0.0, 0.0, np.sin(car.yaw / 2)
+        data.qpos[self._steer[index]] = car.steering_angle
+        data.qpos[self._roll[index]] = np.remainder(car.roll, 2 * np.pi)
+
+    def _joints(self, name: str, what: str, places: tuple[str, ...]) -> NDArray[Any]:
+        """Addresses in qpos."""
+        joints = [self.model.joint(f"{name}_{place}_{what}") for place in places]
+        return np.array([int(joint.qposadr[0]) for joint in joints])
 
 
-def _name(index: int) -> str:
-    return f"car_{index}"
+def _set_visual(spec: mujoco.MjSpec, size: tuple[int, int], samples: int) -> None:
+    visual = spec.visual
+    visual.global_.offwidth, visual.global_.offheight = size
+    visual.quality.offsamples, visual.quality.shadowsize = samples, 0
+    visual.quality.numslices, visual.quality.numstacks = 16, 8  # of ellipsoids and cylinders
+    visual.headlight.ambient, visual.headlight.diffuse = [0.42] * 3, [0.2] * 3
+    visual.headlight.specular = [0.0] * 3
+    visual.map.znear, visual.map.zfar = 0.01, 40.0
+    visual.rgba.haze = [*SKY, 1.0]
+    spec.stat.extent, spec.stat.center = 1.0, [0.0, 0.0, 0.0]
+
+
+def _add_surroundings(spec: mujoco.MjSpec) -> None:
+    """A floor with a line every metre, a hazy sky and a sun."""
+    texture = mujoco.mjtTexture
+    _add_texture(spec, "sky", texture.mjTEXTURE_SKYBOX, SKY, (0.62, 0.75, 0.9),
+                 builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, width=256, height=256)  # fmt: skip
+    _add_texture(spec, "floor", texture.mjTEXTURE_2D, FLOOR, FLOOR,
+                 builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, mark=mujoco.mjtMark.mjMARK_EDGE,
+                 markrgb=list(GRID), width=256, height=256)  # fmt: skip
+    material = spec.add_material(name="floor", texrepeat=[1, 1], texuniform=True)
+    material.specular, material.shininess = 0.1, 0.1
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1],
+                            material="floor", contype=0, conaffinity=0)  # fmt: skip
+    # Shadows are marks: shadow maps flicker on a large floor and take half of the time in software.
+    spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 4],
+                             dir=[*SUN, -1], diffuse=[0.62] * 3, specular=[0.25] * 3,
+                             castshadow=False)  # fmt: skip
+
+
+def _add_texture(spec: mujoco.MjSpec, name: str, kind, first: RGB, second: RGB, **rest) -> None:
+    spec.add_texture(name=name, type=kind, rgb1=list(first), rgb2=list(second), **rest)

@@ -1,30 +1,82 @@
-"""A shot: everything that one frame shows."""
+"""Everything that one frame shows, as plain numbers: what every renderer and viewer consumes."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from buggy_rl.viz.film.track import Row
+Points = NDArray[Any]
+"""[K, 2] x, y [m], world frame."""
 
-AHEAD, BEHIND = 40, 15  # waypoints that are shown of a path
+Frame = NDArray[np.uint8]
+"""[H, W, 3] red, green, blue."""
+
+NO_POINTS: Points = np.zeros((0, 2))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Car:
+    """One car at one instant."""
+
+    name: str
+    """In the legend."""
+    x: float
+    """Of the reference point, the tracking sensor [m]."""
+    y: float
+    """[m]"""
+    yaw: float
+    """[rad]"""
+    speed: float
+    """vx [m/s]."""
+    throttle: float
+    """Command, -1 is no drive."""
+    steering: float
+    """Command, +1 is full left."""
+    steering_angle: float
+    """Of the front wheels [rad], positive to the left."""
+    roll: NDArray[Any]
+    """[4] angle of each wheel about its axle [rad], in the order of `wheels.PLACES`."""
+    trail: Points = field(default_factory=lambda: NO_POINTS)
+    """Where it was, oldest first."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the picture is taken from, as MuJoCo's free camera says it."""
+
+    x: float
+    """Of the point looked at [m]."""
+    y: float
+    """[m]"""
+    z: float
+    """[m]"""
+    distance: float
+    """From the camera to that point [m]."""
+    azimuth: float
+    """Direction of view about the vertical [rad]; 0 looks along x."""
+    elevation: float
+    """Of the direction of view [rad]; -pi/2 looks straight down."""
+
+
+@dataclass(frozen=True)
 class Shot:
-    """One instant of all cars, with the way behind them and the path ahead."""
+    """One frame."""
 
-    names: Sequence[str]
-    rows: Sequence[Row]
-    """Of each car; the first one's is the film's own."""
-    trails: Sequence[NDArray]
-    """[N, 2] of each car: where it has been [m]."""
-    waypoints: NDArray | None = None
-    """[W, 2] of the first car's path."""
+    time: float
+    """Since the track began [s]."""
+    view: View
+    car: Car
+    ghost: Car | None = None
+    """The second trajectory, translucent."""
+    ahead: Points = field(default_factory=lambda: NO_POINTS)
+    """The path ahead, nearest first."""
+    waypoints: Points = field(default_factory=lambda: NO_POINTS)
+    """Of the path, those near the car."""
+    closed_for: NDArray[Any] = field(default_factory=lambda: np.zeros(0))
+    """[K] since each waypoint was closed [s]; below 0 it is open."""
 
-    def paths(self) -> Iterator[tuple[NDArray, bool]]:
-        """Parts [N, 2] of the path, from a waypoint on, and whether they are behind the car."""
-        if self.waypoints is not None:
-            closed = self.rows[0].closed
-            yield self.waypoints[max(0, closed - BEHIND) : closed + 1], True
-            yield self.waypoints[closed : closed + AHEAD], False
+    @property
+    def cars(self) -> list[Car]:
+        """The car, and the ghost if there is one."""
+        return [self.car] if self.ghost is None else [self.car, self.ghost]

@@ -1,101 +1,160 @@
-"""A track: where a car was, row by row, and what there is to draw about it."""
+"""A trajectory to be filmed: where a car was, what it was told, and the course it followed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tensordict import TensorDictBase
 
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl import keys
+from buggy_rl.recordings.recording import Recording
+from buggy_rl.viz.film.shot import Points
 
-FULL_LOCK = 0.36  # [rad] road-wheel angle shown at steering 1; DART's mean of left and right
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Row:
-    """A car at one instant."""
+class Course:
+    """The waypoints of a path."""
 
-    pose: tuple[float, float, float]
-    """x, y [m], yaw [rad]."""
-    speed: float
-    """vx [m/s]."""
-    throttle: float
-    steering: float
-    wheel_angle: float
-    """Of the front wheels [rad], positive left."""
-    roll: float
-    """Of the wheels [rad], positive forwards."""
-    time: float
-    """[s]"""
-    closed: int = 0
-    """Waypoints closed so far."""
+    points: Points
+    """[W, 2] m; row 0 is the start and counts as closed."""
+    closed: bool
+    """The path goes on from its last waypoint to its first."""
+
+    def waypoints(self, indices: NDArray[Any]) -> Points:
+        """Waypoints [K, 2] by index; on a closed path indices count on over the laps."""
+        return self.points[indices % len(self.points)]
+
+    def whole(self) -> Points:
+        """All waypoints, and the first once more if the path is closed."""
+        return np.concatenate([self.points, self.points[: int(self.closed)]])
+
+    def within(self, first: int, last: int) -> NDArray[Any]:
+        """Indices from `first` to before `last`, as far as the path goes."""
+        end = last if self.closed else min(last, len(self.points))
+        return np.arange(max(first, 0), max(first, end, 0))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Track:
-    """Where a car was."""
+    """A trajectory of T rows.
+
+    Raises:
+        ValueError: It has fewer than two rows, columns of other lengths, time that does not
+            increase, or a value that is not finite.
+    """
 
     name: str
-    """As it is called in the film."""
-    time: NDArray
-    """[T] s, increasing."""
-    pose: NDArray
-    """[T, 3] x, y [m], yaw [rad], unwrapped."""
-    velocity: NDArray
-    """[T, 3] vx, vy [m/s], yaw_rate [rad/s]."""
-    action: NDArray
+    """In the legend."""
+    time: Array
+    """[T] s since the film begins."""
+    pose: Array
+    """[T, 3] x, y [m], yaw [rad], world frame; yaw is unwrapped here."""
+    velocity: Array
+    """[T, 3] vx, vy [m/s], yaw_rate [rad/s], body frame."""
+    action: Array
     """[T, 2] throttle, steering in [-1, 1]."""
-    waypoints: NDArray | None = None
-    """[W, 2] of the path that it was to drive [m]."""
-    closed: NDArray | None = None
-    """[T] waypoints closed so far."""
+    course: Course | None = None
+    following: NDArray[Any] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """[T] index of the next waypoint; empty without a course."""
+
+    restarts: Array = field(default_factory=lambda: np.zeros(0))
+    """Times [s] at which a simulation was set back to what was measured."""
 
     def __post_init__(self) -> None:
-        count = len(self.time)
-        if count < 2:
-            raise ValueError(f"{self.name}: {count} rows are no film: it takes 2 at least")
-        for label in ("pose", "velocity", "action"):
-            rows = getattr(self, label)
-            if len(rows) != count:
-                raise ValueError(f"{self.name}: {len(rows)} rows of {label} for {count} of time")
-            if not np.isfinite(rows).all():
-                bad = int(np.argmin(np.isfinite(rows).all(-1)))
-                raise ValueError(
-                    f"{self.name}: {label} is no number at {self.time[bad]:.2f} s: end the film "
-                    f"before, with seconds={self.time[bad] - self.time[0]:.1f}"
-                )
+        rows = len(self.time)
+        for name in ("pose", "velocity", "action"):
+            if len(getattr(self, name)) != rows:
+                have = len(getattr(self, name))
+                raise ValueError(f"track {self.name!r}: {name} has {have} rows, time has {rows}")
+        if rows < 2:
+            raise ValueError(f"track {self.name!r} has {rows} rows: a film needs two at least")
+        if not (np.diff(self.time) > 0).all():
+            raise ValueError(f"track {self.name!r}: time must increase from row to row")
+        motion = np.concatenate([self.pose, self.velocity, self.action], 1)
+        if not np.isfinite(motion).all():
+            row = int((~np.isfinite(motion)).any(1).argmax())
+            raise ValueError(
+                f"track {self.name!r} is not finite at {self.time[row]:.2f} s: end the film "
+                f"before, with seconds={self.time[row]:.2f}"
+            )
+        object.__setattr__(self, "pose", _unwrapped(self.pose))
 
     @property
     def duration(self) -> float:
-        """From the first row to the last [s]."""
-        return float(self.time[-1] - self.time[0])
+        """Time of the last row [s]."""
+        return float(self.time[-1])
 
-    def rolled(self, dimensions: VehicleDimensions) -> NDArray:
-        """[T] angle that the wheels have turned, without slip [rad]."""
-        step = np.diff(self.time) * 0.5 * (self.velocity[1:, 0] + self.velocity[:-1, 0])
-        return np.concatenate([[0.0], np.cumsum(step)]) / dimensions.wheel_radius
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        """Pose [3] and velocity [3], linear between rows, and the action [2] of the row before."""
+        columns = np.concatenate([self.pose, self.velocity], 1)
+        motion = np.array([np.interp(time, self.time, column) for column in columns.T])
+        return motion[:3], motion[3:], self.action[self.row(time)]
 
-    def at(self, times: NDArray, dimensions: VehicleDimensions) -> list[Row]:
-        """Rows at times [N] since its beginning; before and after it the car stands still there."""
-        own = self.time - self.time[0]
+    def row(self, time: float) -> int:
+        """The last row that is not later."""
+        return int(np.clip(np.searchsorted(self.time, time + 1e-9, "right") - 1, 0, None))
 
-        def read(values: NDArray) -> NDArray:
-            return np.interp(times, own, values)
 
-        pose = np.stack([read(column) for column in self.pose.T], -1)
-        action = np.stack([read(column) for column in self.action.T], -1)
-        roll, speed = read(self.rolled(dimensions)), read(self.velocity[:, 0])
-        closed = np.zeros(len(own)) if self.closed is None else self.closed
-        row = np.searchsorted(own, times, side="right") - 1
-        return [
-            Row(
-                pose=(float(x), float(y), float(yaw)),
-                speed=float(speed[i]),
-                throttle=float(action[i, 0]),
-                steering=float(action[i, 1]),
-                wheel_angle=float(action[i, 1]) * FULL_LOCK,
-                roll=float(roll[i]),
-                time=float(times[i]),
-                closed=int(closed[max(0, row[i])]),
-            )
-            for i, (x, y, yaw) in enumerate(pose)
-        ]
+def from_recording(recording: Recording, start: float = 0.0, seconds: float = np.inf) -> Track:
+    """A track of what was measured, from `start` [s] to the next gap at the latest.
+
+    Raises:
+        ValueError: `start` is not within the recording, or falls into a gap.
+    """
+    rows = recording_rows(recording, start, seconds)
+    data = recording.data[rows]
+    time = data[keys.TIME].double().flatten().numpy()
+    return Track(
+        recording.name,
+        time - time[0],
+        data[keys.POSE].double().numpy(),
+        data[keys.VELOCITY].double().numpy(),
+        data[keys.ACTION].double().numpy(),
+    )
+
+
+def recording_rows(recording: Recording, start: float, seconds: float) -> slice:
+    """Rows of a recording from `start` [s] on, for `seconds` or up to the next gap.
+
+    Raises:
+        ValueError: `start` is not within the recording, or falls into a gap.
+    """
+    time = recording.data[keys.TIME].flatten().numpy()
+    time = time - time[0]
+    segment = recording.data[keys.SEGMENT].flatten().numpy()
+    first = int(np.searchsorted(time, start - recording.dt / 2))
+    if start < 0 or first >= len(time) - 1:
+        raise ValueError(f"start={start:g} s: recording {recording.name} ends at {time[-1]:.2f} s")
+    if time[first] > start + recording.dt:
+        raise ValueError(
+            f"start={start:g} s falls into a gap of recording {recording.name}: the next row is "
+            f"at {time[first]:.2f} s"
+        )
+    wanted = (time <= time[first] + seconds + recording.dt / 2) & (segment == segment[first])
+    return slice(first, first + int(wanted[first:].sum()))
+
+
+def from_rollout(rows: TensorDictBase, name: str, dt: float, course: Course | None = None) -> Track:
+    """A track of a rollout [T] of one environment, such as `env.rollout(T)[0]` of a batch.
+
+    Args:
+        rows: `pose`, `velocity` and `action`, and `next_waypoint` if there is a course.
+        name: In the legend.
+        dt: Control period [s].
+        course: That was followed.
+    """
+    following: Array = np.zeros(0, np.int64)
+    if course is not None:
+        following = np.asarray(rows.get(keys.NEXT_WAYPOINT).flatten())
+    pose, velocity, action = (
+        np.asarray(rows.get(key).detach().cpu().double())
+        for key in (keys.POSE, keys.VELOCITY, keys.ACTION)
+    )
+    return Track(name, dt * np.arange(len(pose)), pose, velocity, action, course, following)
+
+
+def _unwrapped(pose: Array) -> Array:
+    return np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])])

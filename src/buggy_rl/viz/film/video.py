@@ -1,91 +1,107 @@
-"""Writes frames as .mp4, .gif or .png."""
+"""Frames -> mp4, gif or png, by the ending of the file."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-import imageio.v2 as imageio
-from numpy.typing import NDArray
+import numpy as np
 from PIL import Image
 
-ENDINGS = (".mp4", ".gif", ".png")
-COLOURS = 128  # of a gif: half the size of 256, and no difference to be seen
-SAMPLES = 12  # frames that they are chosen from
+from buggy_rl.files import replacing
+from buggy_rl.viz.film.shot import Frame
+
+QUALITY = 21  # H.264's constant rate factor; 18 is visually lossless, 23 the encoder's default
+COLOURS = 128  # of a gif's one palette
 
 
-class Sink(Protocol):
-    """Takes frames one by one."""
-
-    def __call__(self, frame: NDArray) -> None:
-        """Of a frame [H, W, 3] uint8."""
-        ...
-
-
-def check_output(file: str | Path) -> Path:
-    """The file, if it has an ending that can be written.
+def write_video(frames: Iterable[Frame], file: str | Path, fps: float) -> int:
+    """Writes frames [H, W, 3] to a file and returns their number; a png holds the last one.
 
     Raises:
-        ValueError: It has not.
+        ValueError: The ending is none of `WRITERS`, or there is no frame.
     """
     file = Path(file)
-    if file.suffix.lower() not in ENDINGS:
-        raise ValueError(f"output={file}: must end in {', '.join(ENDINGS)}")
-    return file
+    check_ending(file)
+    count = 0
+
+    def counted() -> Iterator[Frame]:
+        nonlocal count
+        for frame in frames:
+            count += 1
+            yield np.ascontiguousarray(frame)
+
+    with replacing(file) as partial:
+        WRITERS[file.suffix.lower()](counted(), partial, fps)
+    return count
 
 
-@contextmanager
-def writing(file: str | Path, fps: float) -> Iterator[Sink]:
-    """Opens a film; what it yields is called with each frame [H, W, 3] uint8.
-
-    A .png keeps the last frame alone. The file is there only when all frames are.
+def check_ending(file: str | Path) -> None:
+    """Refuses what cannot be written, before anything is computed.
 
     Raises:
-        ValueError: The ending is none of .mp4, .gif, .png.
+        ValueError: The ending is none of `WRITERS`.
     """
-    file = check_output(file)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    partial = file.with_name(f".{file.name}.partial{file.suffix}")
+    ending = Path(file).suffix.lower()
+    if ending not in WRITERS:
+        raise ValueError(f"output={file}: the ending must be one of {', '.join(WRITERS)}")
+
+
+def _mp4(frames: Iterator[Frame], file: Path, fps: float) -> None:
+    from imageio_ffmpeg import write_frames
+
+    first = _first(frames)
+    height, width, _ = first.shape
+    options = ["-f", "mp4", "-crf", str(QUALITY), "-preset", "veryfast", "-movflags", "faststart"]
+    arguments: dict[str, Any] = {  # its annotations are narrower than what it takes
+        "fps": fps,
+        "codec": "libx264",
+        "pix_fmt_out": "yuv420p",  # what browsers and phones play
+        "quality": None,
+        "macro_block_size": 2,
+        "output_params": options,
+    }
+    writer = write_frames(str(file), (width, height), **arguments)
+    writer.send(None)
     try:
-        with _sink(partial, fps) as sink:
-            yield sink
-        partial.replace(file)
+        writer.send(first)
+        for frame in frames:
+            writer.send(frame)
     finally:
-        partial.unlink(missing_ok=True)
+        writer.close()
 
 
-@contextmanager
-def _sink(file: Path, fps: float) -> Iterator[Sink]:
-    kind = file.suffix.lower()
-    if kind == ".mp4":
-        options: dict[str, Any] = {"fps": fps, "codec": "libx264", "quality": 7}
-        with imageio.get_writer(file, macro_block_size=2, **options) as writer:
-            yield writer.append_data  # type: ignore[attr-defined]
-        return
-    frames: list[Image.Image] = []
-    yield lambda frame: _keep(frames, Image.fromarray(frame), kind == ".gif")
-    if not frames:
-        raise ValueError(f"{file}: there is no frame to write")
-    if kind == ".png":
-        frames[0].save(file)
-        return
-    palette = _palette(frames)
-    shown = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in frames]
-    rest = {"append_images": shown[1:], "duration": round(1000 / fps), "loop": 0}
-    shown[0].save(file, save_all=True, optimize=False, **rest)
+def _gif(frames: Iterator[Frame], file: Path, fps: float) -> None:
+    first = Image.fromarray(_first(frames))
+    palette = first.quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    still = Image.Dither.NONE  # dots that dance from frame to frame are worse than a step
+
+    def paletted() -> Iterator[Image.Image]:
+        for frame in frames:
+            yield Image.fromarray(frame).quantize(palette=palette, dither=still)
+
+    begin = first.quantize(palette=palette, dither=still)
+    hundredths = max(2, round(100 / fps))  # a gif counts in 10 ms; browsers slow down below 20 ms
+    begin.save(file, "GIF", save_all=True, append_images=paletted(), duration=10 * hundredths,
+               loop=0, optimize=False)  # fmt: skip
 
 
-def _keep(frames: list[Image.Image], image: Image.Image, all_: bool) -> None:
-    if not all_:
-        frames.clear()
-    frames.append(image)
+def _png(frames: Iterator[Frame], file: Path, fps: float) -> None:
+    del fps
+    last = _first(frames)
+    for last in frames:  # noqa: B007
+        pass
+    Image.fromarray(last).save(file, "PNG", optimize=True)
 
 
-def _palette(frames: list[Image.Image]) -> Image.Image:
-    """One palette for all frames, so that what stands still does not flicker."""
-    chosen = frames[:: max(1, len(frames) // SAMPLES)] + frames[-1:]
-    width, height = frames[0].size
-    sheet = Image.new("RGB", (width, height * len(chosen)))
-    for index, image in enumerate(chosen):
-        sheet.paste(image, (0, index * height))
-    return sheet.quantize(COLOURS, dither=Image.Dither.NONE)
+def _first(frames: Iterator[Frame]) -> Frame:
+    for frame in frames:
+        return frame
+    raise ValueError("there is no frame to write")
+
+
+WRITERS: dict[str, Callable[[Iterator[Frame], Path, float], None]] = {
+    ".mp4": _mp4,
+    ".gif": _gif,
+    ".png": _png,
+}
+"""Ending of a file -> what writes it."""

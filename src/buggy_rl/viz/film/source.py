@@ -1,0 +1,139 @@
+"""What a user names on a command line -> the tracks of a film."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import torch
+
+from buggy_rl.config import from_plain
+from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.benchmark_paths import Benchmark, benchmark_paths, evaluation_task
+from buggy_rl.policies.closed_loop import Driver
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.stanley import Stanley
+from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.recordings import Recording, load_recording
+from buggy_rl.recordings.readers import is_recording
+from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.viz.film.options import RenderConfig
+from buggy_rl.viz.film.rollout import driven, replayed
+from buggy_rl.viz.film.track import Track, from_recording
+
+CONTROLLERS = {"pure_pursuit": PurePursuit, "stanley": Stanley}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Loads what a config names, each file once."""
+
+    config: RenderConfig
+
+    def tracks(self) -> list[Track]:
+        """The car's track, and the ghost's if one is named.
+
+        Raises:
+            ValueError: A name is nothing that can be filmed, or does not go with the others.
+        """
+        names = [name for name in (self.config.what, self.config.ghost) if name]
+        kinds = {kind_of(name) for name in names}
+        if self._recording and "driver" in kinds:
+            raise ValueError(
+                f"{' and '.join(names)}: a driver follows a course and no recorded commands; "
+                "compare a recording with a simulator, or a driver with a driver"
+            )
+        return [self._track(name) for name in names]
+
+    def _track(self, name: str) -> Track:
+        kind, config = kind_of(name), self.config
+        if kind == "recording":
+            return from_recording(self._load(name), config.start, config.seconds)
+        if kind == "simulator" and self._recording:
+            return replayed(
+                partial(make_simulator, name),
+                self._load(self._recording),
+                label(name),
+                config.start,
+                config.seconds,
+                config.restart,
+            )
+        return self._drive(name, kind)
+
+    def _drive(self, name: str, kind: str) -> Track:
+        """A driver on a course; a simulator without commands is driven by pure pursuit."""
+        driver, engine, task = self._driver(name)
+        if kind == "simulator":
+            engine = EngineConfig(name)
+        elif self.config.simulator:
+            engine = EngineConfig(self.config.simulator)
+        steps = max(2, round(self.config.seconds / CONTROL_PERIOD))
+        benchmark = self._benchmark(task)
+        paths = make_paths(benchmark.paths).select([0])
+        env = make_env(new_engine(engine, 1), task=evaluation_task(task, steps), paths=paths)
+        return driven(env, driver, steps, label(name), self.config.seed)
+
+    def _driver(self, name: str) -> tuple[Driver, EngineConfig, TaskConfig]:
+        """Who drives, and the simulator and task that go with it."""
+        if kind_of(name) == "driver" and name not in CONTROLLERS:
+            policy, about = load_policy(name)
+            engine = from_plain(EngineConfig, about["config"]["engine"], name)
+            return policy.driver(), engine, from_plain(TaskConfig, about["config"]["task"], name)
+        driver = CONTROLLERS.get(name, PurePursuit)()
+        if self.config.ghost and name != self.config.what and name in CONTROLLERS:
+            # Beside a policy it drives the policy's car on the policy's path.
+            _, engine, task = self._driver(self.config.what)
+            return driver, engine, task
+        return driver, EngineConfig(), TaskConfig()
+
+    def _benchmark(self, task: TaskConfig) -> Benchmark:
+        known = benchmark_paths(task.paths, 1)
+        course = self.config.course
+        if course in known:
+            return known[course]
+        if not course.endswith(".csv"):
+            raise ValueError(f"course={course!r}: must be one of {', '.join(known)}, or a .csv")
+        return Benchmark(PathConfig(kind="file", file=course), 0)
+
+    @cached_property
+    def _recording(self) -> str:
+        """The recording whose commands simulators are given; empty if none is named."""
+        named = (self.config.recording, self.config.what, self.config.ghost)
+        return next((name for name in named if name and kind_of(name) == "recording"), "")
+
+    def _load(self, name: str) -> Recording:
+        return load_recording(name, self.config.columns or None)
+
+
+def kind_of(name: str) -> str:
+    """`recording`, `driver` or `simulator`.
+
+    Raises:
+        ValueError: A file does not exist, or is none of these.
+    """
+    path = Path(name)
+    if name in CONTROLLERS:
+        return "driver"
+    if path.exists() and is_recording(path):
+        return "recording"
+    file = re.search(r"\.(csv|parquet|bag|pt|ya?ml)$", name)
+    if file and not path.exists():
+        raise ValueError(f"there is no file {name}: correct the path")
+    if path.suffix != ".pt":
+        return "simulator"
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        raise ValueError(f"{name} is not a file of PyTorch: {error}") from error
+    return "driver" if isinstance(content, dict) and "policy" in content else "simulator"
+
+
+def label(name: str) -> str:
+    """What the legend calls it: the file's name, with its folder where that alone says nothing."""
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml", ".pt"):
+        return name.rpartition("/")[2]
+    common = {"best", "last", "model", "repaired", "mujoco_fitted"}
+    return f"{path.parent.name}/{path.stem}" if path.stem in common - {"repaired"} else path.stem

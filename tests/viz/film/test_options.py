@@ -1,0 +1,44 @@
+"""Options: one set of defaults, and refusals that name the option."""
+
+from dataclasses import fields
+
+import pytest
+
+from buggy_rl.config import ConfigError, build, describe
+from buggy_rl.viz.film.options import PictureConfig, RenderConfig
+
+
+def test_a_picture_looks_the_same_from_the_command_line_and_from_python():
+    assert build(RenderConfig, ["what=x"]).picture == PictureConfig()
+
+
+def test_every_option_of_a_picture_can_be_given_on_the_command_line():
+    assert {f.name for f in fields(PictureConfig)} <= {f.name for f in fields(RenderConfig)}
+    picture = build(RenderConfig, ["what=x", "camera=top", "size=[320,240]", "inset=false"]).picture
+    assert (picture.camera, list(picture.size), picture.inset) == ("top", [320, 240], False)
+
+
+def test_help_explains_every_option():
+    lines = list(describe("buggy_rl.viz.film.options:RenderConfig"))
+    named = {line.split("=")[0].strip() for line in lines}
+    assert {"what", "ghost", "output", "camera", "dimensions.wheelbase"} <= named
+    assert all("\n" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [("fps=0", "fps=0: must be above 0"), ("start=-1", "start=-1"), ("seconds=0", "seconds=0")],
+)
+def test_numbers_out_of_range_are_refused(option, said):
+    with pytest.raises(ValueError, match=said):
+        build(RenderConfig, ["what=x", option])
+
+
+def test_an_unknown_camera_is_refused():
+    with pytest.raises(ConfigError, match="camera"):
+        build(RenderConfig, ["what=x", "camera=side"])
+
+
+def test_a_size_is_two_numbers():
+    with pytest.raises(ValueError, match=r"size=\[640\]: must be width and height"):
+        PictureConfig(size=[640])
