@@ -13,7 +13,7 @@
 | `film` | tracks -> frames |
 | `live`, `pixels` | MuJoCo's viewer; frames for Gymnasium and TorchRL |
 
-Only `bodywork`, `scene`, `worker` and `live` import MuJoCo, and no other imports them before it needs
-them. OpenGL is used in the process of `worker` alone, with `MUJOCO_GL` set there and nowhere else: a
-process that has imported MuJoCo, as TorchRL does, can no longer choose.
+Only `bodywork`, `scene`, `worker` and `live` import MuJoCo, and no other imports them before it
+needs them. OpenGL is used in the process of `worker` alone, with `MUJOCO_GL` set there and nowhere
+else: a process that has imported MuJoCo, as TorchRL does, can no longer choose.
 """
