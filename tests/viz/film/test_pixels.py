@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDictBase
 from torchrl.envs import GymEnv
 from torchrl.record import PixelRenderTransform, VideoRecorder
 from torchrl.record.loggers import CSVLogger
@@ -81,7 +82,11 @@ def test_a_simulator_without_a_task_is_drawn_too():
 def test_a_live_frame_is_that_of_the_film():
     env = make_simulator("kinematic", 1)
     action = torch.tensor([[0.4, 0.0]])
-    rollout = env.rollout(30, lambda state: state.set(keys.ACTION, action))
+
+    def straight(state: TensorDictBase) -> TensorDictBase:  # by its types TorchRL knows it
+        return state.set(keys.ACTION, action)
+
+    rollout = env.rollout(30, straight)
     pixels = Pixels(env, SMALL)
     for row in range(30):
         pixels.record(rollout[:, row])

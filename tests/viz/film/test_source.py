@@ -61,7 +61,7 @@ def test_simulator_files_and_a_users_own_are_simulators(tmp_path):
     ))  # fmt: skip
     own = tmp_path / "own.py"
     own.write_text(OWN)
-    one, other = tracks(what=str(slow), ghost=f"{own}:factory", recording=SAMPLE, start=3.0)
+    one, other = tracks(what=str(slow), ghost=f"{own}:factory", recording=SAMPLE, start=3.5)
     assert (one.name, other.name) == ("slow", "own.py:factory")
     assert not np.allclose(one.pose, other.pose)
 

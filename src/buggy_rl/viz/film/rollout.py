@@ -80,15 +80,15 @@ def driven(env: EnvBase, driver: Driver, steps: int, name: str, seed: int = 0) -
         name: In the legend.
         seed: Of the start and of noise.
     """
-    env.set_seed(seed)
-    torch.manual_seed(seed)
     kept = []
-    for state, following in pairwise(
-        trajectory(env, env.reset(), lambda _, now: driver(now), steps)
-    ):
-        kept.append(_shown(state))
-        if bool(following[keys.DONE].any()):
-            break
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)  # of what has no generator of its own
+        env.set_seed(seed)
+        states = trajectory(env, env.reset(), lambda _, now: driver(now), steps)
+        for state, following in pairwise(states):
+            kept.append(_shown(state))
+            if bool(following[keys.DONE].any()):
+                break
     rows = cast(TensorDict, cast(TensorDict, TensorDict.stack(kept, 1))[0])
     return from_rollout(rows, name, getattr(env, "dt", CONTROL_PERIOD), course_of(env))
 
