@@ -115,3 +115,10 @@ def test_what_does_not_go_together_is_refused():
 def test_labels_are_short_and_tell_files_apart():
     names = ["a/b/drive.yaml", "runs/one/best.pt", "mujoco", "x/my.py:factory"]
     assert [label(name) for name in names] == ["drive", "one/best", "mujoco", "my.py:factory"]
+
+
+def test_a_driver_beside_a_simulator_drives_that_simulator():
+    one, other = tracks(what="kinematic", ghost="pure_pursuit")  # pure pursuit in both
+    np.testing.assert_array_equal(one.pose, other.pose)
+    elsewhere = tracks(what="pure_pursuit", simulator="single_track")[0]
+    assert (one.pose != elsewhere.pose).any()

@@ -60,33 +60,32 @@ class Source:
                 config.seconds,
                 config.restart,
             )
-        return self._drive(name, kind)
+        return self._drive(name)
 
-    def _drive(self, name: str, kind: str) -> Track:
+    def _drive(self, name: str) -> Track:
         """A driver on a course; a simulator without commands is driven by pure pursuit."""
         driver, engine, task = self._driver(name)
-        if kind == "simulator":
-            engine = EngineConfig(name)
-        elif self.config.simulator:
+        if kind_of(name) == "driver" and self.config.simulator:
             engine = EngineConfig(self.config.simulator)
         steps = max(2, round(self.config.seconds / CONTROL_PERIOD))
-        benchmark = self._benchmark(task)
-        paths = make_paths(benchmark.paths).select([0])
+        paths = make_paths(self._benchmark(task).paths).select([0])
         env = make_env(new_engine(engine, 1), task=evaluation_task(task, steps), paths=paths)
         return driven(env, driver, steps, label(name), self.config.seed)
 
     def _driver(self, name: str) -> tuple[Driver, EngineConfig, TaskConfig]:
         """Who drives, and the simulator and task that go with it."""
-        if kind_of(name) == "driver" and name not in CONTROLLERS:
+        if kind_of(name) == "simulator":
+            return PurePursuit(), EngineConfig(name), TaskConfig()
+        if name not in CONTROLLERS:
             policy, about = load_policy(name)
             engine = from_plain(EngineConfig, about["config"]["engine"], name)
             return policy.driver(), engine, from_plain(TaskConfig, about["config"]["task"], name)
-        driver = CONTROLLERS.get(name, PurePursuit)()
-        if self.config.ghost and name != self.config.what and name in CONTROLLERS:
-            # Beside a policy it drives the policy's car on the policy's path.
-            _, engine, task = self._driver(self.config.what)
-            return driver, engine, task
-        return driver, EngineConfig(), TaskConfig()
+        # Beside a policy or a simulator it drives the same car on the same path.
+        other = self.config.ghost if name == self.config.what else self.config.what
+        if other and other not in CONTROLLERS:
+            _, engine, task = self._driver(other)
+            return CONTROLLERS[name](), engine, task
+        return CONTROLLERS[name](), EngineConfig(), TaskConfig()
 
     def _benchmark(self, task: TaskConfig) -> Benchmark:
         known = benchmark_paths(task.paths, 1)
