@@ -1,8 +1,6 @@
 """A case: a car in which something is concealed, and how it is driven and measured."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
 
@@ -92,12 +90,3 @@ class Case:
             if effect in CAMERA
             for name, value in values.items()
         }
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Case":
-        """The inverse of `to_dict`."""
-        return cls(**content)

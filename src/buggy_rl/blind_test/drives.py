@@ -21,7 +21,7 @@ from buggy_rl.engines.reference.faults import NEUTRAL
 from buggy_rl.plants import make_plant
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, save_recording
-from buggy_rl.recordings.camera import DECIMALS, Camera, CameraConfig
+from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -31,7 +31,6 @@ BASELINE_NOISE = 100  # number of the first baseline drive, behind those of all 
 RHO = 0.9  # correlation of coloured noise from row to row
 JITTER = 1e-3  # [s] standard deviation of a stamp: a host computer that stamps on arrival
 DROPPED = 0.002  # share of frames lost: one in five seconds, each of which cuts the drive
-NOISES = ("position_noise", "yaw_noise", "velocity_noise", "yaw_rate_noise")
 
 
 @dataclass(frozen=True)

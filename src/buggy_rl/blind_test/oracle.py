@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 
 from buggy_rl.blind_test.case import Case
@@ -42,7 +41,6 @@ def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int
     Returns:
         1, the number of cases.
     """
-    torch.set_num_threads(1)
     try:
         result = weighed(store, case, effects, rivals)
     except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces

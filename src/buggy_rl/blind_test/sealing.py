@@ -12,7 +12,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
@@ -98,7 +98,7 @@ class CaseStore:
             text = self.truth(id_).read_bytes()
             if hashlib.sha256(text).hexdigest() != digest:
                 raise ValueError(f"{self.truth(id_)} is not what was sealed: its hash differs")
-            found.append(Case.from_dict(json.loads(text)["case"]))
+            found.append(Case(**json.loads(text)["case"]))
         return found
 
 
@@ -123,11 +123,7 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
 
 
 def seal(
-    store: CaseStore,
-    cases: Sequence[Case],
-    effects: list[str],
-    secret: str = "",
-    segments: int = 0,
+    store: CaseStore, cases: Sequence[Case], effects: list[str], secret: str = "", segments: int = 0
 ) -> int:
     """Drives cases that share plant and length, and writes both halves of each.
 
@@ -170,7 +166,7 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
         text, file = _sealed_text(case, secret), store.truth(case.id)
         if file.exists():
             text = file.read_text()
-            if Case.from_dict(json.loads(text)["case"]) != case:
+            if Case(**json.loads(text)["case"]) != case:
                 raise ValueError(f"{file} was sealed by other settings: use another output")
         digest = hashlib.sha256(text.encode()).hexdigest()
         if digests.setdefault(case.id, digest) != digest:
@@ -184,7 +180,7 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
 
 def _sealed_text(case: Case, secret: str) -> str:
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    return json.dumps({"case": case.to_dict(), "salt": salt}, indent=1, sort_keys=True) + "\n"
+    return json.dumps({"case": asdict(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:

@@ -6,7 +6,7 @@ A method takes the folder of a case and returns an answer in the form of `diagno
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +49,6 @@ def compare(store: CaseStore, case: Case) -> int:
         said["seconds"] = time.monotonic() - begun
         write_json(folder / FILE, {**_answers(folder), method: said})
     return 1
-
-
-def uncompared(store: CaseStore, cases: Sequence[Case]) -> list[Case]:
-    """Cases that some method has not answered yet."""
-    return [case for case in cases if missing(store, case)]
 
 
 def _answers(folder: Path) -> dict[str, Any]:

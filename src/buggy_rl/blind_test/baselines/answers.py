@@ -41,9 +41,4 @@ def number(parameter: EffectParameter, coordinate: float, spread: float) -> dict
         float(parameter.value_at(min(max(coordinate + k * NORMAL * spread, ends[0]), ends[1])))
         for k in (-1, 0, 1)
     )
-    return {
-        "value": value,
-        "low": min(low, high),
-        "high": max(low, high),
-        "unit": parameter.unit,
-    }
+    return {"value": value, "low": min(low, high), "high": max(low, high), "unit": parameter.unit}
