@@ -116,14 +116,9 @@ def driven(engine: EnvBase, driver: Driver, pose: Tensor, rows: int) -> TensorDi
 def save_drives(
     case: Case, true: TensorDict, folder: Path, numbers: Mapping[str, int], changed: bool = True
 ) -> None:
-    """Records drives of a case and writes them as CSV files.
+    """Records drives of a case, true motion [drives, T], and writes them as CSV files.
 
-    Args:
-        case: Says what is wrong with the camera, and the nuisance.
-        true: [drives, T] motion.
-        folder: Is made.
-        numbers: File name, without its ending -> number of the drive, which decides its noise.
-        changed: Whether what is concealed is there yet.
+    `numbers` is file name, without its ending -> `place` of `measured`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for motion, (name, number) in zip(true, numbers.items(), strict=True):

@@ -61,10 +61,8 @@ class Ledger:
     def settle(self, store: CaseStore, compared: bool = True) -> int:
         """Enters all complete cases of a store; how many.
 
-        Args:
-            store: Where they lie.
-            compared: Whether other methods must have an answer too. They must in any case once they
-                have begun: a case in the ledger is not run again, and their answers would be lost.
+        With `compared` other methods must have an answer too. They must in any case once they have
+        begun: a case in the ledger is not run again, and their answers would be lost.
         """
         entries = self.entries()
         found = read_outcomes(store)

@@ -125,7 +125,7 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
 def seal(
     store: CaseStore, cases: Sequence[Case], effects: list[str], secret: str = "", segments: int = 0
 ) -> int:
-    """Drives cases that share plant and length, and writes both halves of each.
+    """Drives cases that share plant and length, and writes both halves of each; how many.
 
     Args:
         store: Where to.
@@ -133,9 +133,6 @@ def seal(
         effects: That the diagnosis may choose from; empty for the whole library.
         secret: Makes the salts; who knows it can guess what is concealed from its hash.
         segments: Of the drives, that are diagnosed; 0 for the diagnosis's own choice.
-
-    Returns:
-        How many.
     """
     for case, motion in zip(cases, moved(cases), strict=True):
         _write_inputs(store, case, motion)
@@ -153,10 +150,7 @@ def seal(
 def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
     """Writes the hashes of answers; they stand before anything is diagnosed, and stay.
 
-    Args:
-        store: Where the cases lie.
-        cases: Sealed ones, or such as are to be sealed.
-        secret: Makes the salts of those that are not sealed yet.
+    `secret` makes the salts of those that are not sealed yet.
 
     Raises:
         ValueError: An answer with another hash was published there before, or sealed.

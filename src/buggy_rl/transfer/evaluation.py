@@ -99,11 +99,7 @@ def unjudged(config: TransferConfig) -> list[Judged]:
 
 
 def judge(judged: Judged) -> int:
-    """Lets policies drive and writes their file.
-
-    Returns:
-        How many they are.
-    """
+    """Lets policies drive and writes their file; how many they are."""
     rows = list(driven(judged))
     write_json(judged.file, {"asked": judged.settings, "drives": rows})
     return len(judged.policies)

@@ -35,8 +35,7 @@ def missing(store: CaseStore, case: Case) -> list[str]:
 def compare(store: CaseStore, case: Case) -> int:
     """Lets every method answer a case that has not yet; what one gives up on is an answer too.
 
-    Returns:
-        1, the number of cases.
+    Returns 1, the number of cases.
     """
     folder = store.diagnosis(case.id)
     for method in missing(store, case):
