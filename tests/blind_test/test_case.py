@@ -33,11 +33,6 @@ def test_what_is_wrong_with_the_camera_is_not_in_the_car():
     assert case.truth == ("gyro_bias", "payload")
 
 
-def test_a_simulator_is_of_the_plants_make_only_as_it_is_shipped():
-    assert Case(1, "mujoco", "mujoco").own_family
-    assert not Case(1, "mujoco", "mujoco_fitted").own_family
-
-
 @pytest.mark.parametrize(
     "wrong", [{"nuisance": "pink"}, {"driving": "drunk"}, {"concealed": {"gremlin": {}}}]
 )

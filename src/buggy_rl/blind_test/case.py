@@ -72,11 +72,6 @@ class Case:
         return f"{self.plant} -> {self.simulator}" + (", baseline" if self.baseline else "")
 
     @property
-    def own_family(self) -> bool:
-        """Whether the simulator is of the plant's own make."""
-        return self.plant == self.simulator
-
-    @property
     def faults(self) -> dict[str, dict[str, float]]:
         """What is concealed in the car itself."""
         return {e: dict(v) for e, v in self.concealed.items() if e not in CAMERA}
