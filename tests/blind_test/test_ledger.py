@@ -1,6 +1,7 @@
 """Scored cases: entered once, when nothing is left to do, and the same wherever they are read."""
 
 import json
+from dataclasses import asdict
 
 import pytest
 
@@ -129,7 +130,7 @@ def test_an_answer_that_was_asked_about_and_is_gone_is_missed(store):
 
 def test_the_hash_can_be_checked_by_hand(store):
     content = json.loads(store.truth(CASE.id).read_text())
-    assert content["case"] == CASE.to_dict()
+    assert content["case"] == asdict(CASE)
     assert set(store.digests()) == {CASE.id, OTHER.id}
 
 

@@ -68,10 +68,6 @@ class AblationConfig:
 
 def ablations(config: AblationConfig, script: Path) -> list[Job]:
     """Diagnoses that have no outcome yet, that with all rules among them."""
-    return [job for job in _jobs(config, script) if not job.done]
-
-
-def _jobs(config: AblationConfig, script: Path) -> list[Job]:
     jobs = []
     for rule in (AS_IT_IS, *config.rules):
         change = () if rule == AS_IT_IS else (f"selection.{rule}={RULES[rule]}",)
@@ -80,7 +76,7 @@ def _jobs(config: AblationConfig, script: Path) -> list[Job]:
             command = (str(script.resolve()), "question.yaml", *change, f"output={folder}")
             name, cwd = f"{rule} {id_}", config.store.inputs(id_).resolve()
             jobs.append(Job(name, folder, command, cwd, config.limit, final=True))
-    return jobs
+    return [job for job in jobs if not job.done]
 
 
 def table(config: AblationConfig) -> str:

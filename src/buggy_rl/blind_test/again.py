@@ -42,8 +42,7 @@ def driven_again(store: CaseStore, case: Case) -> bool:
 def drive_again(store: CaseStore, case: Case) -> int:
     """Drives the suggested manoeuvres in the concealed car and adds them to the recordings.
 
-    Returns:
-        1, the number of cases.
+    Returns 1, the number of cases.
     """
     inputs, folder = store.inputs(case.id), store.inputs(again(case))
     shutil.rmtree(folder, ignore_errors=True)

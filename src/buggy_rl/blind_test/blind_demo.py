@@ -85,11 +85,9 @@ def rollouts(store: CaseStore, case: Case) -> dict[str, TensorDict]:
     return {name: _with_start(rows) for name, rows in shown.items()}
 
 
-def distance(
-    made: TensorDict, measured: TensorDict, seconds: float = 1.0, dt: float = CONTROL_PERIOD
-) -> float:
+def distance(made: TensorDict, measured: TensorDict, seconds: float = 1.0) -> float:
     """Root mean square [m] between where rollouts are after so long and where the car was."""
-    row = round(seconds / dt)
+    row = round(seconds / CONTROL_PERIOD)
     off = (made[keys.POSE] - measured[keys.POSE])[:, row, :2]
     return float(off.square().sum(-1).mean().sqrt())
 

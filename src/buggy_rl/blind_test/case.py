@@ -1,8 +1,6 @@
 """A case: a car in which something is concealed, and how it is driven and measured."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
 
@@ -74,11 +72,6 @@ class Case:
         return f"{self.plant} -> {self.simulator}" + (", baseline" if self.baseline else "")
 
     @property
-    def own_family(self) -> bool:
-        """Whether the simulator is of the plant's own make."""
-        return self.plant == self.simulator
-
-    @property
     def faults(self) -> dict[str, dict[str, float]]:
         """What is concealed in the car itself."""
         return {e: dict(v) for e, v in self.concealed.items() if e not in CAMERA}
@@ -92,12 +85,3 @@ class Case:
             if effect in CAMERA
             for name, value in values.items()
         }
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Case":
-        """The inverse of `to_dict`."""
-        return cls(**content)

@@ -90,12 +90,7 @@ class Settings:
 
 
 def draw_all(settings: Settings, abilities: dict[str, frozenset[str]]) -> list[Case]:
-    """The cases of a run, by seed.
-
-    Args:
-        settings: What to draw from.
-        abilities: Plant -> what can be concealed in it, beside errors of the camera.
-    """
+    """The cases of a run, by seed; the arguments are those of `draw`."""
     first = FIRST[settings.split] + settings.first
     if not settings.each:
         return [draw(first + i, settings, abilities) for i in range(settings.cases)]

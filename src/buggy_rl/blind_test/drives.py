@@ -21,7 +21,7 @@ from buggy_rl.engines.reference.faults import NEUTRAL
 from buggy_rl.plants import make_plant
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, save_recording
-from buggy_rl.recordings.camera import DECIMALS, Camera, CameraConfig
+from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -31,7 +31,6 @@ BASELINE_NOISE = 100  # number of the first baseline drive, behind those of all 
 RHO = 0.9  # correlation of coloured noise from row to row
 JITTER = 1e-3  # [s] standard deviation of a stamp: a host computer that stamps on arrival
 DROPPED = 0.002  # share of frames lost: one in five seconds, each of which cuts the drive
-NOISES = ("position_noise", "yaw_noise", "velocity_noise", "yaw_rate_noise")
 
 
 @dataclass(frozen=True)
@@ -117,14 +116,9 @@ def driven(engine: EnvBase, driver: Driver, pose: Tensor, rows: int) -> TensorDi
 def save_drives(
     case: Case, true: TensorDict, folder: Path, numbers: Mapping[str, int], changed: bool = True
 ) -> None:
-    """Records drives of a case and writes them as CSV files.
+    """Records drives of a case, true motion [drives, T], and writes them as CSV files.
 
-    Args:
-        case: Says what is wrong with the camera, and the nuisance.
-        true: [drives, T] motion.
-        folder: Is made.
-        numbers: File name, without its ending -> number of the drive, which decides its noise.
-        changed: Whether what is concealed is there yet.
+    `numbers` is file name, without its ending -> `place` of `measured`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for motion, (name, number) in zip(true, numbers.items(), strict=True):

@@ -7,8 +7,8 @@ where the two differ by a known factor, an answer is measured against the textbo
 from collections.abc import Mapping
 
 from buggy_rl.blind_test.case import Case
+from buggy_rl.estimation.hypothesis import OWN
 
-OWN = "parameter:"  # begins the name of a simulator's own parameter in diagnosis.json
 SAME = {  # a simulator's own parameter -> the effect that it is: "the lag is 0.12 s, not 0.06 s"
     parameter: effect
     for effect, parameters in {

@@ -5,6 +5,7 @@ The score and its page can be made again from this file, without driving or diag
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from buggy_rl.blind_test.again import again, suggested
@@ -15,15 +16,11 @@ from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.files import write_json
 
 
+@dataclass(frozen=True)
 class Ledger:
-    """Scored cases.
+    """Scored cases in a file, which is made when the first one is entered."""
 
-    Args:
-        file: Is made when the first case is entered.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self.file = file
+    file: Path
 
     def entries(self) -> dict[str, dict[str, Outcome]]:
         """Case -> method -> outcome.
@@ -64,10 +61,8 @@ class Ledger:
     def settle(self, store: CaseStore, compared: bool = True) -> int:
         """Enters all complete cases of a store; how many.
 
-        Args:
-            store: Where they lie.
-            compared: Whether other methods must have an answer too. They must in any case once they
-                have begun: a case in the ledger is not run again, and their answers would be lost.
+        With `compared` other methods must have an answer too. They must in any case once they have
+        begun: a case in the ledger is not run again, and their answers would be lost.
         """
         entries = self.entries()
         found = read_outcomes(store)
@@ -77,9 +72,7 @@ class Ledger:
             id_ = own.case.id
             if id_ in entries or not complete(store, own.case, compared):
                 continue
-            told = {
-                who: o.to_dict() for who, each in found.items() for o in each if o.case.id == id_
-            }
+            told = {who: asdict(o) for who, each in found.items() for o in each if o.case.id == id_}
             lines.append(json.dumps({"id": id_, "outcomes": told}) + "\n")
         if lines:
             self.file.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 
 from buggy_rl.blind_test.case import Case
@@ -33,16 +32,9 @@ ITERATIONS = 8  # of a fit
 def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int = 6) -> int:
     """Fits the truth to a case's drives, measures all on those held out, and writes it down.
 
-    Args:
-        store: Where the case lies.
-        case: The case.
-        effects: That the tool could choose from; empty for the whole library.
-        rivals: Other single effects that are fitted, the most promising ones.
-
-    Returns:
-        1, the number of cases.
+    Of `effects`, empty for the whole library, the `rivals` most promising other ones are fitted
+    too. Returns 1, the number of cases.
     """
-    torch.set_num_threads(1)
     try:
         result = weighed(store, case, effects, rivals)
     except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from buggy_rl.blind_test import baselines
@@ -61,15 +61,11 @@ class Outcome:
     decided: bool | None = None
     """Whether the suggested manoeuvre led to the right name; None where none was driven."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
-        return asdict(self)
-
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Outcome":
-        """The inverse of `to_dict`."""
+        """The inverse of `dataclasses.asdict`."""
         said = tuple(NamedEffect(**{**s, "rivals": tuple(s["rivals"])}) for s in content["said"])
-        return cls(**{**content, "case": Case.from_dict(content["case"]), "said": said})
+        return cls(**{**content, "case": Case(**content["case"]), "said": said})
 
     @property
     def names(self) -> frozenset[str]:

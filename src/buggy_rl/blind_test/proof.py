@@ -8,7 +8,7 @@ from typing import NamedTuple
 from omegaconf import MISSING
 
 from buggy_rl.blind_test.again import again, drive_again, driven_again, suggested
-from buggy_rl.blind_test.baselines import compare, uncompared
+from buggy_rl.blind_test.baselines import compare, missing
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
 from buggy_rl.blind_test.ledger import Ledger
@@ -124,7 +124,8 @@ def steps(config: ProofConfig, drawn: Sequence[Case], scripts: Path) -> Iterator
         left = [case for case in cases if store.diagnosed(case.id) and not store.weighed(case.id)]
         yield _parallel(config, "fitting the truth", weigh, left, config.effects, config.rivals)
     if "compare" in stages:
-        yield _parallel(config, "comparing", compare, uncompared(store, cases))
+        left = [case for case in cases if missing(store, case)]
+        yield _parallel(config, "comparing", compare, left)
 
 
 def _parallel(config: ProofConfig, title: str, function, items: Sequence, *options) -> Step:

@@ -174,7 +174,7 @@ def _naming(outcomes: Sequence[Outcome]) -> list[Row]:
     """Right names."""
     one = of(outcomes, "one")
     clear = _clear(one)
-    own = [o for o in clear if o.case.own_family]
+    own = [o for o in clear if o.case.plant == o.case.simulator]
     two, three = (of(outcomes, family) for family in ("two", "three"))
     return [
         Row("first name right, decidable single effects", share([o.right for o in clear]), 0.9),

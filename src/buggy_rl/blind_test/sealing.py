@@ -12,7 +12,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
@@ -98,7 +98,7 @@ class CaseStore:
             text = self.truth(id_).read_bytes()
             if hashlib.sha256(text).hexdigest() != digest:
                 raise ValueError(f"{self.truth(id_)} is not what was sealed: its hash differs")
-            found.append(Case.from_dict(json.loads(text)["case"]))
+            found.append(Case(**json.loads(text)["case"]))
         return found
 
 
@@ -123,13 +123,9 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
 
 
 def seal(
-    store: CaseStore,
-    cases: Sequence[Case],
-    effects: list[str],
-    secret: str = "",
-    segments: int = 0,
+    store: CaseStore, cases: Sequence[Case], effects: list[str], secret: str = "", segments: int = 0
 ) -> int:
-    """Drives cases that share plant and length, and writes both halves of each.
+    """Drives cases that share plant and length, and writes both halves of each; how many.
 
     Args:
         store: Where to.
@@ -137,9 +133,6 @@ def seal(
         effects: That the diagnosis may choose from; empty for the whole library.
         secret: Makes the salts; who knows it can guess what is concealed from its hash.
         segments: Of the drives, that are diagnosed; 0 for the diagnosis's own choice.
-
-    Returns:
-        How many.
     """
     for case, motion in zip(cases, moved(cases), strict=True):
         _write_inputs(store, case, motion)
@@ -157,10 +150,7 @@ def seal(
 def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
     """Writes the hashes of answers; they stand before anything is diagnosed, and stay.
 
-    Args:
-        store: Where the cases lie.
-        cases: Sealed ones, or such as are to be sealed.
-        secret: Makes the salts of those that are not sealed yet.
+    `secret` makes the salts of those that are not sealed yet.
 
     Raises:
         ValueError: An answer with another hash was published there before, or sealed.
@@ -170,7 +160,7 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
         text, file = _sealed_text(case, secret), store.truth(case.id)
         if file.exists():
             text = file.read_text()
-            if Case.from_dict(json.loads(text)["case"]) != case:
+            if Case(**json.loads(text)["case"]) != case:
                 raise ValueError(f"{file} was sealed by other settings: use another output")
         digest = hashlib.sha256(text.encode()).hexdigest()
         if digests.setdefault(case.id, digest) != digest:
@@ -184,7 +174,7 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
 
 def _sealed_text(case: Case, secret: str) -> str:
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    return json.dumps({"case": case.to_dict(), "salt": salt}, indent=1, sort_keys=True) + "\n"
+    return json.dumps({"case": asdict(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:

@@ -38,12 +38,7 @@ def prepared_name(case: Case) -> str:
 
 
 def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
-    """What the simulator file of a case says.
-
-    Args:
-        case: With the nuisance that may be in its simulator.
-        prepared: Folder of simulators that had to be fitted or trained.
-    """
+    """What the simulator file of a case says; `prepared` holds those fitted or trained first."""
     if case.simulator == "learned":
         return {"engine": MODEL}
     if case.simulator in PLAIN:
@@ -81,12 +76,7 @@ def unprepared(cases: Sequence[Case], folder: Path) -> list[Case]:
 
 
 def prepare(case: Case, folder: Path, scripts: Path) -> Path:
-    """Drives the unchanged car of a case's plant and makes the simulator from that.
-
-    Args:
-        case: Plant and simulator.
-        folder: For the drives, the study and the simulator.
-        scripts: Where `fit_mujoco.py` and `train_models.py` are.
+    """Drives the unchanged car of a case's plant and makes the simulator from that, in `folder`.
 
     Raises:
         ValueError: The script failed; the message holds the end of its log.

@@ -137,7 +137,7 @@ class RolloutResiduals:
         noise = torch.std(segments.velocity - segments.smooth_velocity, (0, 1))  # (3,)
         start_sd = torch.cat([torch.zeros(3), noise.clamp_min(LEAST_NOISE)])
         segments = replace(segments, smooth_velocity=segments.velocity)
-        settings = self._settings(scaled[None])
+        settings = scaled_settings(self.parameters, scaled[None])
         slopes, readings = start_sensitivity(self.simulation, segments, start_sd, settings)
         slopes = slopes / torch.tensor(SCALES).double().repeat(readings).unsqueeze(-1)
         eye = torch.eye(slopes.shape[1], dtype=torch.float64)
@@ -145,17 +145,10 @@ class RolloutResiduals:
         whitening = torch.linalg.inv(torch.linalg.cholesky(covariance))
         return replace(self, segments=segments, whitening=whitening)
 
-    def _settings(self, scaled: NDArray) -> Settings:
-        """Values of C sets of scaled parameters [C, P]."""
-        lower = np.array([p.lower for p in self.parameters])
-        width = np.array([p.upper - p.lower for p in self.parameters])
-        values = torch.as_tensor(lower + scaled * width, dtype=torch.float32)
-        named = {p.name: values[:, column] for column, p in enumerate(self.parameters)}
-        return Settings(parameters=named)
-
     def _residuals(self, scaled: NDArray) -> NDArray:
         """Residuals [C, M] of C sets of scaled parameters, in one batch."""
-        residuals = self.simulation.residuals(self.segments, self._settings(scaled))
+        settings = scaled_settings(self.parameters, scaled)
+        residuals = self.simulation.residuals(self.segments, settings)
         flat = (residuals / torch.tensor(SCALES)).flatten(2).double()  # (C, N, D)
         if self.whitening is not None:
             flat = torch.einsum("nij,cnj->cni", self.whitening, flat)
@@ -164,6 +157,14 @@ class RolloutResiduals:
                 "the simulator returned values that are not finite: narrow its parameters' ranges"
             )
         return flat.flatten(1).numpy()
+
+
+def scaled_settings(parameters: Sequence[Parameter], scaled: NDArray) -> Settings:
+    """C sets of parameters [C, P], each range scaled to [0, 1]."""
+    lower = np.array([p.lower for p in parameters])
+    width = np.array([p.upper - p.lower for p in parameters])
+    values = torch.as_tensor(lower + scaled * width, dtype=torch.float32)
+    return Settings(parameters={p.name: values[:, i] for i, p in enumerate(parameters)})
 
 
 def fit(

@@ -15,14 +15,10 @@ from buggy_rl.vehicle import wrap_angle
 
 
 def open_loop(make: Callable[[int], EnvBase], segments: Segments) -> TensorDict:
-    """Rolls a simulator out along segments; what is returned is what its sensor shows.
+    """Rolls a simulator out along N segments; what is returned is what its sensor shows.
 
     Over the first rows the segments' smoothed motion is imposed, so that delays, lags, wheel speeds
     and memories settle; from there the simulator runs alone.
-
-    Args:
-        make: Builds the simulator for a number of environments.
-        segments: N of them.
 
     Returns:
         TensorDict [N, H + 1] with `pose` and `velocity`; row 0 is the imposed start.
@@ -81,14 +77,13 @@ def open_loop_error(made: TensorDictBase, measured: TensorDictBase, dt: float) -
 
 
 def bootstrap_interval(
-    values: Tensor, groups: Tensor, level: float = 0.95, draws: int = 2000, seed: int = 0
+    values: Tensor, groups: Tensor, draws: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
-    """Interval of a mean by resampling groups of windows: neighbours are not independent.
+    """95 % interval of a mean by resampling groups of windows: neighbours are not independent.
 
     Args:
         values: [N] one number a window.
         groups: [N] int, windows with the same number are drawn together.
-        level: Coverage.
         draws: Resamples.
         seed: Of the resampling.
     """
@@ -101,6 +96,6 @@ def bootstrap_interval(
     generator = torch.Generator().manual_seed(seed)
     chosen = torch.randint(count, (draws, count), generator=generator)
     means = total[chosen].sum(1) / size[chosen].sum(1)
-    edge = (1 - level) / 2
+    edge = (1 - 0.95) / 2
     low, high = torch.quantile(means, torch.tensor([edge, 1 - edge], dtype=torch.float64)).tolist()
     return low, high

@@ -154,11 +154,7 @@ def model_file(config: StudyConfig, name: str) -> Path:
 
 
 def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candidate]:
-    """Every simulator that the study's table compares.
-
-    Args:
-        config: The study.
-        held_out: Names of the drives that judge.
+    """Every simulator that the study's table compares; `held_out` names the drives that judge.
 
     Raises:
         ValueError: A model has not been trained, or was trained on a drive that judges.

@@ -50,10 +50,7 @@ class CameraConfig:
     """Share of dropped frames."""
 
 
-NOT_NEGATIVE = (
-    *("position_noise", "yaw_noise", "velocity_noise", "yaw_rate_noise"),
-    *("latency", "lag"),
-)
+NOISES = ("position_noise", "yaw_noise", "velocity_noise", "yaw_rate_noise")
 
 
 class Camera:
@@ -70,7 +67,7 @@ class Camera:
 
     def __init__(self, config: CameraConfig | None = None, seed: int = 0) -> None:
         self.config = config or CameraConfig()
-        for name in NOT_NEGATIVE:
+        for name in (*NOISES, "latency", "lag"):
             if getattr(self.config, name) < 0:
                 raise ValueError(f"camera {name} is {getattr(self.config, name)}: must be >= 0")
         if self.config.speed_scale <= 0:

@@ -141,10 +141,7 @@ class ColumnMap:
 
 
 def load_columns(file: str | Path) -> ColumnMap:
-    """Reads a column map.
-
-    Args:
-        file: YAML with the fields of `ColumnMap`; an absent field keeps its default.
+    """Reads YAML with the fields of `ColumnMap`; an absent field keeps its default.
 
     Raises:
         ValueError: A key is unknown or a value is invalid; the message names the file.

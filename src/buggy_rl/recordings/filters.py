@@ -15,13 +15,9 @@ Preparation = Literal["raw", "filtered", "mirrored"]
 
 
 def past_mean(signal: Tensor, width: int) -> Tensor:
-    """Causal mean of the last `width` rows.
+    """Causal mean of the last `width` rows of a signal [T, C], the present one included.
 
     y_t = (x_{t-width+1} + ... + x_t) / width; the first rows average the rows there are.
-
-    Args:
-        signal: [T, C].
-        width: Rows, the present one included.
     """
     total = torch.cumsum(signal.double(), 0)
     shifted = torch.zeros_like(total)
@@ -33,9 +29,7 @@ def past_mean(signal: Tensor, width: int) -> Tensor:
 def local_parabola(signal: Tensor, width: int) -> Tensor:
     """Savitzky-Golay filter of second order: preserves slope and curvature. Not causal.
 
-    Args:
-        signal: [T, C].
-        width: Rows, odd; a shorter signal is returned unchanged.
+    A signal [T, C] of fewer than `width` rows is returned unchanged.
 
     Raises:
         ValueError: The width is even.

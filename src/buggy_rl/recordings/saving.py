@@ -21,14 +21,10 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     """Writes a recording as CSV or Parquet with the columns of the standard table, atomically.
 
     Reading it back gives the same numbers: t as float64, the others as float32. The missing rows
-    between segments mark the gaps.
-
-    Args:
-        recording: The recording.
-        path: Ending in `.csv` or `.parquet`; an existing file is replaced.
+    between segments mark the gaps. An existing file is replaced.
 
     Raises:
-        ValueError: The ending is another one.
+        ValueError: The path does not end in `.csv` or `.parquet`.
     """
     path = Path(path)
     if path.suffix not in (".csv", ".parquet"):

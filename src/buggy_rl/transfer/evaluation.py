@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ class Judged:
     @property
     def settings(self) -> dict[str, Any]:
         """What the drives depend on, as JSON holds it."""
-        case = None if self.case is None else self.case.to_dict()
+        case = None if self.case is None else asdict(self.case)
         listed = [[*policy, digest(policy[2])] for policy in self.policies]
         rest = {"seconds": self.seconds, "drives": self.drives, "marshal": True}
         return {"place": self.place, "case": case, "policies": listed, **rest}
@@ -99,11 +99,7 @@ def unjudged(config: TransferConfig) -> list[Judged]:
 
 
 def judge(judged: Judged) -> int:
-    """Lets policies drive and writes their file.
-
-    Returns:
-        How many they are.
-    """
+    """Lets policies drive and writes their file; how many they are."""
     rows = list(driven(judged))
     write_json(judged.file, {"asked": judged.settings, "drives": rows})
     return len(judged.policies)

@@ -109,12 +109,6 @@ def write_factories(config: TransferConfig) -> None:
 
 
 def write_factory(draw: Callable[..., EnvBase], simulator: str, file: Path) -> None:
-    """Writes `FILE:make`, a simulator as every script takes it.
-
-    Args:
-        draw: Function of a module, of (simulator, batch_size, device).
-        simulator: Its first argument.
-        file: To be written.
-    """
+    """Writes `FILE:make`, a simulator as every script takes it: `draw` of this simulator."""
     text = FACTORY.format(simulator=simulator, module=draw.__module__, name=draw.__name__)
     write_atomically(file, text)

@@ -50,11 +50,8 @@ def page(
 
 def _closed(drives: pd.DataFrame) -> list[list[str]]:
     """A row for each car, one for their mean, and one for the mean loss."""
-    of_car, of_arm, judged = (
-        means(drives, "car", "arm"),
-        means(counted(drives), "arm"),
-        counted(drives),
-    )
+    of_car, judged = means(drives, "car", "arm"), counted(drives)
+    of_arm = means(judged, "arm")
 
     def interval(arm: str, column: str) -> str:
         low, high = over_seeds(judged, arm, column)

@@ -16,10 +16,7 @@ BESIDE = 0.06  # [cars] how far the seeds stand beside their mean
 def transfer_figure(drives: pd.DataFrame) -> Figure:
     """A place for each car, in it a line for each arm from its simulator (open) to the car (dot).
 
-    Small dots are the seeds on the car.
-
-    Args:
-        drives: From `score.pairs`.
+    Small dots are the seeds on the car. The drives are those of `score.pairs`.
     """
     arms, cars = list(drives.arm.unique()), list(drives.car.unique())
     figure, axis = plt.subplots(

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from omegaconf import MISSING
 
 from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.simulators import LEARNED
 
 STAGES = ("drive", "diagnose", "learn", "train", "evaluate", "page")
 ARMS = {
@@ -27,12 +28,6 @@ ARMS = {
 DRAWN = ("unrepaired", "repaired", "randomised")  # MuJoCo, whose cars may differ
 SHARED = ("unrepaired", "randomised")  # know nothing of the car, so they are trained once a seed
 FIRST_SEED = 700_000_000  # of cars: no case of scripts/prove.py has it
-MODEL = (  # the history MLP of configs/demo.yaml, trained on rollouts
-    "runs.model.model.kind=mlp",
-    "runs.model.model.options.rows=20",
-    "runs.model.model.options.hidden=[128,128]",
-    "runs.model.training.weight_decay=1e-3",
-)
 
 
 @dataclass(frozen=True)
@@ -58,7 +53,7 @@ class TransferConfig:
     """Of drivers and cameras."""
     diagnosis: list[str] = field(default_factory=lambda: ["stretches=60"])
     """Options of scripts/diagnose.py; MuJoCo takes its time, so not all stretches of a second."""
-    model: list[str] = field(default_factory=lambda: list(MODEL))
+    model: list[str] = field(default_factory=lambda: list(LEARNED))
     """Options of scripts/train_models.py: the model, which must be called `model`."""
     undecided: bool = True
     """Whether cars that unrepaired and repaired policies train on differ by what the fit of
@@ -80,10 +75,7 @@ class TransferConfig:
         odd = sorted(name for name in self.cars if not name.isidentifier())
         if odd:
             raise ValueError(f"cars are folders, too: {odd} must be letters, digits, underscores")
-        for what, names, known in (
-            ("stages", self.stages, STAGES),
-            ("arms", self.arms, tuple(ARMS)),
-        ):
+        for what, names, known in (("stages", self.stages, STAGES), ("arms", self.arms, ARMS)):
             unknown = sorted(set(names) - set(known))
             if unknown:
                 raise ValueError(f"no {what} {unknown}; available: {', '.join(known)}")

@@ -46,15 +46,10 @@ SPREADS = (
 
 
 def randomised(simulator: str, batch_size: int | Sequence[int], device: str = "cpu") -> EnvBase:
-    """A simulator with parameters drawn for each environment.
+    """A simulator as `make_simulator` makes it, with parameters drawn for each environment.
 
     p' = f p or p + a, with f, a evenly from `SPREADS`, then kept within the parameter's range.
     PyTorch's global generator draws them: the seed fixes them.
-
-    Args:
-        simulator: As for `make_simulator`; one that declares parameters.
-        batch_size: Number of environments or a shape.
-        device: Where the state lives.
 
     Raises:
         ValueError: The simulator has none of the parameters.

@@ -20,9 +20,7 @@ def recorded(case: Case, folder: Path) -> bool:
 def record(cases: Sequence[Case], folders: Sequence[Path]) -> None:
     """Drives cars in one batch and writes `recordings/` and `baseline/` into the folder of each.
 
-    Args:
-        cases: Of one plant and length, with baseline drives.
-        folders: Of each.
+    The cases are of one plant and length, with baseline drives.
     """
     for case, folder, motion in zip(cases, folders, moved(cases), strict=True):
         assert motion.clean is not None

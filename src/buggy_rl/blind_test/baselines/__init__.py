@@ -6,7 +6,7 @@ A method takes the folder of a case and returns an answer in the form of `diagno
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,7 @@ def missing(store: CaseStore, case: Case) -> list[str]:
 def compare(store: CaseStore, case: Case) -> int:
     """Lets every method answer a case that has not yet; what one gives up on is an answer too.
 
-    Returns:
-        1, the number of cases.
+    Returns 1, the number of cases.
     """
     folder = store.diagnosis(case.id)
     for method in missing(store, case):
@@ -49,11 +48,6 @@ def compare(store: CaseStore, case: Case) -> int:
         said["seconds"] = time.monotonic() - begun
         write_json(folder / FILE, {**_answers(folder), method: said})
     return 1
-
-
-def uncompared(store: CaseStore, cases: Sequence[Case]) -> list[Case]:
-    """Cases that some method has not answered yet."""
-    return [case for case in cases if missing(store, case)]
 
 
 def _answers(folder: Path) -> dict[str, Any]:

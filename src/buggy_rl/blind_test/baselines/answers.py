@@ -28,22 +28,11 @@ def unnamed(verdict: Verdict, *notes: str) -> dict[str, Any]:
 
 
 def number(parameter: EffectParameter, coordinate: float, spread: float) -> dict[str, Any]:
-    """A parameter's value with its 95 % interval, within its bounds.
-
-    Args:
-        parameter: Of an effect, or of a simulator.
-        coordinate: Where it is [prior scales].
-        spread: Standard deviation of that.
-    """
+    """Value and 95 % interval, within bounds, of a coordinate and its spread [prior scales]."""
     bounds = parameter.lower, parameter.upper
     ends = sorted(float(parameter.coordinate(bound)) for bound in bounds)
     low, value, high = (
         float(parameter.value_at(min(max(coordinate + k * NORMAL * spread, ends[0]), ends[1])))
         for k in (-1, 0, 1)
     )
-    return {
-        "value": value,
-        "low": min(low, high),
-        "high": max(low, high),
-        "unit": parameter.unit,
-    }
+    return {"value": value, "low": min(low, high), "high": max(low, high), "unit": parameter.unit}

@@ -15,7 +15,7 @@ from buggy_rl.blind_test.baselines.moves import Move, farthest
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.retuning import tuned as fitted_to
 from buggy_rl.estimation.cross_validation import advantage, blocks, cross_validated
-from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
+from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.misfit import NOTHING
 from buggy_rl.estimation.noise_model import noise_model
@@ -73,7 +73,8 @@ def tuned(make: Callable[[int], EnvBase], segments: Segments) -> Tuned:
     problem = Problem(simulation, segments, noise_model(simulation, segments), library)
     [null] = fitted(problem, [library.hypothesis(())], 1)  # with the clock at its best
     problem, best = fitted_to(problem, ROUNDS, ITERATIONS, DEFAULTS.expected_left)
-    problem = replace(problem, dispersion=max(1.0, _typical(problem, best)))
+    typical = float(best.square.median()) / problem.noise.dimension
+    problem = replace(problem, dispersion=max(1.0, typical))
     group = blocks(segments)
     better, worse = cross_validated(problem, [best, null], group)
     won = advantage(problem.noise, problem.dispersion, better, worse, group)
@@ -81,10 +82,6 @@ def tuned(make: Callable[[int], EnvBase], segments: Segments) -> Tuned:
     numbers = zip(best.coordinates, best.vector.tolist(), spread.tolist(), strict=True)
     moves = [Move(c.parameter, z, sd) for c, z, sd in numbers if c.effect]
     return Tuned(moves, won.total)
-
-
-def _typical(problem: Problem, fit: Fit) -> float:
-    return float(fit.square.median()) / problem.noise.dimension
 
 
 def _as_given(question: Asked, simulation: Simulation) -> dict[str, Any]:

@@ -5,11 +5,11 @@
 
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from mujoco import sysid
 from scipy.special import stdtrit
 from torchrl.envs import EnvBase, TransformedEnv
@@ -19,9 +19,9 @@ from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.baselines.moves import Move, farthest
 from buggy_rl.engines.mujoco import MujocoEngine
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
-from buggy_rl.identification.least_squares import SCALES, STEP
+from buggy_rl.identification.least_squares import SCALES, STEP, scaled_settings
 from buggy_rl.parameters import Parameter
 
 SEGMENTS = 16  # of a second, spread evenly
@@ -83,28 +83,19 @@ def fitted(make: Callable[[int], EnvBase], segments: Segments) -> list[Move]:
     return moves
 
 
+@dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals as `mujoco.sysid.optimize` asks for them, many sets of parameters in one batch.
+    """Residuals as `mujoco.sysid.optimize` asks for them, many sets of parameters in one batch."""
 
-    Args:
-        simulation: Of the simulator.
-        segments: Segments to compare with.
-        parameters: That are free, each scaled to its range.
-    """
-
-    def __init__(
-        self, simulation: Simulation, segments: Segments, parameters: Sequence[Parameter]
-    ) -> None:
-        self.simulation, self.segments, self.parameters = simulation, segments, parameters
-        self.lower = np.array([p.lower for p in parameters])
-        self.width = np.array([p.upper - p.lower for p in parameters])
+    simulation: Simulation
+    segments: Segments
+    parameters: Sequence[Parameter]
+    """That are free, each scaled to its range."""
 
     def __call__(self, x: np.ndarray, _params: Any) -> tuple[list[np.ndarray], None, None]:
         """Residuals [M] of vectors [P], or [M, C] of [P, C]."""
         vectors = np.atleast_2d(x.T)  # (C, P)
-        values = torch.as_tensor(self.lower + vectors * self.width, dtype=torch.float32)
-        own = {p.name: values[:, column] for column, p in enumerate(self.parameters)}
-        settings = Settings(parameters=own)
+        settings = scaled_settings(self.parameters, vectors)
         residual = self.simulation.residuals(self.segments, settings).double().numpy()
         if not np.isfinite(residual).all():
             raise FloatingPointError("the MuJoCo car runs away within the ranges of its parameters")
