@@ -65,3 +65,12 @@ def test_the_fixed_camera_stands_still_and_holds_everything():
     assert (seen < [640, 480]).all()
     near = camera.top([track], 0.0, ASPECT)  # which shows but a part of it
     assert not (Map(near, (640, 480))(track.pose[:, :2]) < [640, 480]).all()
+
+
+def test_the_camera_draws_back_for_the_farthest_ghost():
+    near, far = straight(y=0.2, name="near"), straight(y=1.2, name="far")
+    one, two = (
+        camera.chase(tracks, 2.0, ASPECT).distance
+        for tracks in ([straight(), near], [straight(), near, far])
+    )
+    assert two == pytest.approx(one + 0.9 * 1.0, abs=0.01)

@@ -69,15 +69,14 @@ def test_a_spline_through_a_circle_stays_on_it():
 def test_a_trail_begins_anew_where_a_simulation_was_restarted():
     again = straight(name="ghost", y=1.0, restarts=np.array([1.0, 2.0]))
     shot = Director([straight(), again]).shot(2.5)
-    assert shot.ghost is not None
-    assert shot.ghost.trail[0, 0] == pytest.approx(2.0)
+    assert shot.ghosts
+    assert shot.ghosts[0].trail[0, 0] == pytest.approx(2.0)
     assert shot.car.trail[0, 0] == pytest.approx(0.0)
 
 
 def test_a_ghost_whose_track_has_ended_stands():
     short = straight(seconds=1.0, name="ghost")
-    ghost = Director([straight(), short]).shot(3.0).ghost
-    assert ghost is not None
+    ghost = Director([straight(), short]).shot(3.0).ghosts[0]
     assert ghost.x == pytest.approx(1.0)
 
 
@@ -89,8 +88,8 @@ def test_a_moment_is_within_the_film():
         director.moment(5.0)
 
 
-def test_an_unknown_camera_and_a_third_car_are_refused():
+def test_an_unknown_camera_and_a_fourth_car_are_refused():
     with pytest.raises(ValueError, match=r"camera='side'.*chase, top, fixed"):
         Director([straight()], camera="side")
-    with pytest.raises(ValueError, match="3 tracks"):
-        Director([straight()] * 3)
+    with pytest.raises(ValueError, match=r"4 tracks.*at most 2 ghosts"):
+        Director([straight()] * 4)

@@ -8,7 +8,7 @@ import pytest
 
 from buggy_rl.viz.film import gl
 from buggy_rl.viz.film.film import director, frames
-from buggy_rl.viz.film.inset import Inset
+from buggy_rl.viz.film.inset import Inset, captioned
 from buggy_rl.viz.film.options import PictureConfig
 from tests.viz.film.tracks import circle, straight
 
@@ -25,6 +25,17 @@ def test_each_frame_has_the_inset_of_its_own_time():
     for time, without, with_ in zip([0.0, 1.0, 2.0], plain, full, strict=True):
         np.testing.assert_array_equal(Inset().on(without, says.shot(time)), with_)
     assert (Inset().on(plain[0], says.shot(2.0)) != full[0]).any()
+
+
+def test_captions_follow_one_another_in_equal_parts_of_the_film():
+    says = director([straight()])  # 4 s
+    times = [0.0, 1.9, 2.1, 4.0]
+    plain, full = (
+        list(frames(says, times, PictureConfig(renderer="drawing", captions=captions)))
+        for captions in ([], ["first", "then"])
+    )
+    for without, with_, text in zip(plain, full, ["first", "first", "then", "then"], strict=True):
+        np.testing.assert_array_equal(captioned(without, text), with_)
 
 
 def test_the_user_is_told_once_why_it_is_drawn(monkeypatch):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from buggy_rl.viz.film.director import Director
-from buggy_rl.viz.film.inset import Inset
+from buggy_rl.viz.film.inset import Inset, captioned
 from tests.viz.film.tracks import circle, straight
 
 GREY = np.full((480, 640, 3), 120, np.uint8)
@@ -54,3 +54,15 @@ def test_it_grows_with_the_picture():
     shot = Director([straight()]).shot(1.0)
     small = int((Inset().on(GREY, shot) != 120).any(-1).sum())
     assert 3.5 < int((Inset().on(large, shot) != 120).any(-1).sum()) / small < 4.5
+
+
+def test_a_caption_is_a_line_at_the_top():
+    frame = captioned(GREY, "steering dead time: 60 ms")
+    changed = (frame != GREY).any(-1)
+    assert changed[10:40, 250:390].any()
+    assert not changed[60:].any()
+    assert captioned(GREY, "") is GREY
+
+
+def test_a_caption_too_long_for_the_picture_is_cut():
+    assert captioned(GREY, "long " * 60).shape == GREY.shape

@@ -6,7 +6,7 @@ import pytest
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import marks as m
 from buggy_rl.viz.film import wheels
-from buggy_rl.viz.film.colours import AHEAD, CAR, CLOSED, GHOST, OPEN
+from buggy_rl.viz.film.colours import AHEAD, CAR, CLOSED, GHOSTS, OPEN
 from buggy_rl.viz.film.director import Director
 from tests.viz.film.tracks import circle, on_course, straight
 
@@ -53,8 +53,8 @@ def test_ribbons_follow_their_points():
 def test_each_car_has_a_trail_of_its_colour_and_a_shadow():
     alone, both = made([circle()], 2.0), made([circle(), straight(y=1.0)], 2.0)
     assert of(alone, CAR).any()
-    assert not of(alone, GHOST).any()
-    np.testing.assert_allclose(both.position[of(both, GHOST), 1], 1.0)
+    assert not of(alone, GHOSTS[0]).any()
+    np.testing.assert_allclose(both.position[of(both, GHOSTS[0]), 1], 1.0)
     shadows = [int((drawn.kind == m.ELLIPSOID).sum()) for drawn in (alone, both)]
     assert shadows[1] == 2 * shadows[0] > 0
 

@@ -42,3 +42,23 @@ def test_an_unknown_camera_is_refused():
 def test_a_size_is_two_numbers():
     with pytest.raises(ValueError, match=r"size=\[640\]: must be width and height"):
         PictureConfig(size=[640])
+
+
+@pytest.mark.parametrize(
+    ("ghost", "filmed"),
+    [("", ["x"]), ("a", ["x", "a"]), ("[a,b]", ["x", "a", "b"]), ("[]", ["x"])],
+)
+def test_a_ghost_is_a_name_or_a_list_of_names(ghost, filmed):
+    assert build(RenderConfig, ["what=x", f"ghost={ghost}"]).trajectories == filmed
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["ghost=3"], "must be a name or a list of names"),
+        (["ghost=a", "names=[one]"], "must be 2, one for each of x, a"),
+    ],
+)
+def test_ghosts_and_names_that_make_no_sense_are_refused(options, said):
+    with pytest.raises(ValueError, match=said):
+        build(RenderConfig, ["what=x", *options])

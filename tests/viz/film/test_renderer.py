@@ -5,7 +5,7 @@ import pytest
 
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import gl
-from buggy_rl.viz.film.colours import GHOST, OPEN, pixel
+from buggy_rl.viz.film.colours import GHOSTS, OPEN, pixel
 from buggy_rl.viz.film.director import Director
 from buggy_rl.viz.film.drawing import Drawing
 from buggy_rl.viz.film.renderer import make_renderer, opened
@@ -65,7 +65,7 @@ def test_the_ghost_is_there_only_when_there_is_one(choice):
     ]
     assert blue[0] > 30
     assert blue[1] == 0
-    assert GHOST[2] > GHOST[0] + 0.3  # what the line above looks for
+    assert GHOSTS[0][2] > GHOSTS[0][0] + 0.3  # what the line above looks for
 
 
 def test_waypoints_are_seen(choice):

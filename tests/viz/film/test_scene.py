@@ -15,7 +15,7 @@ CAR = VehicleDimensions()
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene(CAR, ghost=True)
+    return Scene(CAR, ghosts=1)
 
 
 def shot(car, ghost, time):
@@ -115,7 +115,7 @@ def test_nothing_collides_or_falls(scene):
 
 
 def test_a_shot_with_another_number_of_cars_is_refused(scene):
-    with pytest.raises(ValueError, match=r"1 cars for a scene of 2.*ghost=True"):
+    with pytest.raises(ValueError, match=r"1 cars for a scene of 2.*ghosts=0"):
         scene.place(Director([straight()]).shot(0.0))
 
 
@@ -123,3 +123,11 @@ def test_the_model_survives_its_way_to_another_process(scene):
     copy = mujoco.MjModel.from_binary_path("film.mjb", {"film.mjb": scene.binary()})
     assert copy.ngeom == scene.model.ngeom
     np.testing.assert_array_equal(copy.geom_rgba, scene.model.geom_rgba)
+
+
+def test_a_second_ghost_stands_where_its_own_track_has_it():
+    three = Scene(CAR, ghosts=2)
+    tracks = [circle(), straight(y=0.7, name="ghost"), straight(y=-0.4, name="another")]
+    three.place(Director(tracks).shot(1.0))
+    np.testing.assert_allclose(three.data.body("ghost").xpos, [1.0, 0.7, 0.0], atol=1e-9)
+    np.testing.assert_allclose(three.data.body("ghost_2").xpos, [1.0, -0.4, 0.0], atol=1e-9)

@@ -54,6 +54,13 @@ def test_a_simulator_drives_under_the_commands_of_the_recording_beside_it():
     np.testing.assert_array_equal(ghost_first[0].pose, simulated.pose)
 
 
+def test_two_ghosts_have_the_names_they_are_given():
+    given = ["measured", "as given", "repaired"]
+    found = tracks(what=SAMPLE, ghost=["kinematic", "hold"], start=3.0, names=given)
+    assert [track.name for track in found] == given
+    assert not np.allclose(found[1].pose, found[2].pose)
+
+
 def test_simulator_files_and_a_users_own_are_simulators(tmp_path):
     slow = tmp_path / "slow.yaml"
     slow.write_text(yaml.safe_dump(

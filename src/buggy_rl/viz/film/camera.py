@@ -57,26 +57,24 @@ CAMERAS: dict[str, Callable[[Sequence[Track], float, float], View]] = {
 
 
 def _followed(tracks: Sequence[Track], time: float) -> tuple[float, float, float]:
-    """Pose of the car, up to a third of the way towards a ghost that is not too far."""
+    """Pose of the car, up to a third of the way towards the first ghost if that is not too far."""
     (x, y, yaw), _, _ = tracks[0].at(time)
     share = 1 / 3 if len(tracks) > 1 else 0.0
     if share:
-        dx, dy = (_difference(tracks, time, axis) for axis in (0, 1))
+        dx, dy = (_difference(*tracks[:2], time, axis) for axis in (0, 1))
         share *= min(1.0, FARTHEST / 2 / max(math.hypot(dx, dy), 1e-9))
         x, y = x + share * dx, y + share * dy
     return float(x), float(y), float(yaw)
 
 
 def _apart(tracks: Sequence[Track], time: float) -> float:
-    """Distance of the ghost [m]; 0 without one."""
-    if len(tracks) < 2:
-        return 0.0
-    return math.hypot(*(_difference(tracks, time, axis) for axis in (0, 1)))
+    """Distance of the farthest ghost [m]; 0 without one."""
+    found = [[_difference(tracks[0], g, time, axis) for axis in (0, 1)] for g in tracks[1:]]
+    return max((math.hypot(*difference) for difference in found), default=0.0)
 
 
-def _difference(tracks: Sequence[Track], time: float, axis: int) -> float:
+def _difference(car: Track, ghost: Track, time: float, axis: int) -> float:
     """From the car to the ghost along an axis [m], smoothed: a ghost that restarts leaps."""
-    car, ghost = tracks
     other = np.interp(car.time, ghost.time, ghost.pose[:, axis])
     return float(_smoothed(car, other - car.pose[:, axis], time))
 

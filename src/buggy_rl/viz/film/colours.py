@@ -17,7 +17,8 @@ def pixel(colour: RGB) -> tuple[int, int, int]:
     return red, green, blue
 
 
-CAR, GHOST = rgb(COLOURS[0]), rgb(COLOURS[1])
+CAR, *GHOSTS = rgb(COLOURS[0]), rgb(COLOURS[1]), rgb(COLOURS[4])
+MOST_GHOSTS = len(GHOSTS)
 OPEN, CLOSED = rgb(COLOURS[2]), rgb(COLOURS[3])
 AHEAD = (0.96, 0.95, 0.92)
 FLOOR, GRID, SKY = (0.56, 0.58, 0.61), (0.44, 0.47, 0.50), (0.88, 0.91, 0.94)

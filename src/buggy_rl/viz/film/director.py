@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import wheels
 from buggy_rl.viz.film.camera import CAMERAS
+from buggy_rl.viz.film.colours import MOST_GHOSTS
 from buggy_rl.viz.film.shot import NO_POINTS, Car, Points, Shot
 from buggy_rl.viz.film.track import Array, Track
 
@@ -27,11 +28,11 @@ class Director:
     """Says what is seen at a time.
 
     Raises:
-        ValueError: The camera is unknown, or there are more than two tracks.
+        ValueError: The camera is unknown, or there are more than three tracks.
     """
 
     tracks: Sequence[Track]
-    """The car's, and the ghost's if there is one."""
+    """The car's, then those of up to two ghosts."""
     camera: str = "chase"
     """A name in `CAMERAS`."""
     aspect: float = 4 / 3
@@ -43,8 +44,10 @@ class Director:
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
             raise ValueError(f"camera={self.camera!r}: must be one of {', '.join(CAMERAS)}")
-        if len(self.tracks) not in (1, 2):
-            raise ValueError(f"{len(self.tracks)} tracks: a film shows a car and at most one ghost")
+        if not 1 <= len(self.tracks) <= 1 + MOST_GHOSTS:
+            raise ValueError(
+                f"{len(self.tracks)} tracks: a film shows a car and at most {MOST_GHOSTS} ghosts"
+            )
 
     def times(self, fps: float, playback: float = 1.0) -> NDArray[Any]:
         """Times [N] in s of the frames of a film, as long as the car drives.
@@ -73,8 +76,7 @@ class Director:
         view = CAMERAS[self.camera](self.tracks, time, self.aspect)
         waypoints, closed_for = _waypoints(self.tracks[0], time)
         ahead = _ahead(self.tracks[0], time, whole=self.camera == "fixed")
-        ghost = cars[1] if len(cars) > 1 else None
-        return Shot(time, view, cars[0], ghost, ahead, waypoints, closed_for)
+        return Shot(time, view, cars[0], tuple(cars[1:]), ahead, waypoints, closed_for)
 
     def _car(self, index: int, time: float) -> Car:
         track = self.tracks[index]

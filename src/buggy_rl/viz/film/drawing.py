@@ -16,8 +16,8 @@ from buggy_rl.viz.film.colours import (
     CAR,
     CLOSED,
     FLOOR,
-    GHOST,
     GHOST_ALPHA,
+    GHOSTS,
     GRID,
     OPEN,
     RGB,
@@ -67,12 +67,12 @@ class Drawing:
         self._grid(canvas, map_)
         wide = map_.scale * max(1.0, shot.view.distance / 2.0)
         canvas.line(map_(shot.ahead), wide * AHEAD_WIDTH, AHEAD)
-        for car, colour in reversed(list(zip(shot.cars, (CAR, GHOST), strict=False))):
+        for car, colour in reversed(list(zip(shot.cars, (CAR, *GHOSTS), strict=False))):
             trail = np.concatenate([car.trail, [[car.x, car.y]]])
             canvas.line(map_(trail), wide * TRAIL_WIDTH, mixed(colour, FLAT, 0.3))
         self._waypoints(canvas, map_, shot)
-        if shot.ghost is not None:
-            self._car(canvas, map_, shot.ghost, GHOST, GHOST_ALPHA + 0.1)
+        for ghost, colour in zip(shot.ghosts, GHOSTS, strict=False):
+            self._car(canvas, map_, ghost, colour, GHOST_ALPHA + 0.1)
         self._car(canvas, map_, shot.car, CAR, 1.0)
         return np.asarray(canvas.reduced())
 

@@ -9,7 +9,7 @@ write_video(frames(says, says.times(fps=25)), "film.mp4", fps=25)
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from buggy_rl.viz.film.director import Director
-from buggy_rl.viz.film.inset import Inset
+from buggy_rl.viz.film.inset import Inset, captioned
 from buggy_rl.viz.film.options import PictureConfig
 from buggy_rl.viz.film.renderer import opened
 from buggy_rl.viz.film.shot import Frame, Shot
@@ -17,7 +17,7 @@ from buggy_rl.viz.film.track import Track
 
 
 def director(tracks: Sequence[Track], picture: PictureConfig | None = None) -> Director:
-    """Who says what each frame of one or two tracks shows; the second one is the ghost's."""
+    """Who says what each frame shows of up to three tracks; the first is the car's."""
     picture = picture or PictureConfig()
     aspect = picture.size[0] / picture.size[1]
     return Director(tracks, picture.camera, aspect, picture.full_lock, picture.dimensions)
@@ -42,14 +42,20 @@ def frames(
     """
     picture = picture or PictureConfig()
     width, height = picture.size
-    choice = (picture.renderer, (width, height), len(says.tracks) > 1)
+    choice = (picture.renderer, (width, height), len(says.tracks) - 1)
     with opened(*choice, picture.dimensions, picture.samples) as renderer:
         if renderer.note and on_note is not None:
             on_note(renderer.note)
         shots, shown = _twice(says.shot(time) for time in times)
         for frame in renderer.frames(shots):
             shot = shown()
-            yield Inset(picture.title).on(frame, shot) if picture.inset else frame
+            frame = Inset(picture.title).on(frame, shot) if picture.inset else frame
+            yield captioned(frame, _caption(picture.captions, shot.time / says.tracks[0].duration))
+
+
+def _caption(captions: Sequence[str], share: float) -> str:
+    """The one for a share of the film; empty if there is none."""
+    return captions[min(int(share * len(captions)), len(captions) - 1)] if captions else ""
 
 
 def _twice(shots: Iterable[Shot]) -> tuple[Iterator[Shot], Callable[[], Shot]]:

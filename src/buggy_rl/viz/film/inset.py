@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from buggy_rl.viz.film.canvas import LEFT, RIGHT, Canvas, text_width
-from buggy_rl.viz.film.colours import CAR, GHOST, RGB, mixed
+from buggy_rl.viz.film.canvas import CENTRE, LEFT, RIGHT, Canvas, text_width
+from buggy_rl.viz.film.colours import CAR, GHOSTS, RGB, mixed
 from buggy_rl.viz.film.shot import Car, Frame, Shot
 
 PANEL, TRACK = (0.07, 0.08, 0.10), (0.30, 0.32, 0.35)
@@ -93,9 +93,23 @@ class Pen:
             self._canvas.box(middle, 0, TEXT)
 
 
-def _lit() -> tuple[RGB, RGB]:
+def captioned(frame: Frame, text: str) -> Frame:
+    """The frame [H, W, 3] with a line of text at its top; as it is without one."""
+    if not text:
+        return frame
+    image, unit = Image.fromarray(frame), frame.shape[0] / UNIT
+    wide = min(text_width(text, 17 * unit) + 2 * EDGE * unit, image.width)
+    canvas = Canvas((round(wide), round(30 * unit)), PANEL, 0.0)
+    canvas.box((0, 0, wide - 1, 30 * unit - 1), 7 * unit, PANEL, ALPHA)
+    canvas.text((wide / 2, 20.5 * unit), text, 17 * unit, TEXT, CENTRE)
+    line = canvas.reduced()
+    image.paste(line, ((image.width - line.width) // 2, round(EDGE * unit)), line)
+    return np.asarray(image)
+
+
+def _lit() -> list[RGB]:
     """The cars' colours, as they stand out on the dark panel."""
-    return mixed(CAR, WHITE, 0.12), mixed(GHOST, WHITE, 0.3)
+    return [mixed(CAR, WHITE, 0.12), *(mixed(ghost, WHITE, 0.3) for ghost in GHOSTS)]
 
 
 def _shortened(name: str, width: float) -> str:

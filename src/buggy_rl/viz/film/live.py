@@ -31,7 +31,7 @@ def play(director: Director, playback: float = 1.0) -> None:
         raise ValueError("live=true needs a screen and DISPLAY is not set: write output=film.mp4")
     from mujoco import viewer
 
-    scene = Scene(director.dimensions, ghost=len(director.tracks) > 1)
+    scene = Scene(director.dimensions, ghosts=len(director.tracks) - 1)
     begin = time.monotonic()
     with viewer.launch_passive(scene.model, scene.data) as window:
         look(window.cam, director.shot(0.0).view, turned=True)

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import wheels
-from buggy_rl.viz.film.colours import AHEAD, CAR, CLOSED, GHOST, GHOST_ALPHA, OPEN, RGB
+from buggy_rl.viz.film.colours import AHEAD, CAR, CLOSED, GHOST_ALPHA, GHOSTS, OPEN, RGB
 from buggy_rl.viz.film.shot import Car, Points, Shot
 
 ELLIPSOID, CYLINDER, BOX = 4, 5, 6  # mujoco.mjtGeom
 AHEAD_WIDTH, TRAIL_WIDTH = 0.028, 0.016  # [m]
+GHOST_TRAILS = 0.0012, 0.0014  # [m] heights that keep ribbons apart
 PILLAR, DISC = 0.09, 0.004  # [m] height of an open and of a closed waypoint
 FALL = 0.25  # [s] in which a closed one goes down
 SUN = (0.35, 0.45)  # [m] that a shadow falls aside for each metre of height, along x and y
@@ -45,9 +46,9 @@ def marks(shot: Shot, dimensions: VehicleDimensions) -> Marks:
     ahead = _ribbon(shot.ahead, wide * AHEAD_WIDTH, 0.0008, AHEAD)
     trails = [_ribbon(shot.car.trail, wide * TRAIL_WIDTH, 0.0016, CAR)]
     shadows = _shadow(shot.car, 1.0, dimensions)
-    if shot.ghost is not None:
-        trails.append(_ribbon(shot.ghost.trail, wide * TRAIL_WIDTH, 0.0012, GHOST))
-        shadows += _shadow(shot.ghost, GHOST_ALPHA, dimensions)
+    for ghost, colour, height in zip(shot.ghosts, GHOSTS, GHOST_TRAILS, strict=False):
+        trails.append(_ribbon(ghost.trail, wide * TRAIL_WIDTH, height, colour))
+        shadows += _shadow(ghost, GHOST_ALPHA, dimensions)
     return _joined([ahead, *trails, *_waypoints(shot), *shadows])
 
 

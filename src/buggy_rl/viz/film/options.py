@@ -1,7 +1,7 @@
 """Options of a film: how it is shown, and what `scripts/render.py` takes."""
 
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Any, Literal
 
 from omegaconf import MISSING
 
@@ -22,6 +22,7 @@ class PictureConfig:
     samples: int = 4
     inset: bool = True
     title: str = ""
+    captions: list[str] = field(default_factory=list)
     full_lock: float = FULL_LOCK
     dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
 
@@ -36,8 +37,8 @@ class RenderConfig:
 
     what: str = MISSING
     """A recording, a simulator (as every script takes it), a policy file, pure_pursuit, stanley."""
-    ghost: str = ""
-    """The second trajectory, likewise; empty for none."""
+    ghost: Any = ""
+    """The second trajectory, likewise; a list for a second and a third; empty for none."""
     output: str = "film.mp4"
     """The film: .mp4 or .gif, or .png for one picture."""
     recording: str = ""
@@ -75,6 +76,10 @@ class RenderConfig:
     """Names, speed and commands in a corner."""
     title: str = ""
     """Above the names."""
+    names: list[str] = field(default_factory=list)
+    """Of WHAT and of the ghosts in the legend; empty for those of their files."""
+    captions: list[str] = field(default_factory=list)
+    """At the top, one after the other, each for an equal part of the film."""
     full_lock: float = FULL_LOCK
     """Angle of the front wheels at steering 1 [rad]."""
     dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
@@ -90,6 +95,20 @@ class RenderConfig:
         for name in ("start", "restart"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name}={getattr(self, name):g}: must not be below 0")
+
+        if not all(isinstance(name, str) for name in self.trajectories):
+            raise ValueError(f"ghost={self.ghost!r}: must be a name or a list of names")
+        if self.names and len(self.names) != len(self.trajectories):
+            raise ValueError(
+                f"names={list(self.names)}: must be {len(self.trajectories)}, one for each of "
+                f"{', '.join(self.trajectories)}"
+            )
+
+    @property
+    def trajectories(self) -> list[str]:
+        """What is filmed, the ghosts last."""
+        ghosts = list(self.ghost) if isinstance(self.ghost, list) else [self.ghost]
+        return [name for name in (self.what, *ghosts) if name]
 
     @property
     def picture(self) -> PictureConfig:

@@ -35,7 +35,7 @@ class MujocoRenderer:
         backend: Value of `MUJOCO_GL`.
         dimensions: Of the cars.
         size: Width and height [pixel].
-        ghost: There is a second car.
+        ghosts: Number of translucent cars.
         samples: Of each pixel.
 
     Raises:
@@ -49,13 +49,13 @@ class MujocoRenderer:
         backend: str,
         dimensions: VehicleDimensions,
         size: tuple[int, int],
-        ghost: bool,
+        ghosts: int,
         samples: int,
     ) -> None:
         from buggy_rl.viz.film.scene import Scene
 
         self._dimensions = dimensions
-        self._scene = Scene(dimensions, size, ghost, samples)
+        self._scene = Scene(dimensions, size, ghosts, samples)
         self._process = gl.WorkerProcess(backend)
         try:
             self._process.ask((self._scene.binary(), size))
@@ -98,7 +98,7 @@ class MujocoRenderer:
 def opened(
     choice: str,
     size: tuple[int, int],
-    ghost: bool,
+    ghosts: int,
     dimensions: VehicleDimensions | None = None,
     samples: int = 4,
 ) -> Iterator[Renderer]:
@@ -107,14 +107,14 @@ def opened(
     Args:
         choice: mujoco, drawing, or auto for MuJoCo where OpenGL works and else the drawing.
         size: Width and height [pixel].
-        ghost: There is a second car.
+        ghosts: Number of translucent cars.
         dimensions: Of the cars; None is the buggy.
         samples: Of each pixel, in MuJoCo.
 
     Raises:
         ValueError: The choice is unknown, the size is odd, or MuJoCo cannot render.
     """
-    renderer = make_renderer(choice, size, ghost, dimensions or VehicleDimensions(), samples)
+    renderer = make_renderer(choice, size, ghosts, dimensions or VehicleDimensions(), samples)
     try:
         yield renderer
     finally:
@@ -122,7 +122,7 @@ def opened(
 
 
 def make_renderer(
-    choice: str, size: tuple[int, int], ghost: bool, dimensions: VehicleDimensions, samples: int = 4
+    choice: str, size: tuple[int, int], ghosts: int, dimensions: VehicleDimensions, samples: int = 4
 ) -> Renderer:
     """Likewise, to be closed by the caller."""
     if choice not in RENDERERS:
@@ -133,7 +133,7 @@ def make_renderer(
         return Drawing(dimensions, size)
     found = gl.probe()
     if found.backend is not None:
-        return MujocoRenderer(found.backend, dimensions, size, ghost, samples)
+        return MujocoRenderer(found.backend, dimensions, size, ghosts, samples)
     why = f"MuJoCo cannot render here ({found.reason})"
     if choice == "mujoco":
         raise ValueError(f"{why}: {gl.REMEDY}, or take renderer=drawing")

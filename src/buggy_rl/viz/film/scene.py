@@ -1,4 +1,4 @@
-"""MuJoCo's model of a film: floor, light, sky and one or two cars that a shot puts in place."""
+"""MuJoCo's model of a film: floor, light, sky and one to three cars that a shot puts in place."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import wheels
 from buggy_rl.viz.film.bodywork import add_car, add_meshes
-from buggy_rl.viz.film.colours import CAR, FLOOR, GHOST, GHOST_ALPHA, GRID, RGB, SKY
+from buggy_rl.viz.film.colours import CAR, FLOOR, GHOST_ALPHA, GHOSTS, GRID, RGB, SKY
 from buggy_rl.viz.film.marks import SUN
 from buggy_rl.viz.film.shot import Car, Shot
 
-NAMES = ("car", "ghost")
+ALPHAS = (1.0, GHOST_ALPHA, GHOST_ALPHA)
+NAMES = ("car", "ghost", "ghost_2")
 
 
 class Scene:
     """Takes shots; renderers and MuJoCo's viewer read `model` and `data`.
 
     Args:
-        dimensions: Of both cars.
+        dimensions: Of all cars.
         size: Width and height of the picture [pixel].
-        ghost: There is a second, translucent car.
+        ghosts: Number of translucent cars.
         samples: Of each pixel against jagged edges.
     """
 
@@ -33,7 +34,7 @@ class Scene:
         self,
         dimensions: VehicleDimensions,
         size: tuple[int, int] = (640, 480),
-        ghost: bool = False,
+        ghosts: int = 0,
         samples: int = 4,
     ) -> None:
         spec = mujoco.MjSpec()
@@ -41,8 +42,8 @@ class Scene:
         _set_visual(spec, size, samples)
         _add_surroundings(spec)
         add_meshes(spec, dimensions)
-        self.names = NAMES[: 1 + ghost]
-        for name, paint, alpha in zip(self.names, (CAR, GHOST), (1.0, GHOST_ALPHA), strict=False):
+        self.names = NAMES[: 1 + ghosts]
+        for name, paint, alpha in zip(self.names, (CAR, *GHOSTS), ALPHAS, strict=False):
             add_car(spec, name, paint, alpha, dimensions)
         self.model: mujoco.MjModel = spec.compile()
         self.data = mujoco.MjData(self.model)
@@ -59,7 +60,7 @@ class Scene:
         if len(shot.cars) != len(self.names):
             raise ValueError(
                 f"a shot with {len(shot.cars)} cars for a scene of {len(self.names)}: make the "
-                "scene with ghost=True if there is a second trajectory"
+                f"scene with ghosts={len(shot.ghosts)}"
             )
         for index, car in enumerate(shot.cars):
             self._place(index, car)

@@ -67,8 +67,8 @@ class Shot:
     """Since the track began [s]."""
     view: View
     car: Car
-    ghost: Car | None = None
-    """The second trajectory, translucent."""
+    ghosts: tuple[Car, ...] = ()
+    """Further trajectories, translucent; two at most."""
     ahead: Points = field(default_factory=lambda: NO_POINTS)
     """The path ahead, nearest first."""
     waypoints: Points = field(default_factory=lambda: NO_POINTS)
@@ -78,5 +78,5 @@ class Shot:
 
     @property
     def cars(self) -> list[Car]:
-        """The car, and the ghost if there is one."""
-        return [self.car] if self.ghost is None else [self.car, self.ghost]
+        """The car, then the ghosts."""
+        return [self.car, *self.ghosts]

@@ -1,8 +1,9 @@
 """What a user names on a command line -> the tracks of a film."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import zip_longest
 from pathlib import Path
 
 import torch
@@ -33,19 +34,23 @@ class Source:
     config: RenderConfig
 
     def tracks(self) -> list[Track]:
-        """The car's track, and the ghost's if one is named.
+        """The car's track, then the ghosts'.
 
         Raises:
             ValueError: A name is nothing that can be filmed, or does not go with the others.
         """
-        names = [name for name in (self.config.what, self.config.ghost) if name]
+        names = self.config.trajectories
         kinds = {kind_of(name) for name in names}
         if self._recording and "driver" in kinds:
             raise ValueError(
                 f"{' and '.join(names)}: a driver follows a course and no recorded commands; "
                 "compare a recording with a simulator, or a driver with a driver"
             )
-        return [self._track(name) for name in names]
+        tracks = [self._track(name) for name in names]
+        return [
+            replace(track, name=name) if name else track
+            for track, name in zip_longest(tracks, self.config.names)
+        ]
 
     def _track(self, name: str) -> Track:
         kind, config = kind_of(name), self.config
@@ -81,9 +86,9 @@ class Source:
             engine = from_plain(EngineConfig, about["config"]["engine"], name)
             return policy.driver(), engine, from_plain(TaskConfig, about["config"]["task"], name)
         # Beside a policy or a simulator it drives the same car on the same path.
-        other = self.config.ghost if name == self.config.what else self.config.what
-        if other and other not in CONTROLLERS:
-            _, engine, task = self._driver(other)
+        others = [other for other in self.config.trajectories if other not in CONTROLLERS]
+        if others:
+            _, engine, task = self._driver(others[0])
             return CONTROLLERS[name](), engine, task
         return CONTROLLERS[name](), EngineConfig(), TaskConfig()
 
@@ -99,7 +104,7 @@ class Source:
     @cached_property
     def _recording(self) -> str:
         """The recording whose commands simulators are given; empty if none is named."""
-        named = (self.config.recording, self.config.what, self.config.ghost)
+        named = (self.config.recording, *self.config.trajectories)
         return next((name for name in named if name and kind_of(name) == "recording"), "")
 
     def _load(self, name: str) -> Recording:
