@@ -4,8 +4,8 @@
 
 Plays the commands of held-out windows into every model that scripts/train_models.py has trained,
 MuJoCo as shipped and as scripts/fit_mujoco.py fitted it, the single-track car, a kinematic bicycle,
-hold-last, and whatever `simulators` names. Writes OUTPUT/table.md, table.csv, table.png and
-rollouts.png.
+hold-last, and whatever `simulators` names. Writes OUTPUT/table.md, table.csv, table.png,
+rollouts.png and rollouts.npz.
 """
 
 from pathlib import Path
@@ -22,6 +22,7 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.identification.open_loop import measured
+    from buggy_rl.identification.rollouts import save_rollouts
     from buggy_rl.identification.study import candidates, fit_file, load_drives
     from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
     from buggy_rl.viz.rollouts import rollout_figure
@@ -49,11 +50,14 @@ def main() -> None:
     save_run(config, folder)
     (folder / "table.md").write_text(table)
     pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
+    names = [drives.held_out[index].name for index in test.segments.recording.tolist()]
+    file, dt = folder / "rollouts.npz", test.segments.dt
+    save_rollouts(file, names, dt, measured(test.segments), rollouts)
     best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
     shown = {name: rollouts[name] for name in config.shown or best[:3]}
     rollout_figure(measured(test.segments), shown).savefig(folder / "rollouts.png", dpi=110)
     table_figure(rows).savefig(folder / "table.png", dpi=130)
-    print(f"written: {folder}/table.md, table.csv, table.png, rollouts.png")
+    print(f"written: {folder}/table.md, table.csv, table.png, rollouts.png, rollouts.npz")
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "blind_test": SIMULATION
     | {"plants", "policies", "estimation", "identification", "diagnosis", "viz"},
     "transfer": SIMULATION | {"plants", "policies", "blind_test", "viz"},
+    "study": SIMULATION | {"estimation", "identification"},
     "viz": SIMULATION | {"policies"},
     "car": set(),
 }

@@ -169,6 +169,10 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
     origins, classes = _imported(tree), _classes(tree)
     if name not in classes:
         raise ConfigError(f"{module} defines no class {name}")
+    for base in map(ast.unparse, classes[name].bases):
+        inherited = f"{module}:{base}" if base in classes else _home(origins.get(base, ""))
+        if inherited:
+            yield from describe(inherited, prefix)
     body = classes[name].body
     for node, after in zip(body, [*body[1:], None], strict=True):
         if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):

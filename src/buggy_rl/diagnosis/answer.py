@@ -114,6 +114,7 @@ class Answer:
             {
                 "schema": SCHEMA,
                 "verdict": self.verdict,
+                "summary": self.lines(),
                 "located": {
                     "channel_share": self.located.channel_share,
                     "regions": [

@@ -74,3 +74,14 @@ def test_the_camera_draws_back_for_the_farthest_ghost():
         for tracks in ([straight(), near], [straight(), near, far])
     )
     assert two == pytest.approx(one + 0.9 * 1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("y", [0.3, 1.5, -4.0])
+def test_together_all_cars_are_within_the_picture(y):
+    tracks = [straight(), straight(y=y, name="near"), straight(speed=0.5, name="behind")]
+    view = camera.together(tracks, 3.0, ASPECT)
+    reach = view.distance * math.tan(camera.FIELD / 2)
+    for x_, y_ in [(3.0, 0.0), (3.0, y), (1.5, 0.0)]:
+        assert abs(x_ - view.x) < ASPECT * reach
+        assert abs(y_ - view.y) * math.sin(-view.elevation) < reach
+    assert view.distance < 1.9 + 2.2 * max(1.5, abs(y))

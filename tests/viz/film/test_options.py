@@ -62,3 +62,9 @@ def test_a_ghost_is_a_name_or_a_list_of_names(ghost, filmed):
 def test_ghosts_and_names_that_make_no_sense_are_refused(options, said):
     with pytest.raises(ValueError, match=said):
         build(RenderConfig, ["what=x", *options])
+
+
+def test_a_caption_with_a_colon_needs_quotes():
+    with pytest.raises(ValueError, match=r"captions: \{'a': 'b'\} is no text; put quotes"):
+        _ = build(RenderConfig, ["what=x", "captions=[a: b]"]).picture
+    assert build(RenderConfig, ["what=x", "captions=['a: b']"]).picture.captions == ["a: b"]

@@ -57,3 +57,12 @@ def test_a_film_that_fails_leaves_no_file(tmp_path):
         with pytest.raises(ValueError, match="no frame"):
             write_video(iter(()), tmp_path / name, 25)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gif_has_the_colours_of_its_last_frames_too(tmp_path):
+    grey, amber = (np.full((64, 64, 3), c, np.uint8) for c in ((120, 120, 120), (237, 174, 73)))
+    write_video([grey, grey, amber], tmp_path / "late.gif", 10)
+    film = Image.open(tmp_path / "late.gif")
+    film.seek(film.n_frames - 1)
+    shown = np.asarray(film.convert("RGB"), int)
+    assert np.abs(shown - [237, 174, 73]).max() < 8

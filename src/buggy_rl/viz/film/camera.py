@@ -11,6 +11,7 @@ from buggy_rl.viz.film.track import Track
 FIELD = math.radians(45)  # vertical field of view, MuJoCo's default
 SETTLING = 0.22  # [s] time constant with which the camera follows turns and distances
 MEMORY = 5 * SETTLING  # [s] that is weighted; what is older counts less than 1 %
+ROOM = 0.5  # [m] around cars that are shown together
 MARGIN = 0.35  # [m] around what a fixed camera shows
 FARTHEST = 2.6  # [m] to which a moving camera draws back for a ghost that is far away
 
@@ -49,10 +50,23 @@ def fixed(tracks: Sequence[Track], time: float, aspect: float) -> View:
     return View(float(x), float(y), 0.0, float(distance), math.pi / 2, elevation)
 
 
+def together(tracks: Sequence[Track], time: float, aspect: float) -> View:
+    """From the south, as near as all cars fit into the picture."""
+    (x, y, _), _, _ = tracks[0].at(time)
+    apart = [[_difference(tracks[0], ghost, time, axis) for axis in (0, 1)] for ghost in tracks[1:]]
+    low, high = np.min([[0.0, 0.0], *apart], 0), np.max([[0.0, 0.0], *apart], 0)
+    (dx, dy), (width, depth) = (low + high) / 2, high - low
+    elevation = math.radians(-42)
+    half = ROOM + max(width / aspect, depth * math.sin(-elevation)) / 2
+    distance = half / math.tan(FIELD / 2) + depth / 2 * math.cos(elevation)
+    return View(float(x + dx), float(y + dy), 0.0, float(distance), math.pi / 2, elevation)
+
+
 CAMERAS: dict[str, Callable[[Sequence[Track], float, float], View]] = {
     "chase": chase,
     "top": top,
     "fixed": fixed,
+    "together": together,
 }
 
 

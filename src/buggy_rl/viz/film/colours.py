@@ -17,7 +17,7 @@ def pixel(colour: RGB) -> tuple[int, int, int]:
     return red, green, blue
 
 
-CAR, *GHOSTS = rgb(COLOURS[0]), rgb(COLOURS[1]), rgb(COLOURS[4])
+CAR, *GHOSTS = rgb(COLOURS[0]), rgb(COLOURS[1]), rgb(COLOURS[2])
 MOST_GHOSTS = len(GHOSTS)
 OPEN, CLOSED = rgb(COLOURS[2]), rgb(COLOURS[3])
 AHEAD = (0.96, 0.95, 0.92)

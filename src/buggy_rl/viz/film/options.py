@@ -8,7 +8,7 @@ from omegaconf import MISSING
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film.wheels import FULL_LOCK
 
-Camera = Literal["chase", "top", "fixed"]
+Camera = Literal["chase", "top", "fixed", "together"]
 Choice = Literal["auto", "mujoco", "drawing"]
 
 
@@ -29,6 +29,9 @@ class PictureConfig:
     def __post_init__(self) -> None:
         if len(self.size) != 2:
             raise ValueError(f"size={list(self.size)}: must be width and height, as [640,480]")
+        for text in self.captions:
+            if not isinstance(text, str):
+                raise ValueError(f"captions: {text!r} is no text; put quotes around a colon")
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,8 @@ class RenderConfig:
     course: str = "lap"
     """Where policies drive: lap, infinity, random, training, validation, or a CSV file of x, y."""
     camera: Camera = "chase"
-    """Behind the car, above it (top), or standing where all can be seen (fixed)."""
+    """Behind the car, above it (top), standing where all can be seen (fixed), or as near as all
+    cars fit (together)."""
     size: list[int] = field(default_factory=lambda: [640, 480])
     """Width and height [pixel]."""
     fps: float = 25.0

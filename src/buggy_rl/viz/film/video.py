@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from buggy_rl.viz.film.shot import Frame
 
 QUALITY = 21  # H.264's constant rate factor; 18 is visually lossless, 23 the encoder's default
 COLOURS = 128  # of a gif's one palette
+SAMPLED = 12  # frames that it is made for
 
 
 def write_video(frames: Iterable[Frame], file: str | Path, fps: float) -> int:
@@ -71,18 +73,25 @@ def _mp4(frames: Iterator[Frame], file: Path, fps: float) -> None:
 
 
 def _gif(frames: Iterator[Frame], file: Path, fps: float) -> None:
-    first = Image.fromarray(_first(frames))
-    palette = first.quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    first = _first(frames)
     still = Image.Dither.NONE  # dots that dance from frame to frame are worse than a step
-
-    def paletted() -> Iterator[Image.Image]:
+    with TemporaryFile() as raw:  # the palette is that of the whole film
+        raw.write(first.tobytes())
         for frame in frames:
-            yield Image.fromarray(frame).quantize(palette=palette, dither=still)
+            raw.write(frame.tobytes())
+        kept = np.memmap(raw, np.uint8, "r").reshape(-1, *first.shape)
+        palette = _palette(kept)
+        images = (Image.fromarray(f).quantize(palette=palette, dither=still) for f in kept)
+        hundredths = max(2, round(100 / fps))  # it counts in 10 ms; browsers slow down below 20 ms
+        next(images).save(file, "GIF", save_all=True, append_images=images, optimize=False,
+                          duration=10 * hundredths, loop=0)  # fmt: skip
 
-    begin = first.quantize(palette=palette, dither=still)
-    hundredths = max(2, round(100 / fps))  # a gif counts in 10 ms; browsers slow down below 20 ms
-    begin.save(file, "GIF", save_all=True, append_images=paletted(), duration=10 * hundredths,
-               loop=0, optimize=False)  # fmt: skip
+
+def _palette(frames: np.ndarray) -> Image.Image:
+    """An image whose palette has the colours of frames [N, H, W, 3] spread over the film."""
+    chosen = np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).round().astype(int)
+    spread = Image.fromarray(np.concatenate(frames[chosen]))
+    return spread.quantize(COLOURS, Image.Quantize.MEDIANCUT)
 
 
 def _png(frames: Iterator[Frame], file: Path, fps: float) -> None:

@@ -1,0 +1,66 @@
+"""A whole study by one command: from a folder of recordings to study.html.
+
+    python scripts/study.py configs/study.yaml data.recordings=[my/folder] output=runs/my_study
+    python scripts/study.py configs/sample.yaml configs/study.yaml output=runs/sample_study
+
+Trains models, fits the simulator, compares them on held-out recordings, trains a policy in each of
+two, drives them everywhere, diagnoses the fitted simulator on the held-out recordings, judges the
+repaired one, draws the figures and writes OUTPUT/study.html. Each stage is a script that could be
+run by hand; its log lies in OUTPUT/stages/NAME. Started again, it does not run again what is there.
+"""
+
+import sys
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, run, save_run
+
+
+def main() -> None:
+    """Runs the stages, then writes the page."""
+    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig")
+
+    import json
+    from datetime import date
+
+    from tqdm import tqdm
+
+    from buggy_rl.files import write_atomically
+    from buggy_rl.identification.study import load_drives
+    from buggy_rl.study.page import Made, page
+    from buggy_rl.study.stages import Plan
+
+    folder = Path(config.output)
+    save_run(config, folder)
+    drives = load_drives(config.data, on_refusal=tqdm.write)
+    plan = Plan(config, [r.source for r in drives.held_out], Path(__file__).parent)
+    plan.write()
+    stages = []
+    for wave in plan.waves():
+        stages += wave
+        follow(wave, config.workers)
+    commit = json.loads((folder / "run.json").read_text())["commit"]
+    made = Made(" ".join(["python", *sys.argv]), commit, date.today().isoformat())
+    write_atomically(folder / "study.html", page(plan, drives, stages, made))
+    print(f"written: {folder / 'study.html'}")
+
+
+def follow(wave, workers) -> None:
+    """Runs the stages of a wave, with a line for each that has ended."""
+    from tqdm import tqdm
+
+    from buggy_rl.jobs import run_jobs
+
+    waiting = {stage.job.name: stage.title for stage in wave if not stage.job.done}
+    with tqdm(bar_format="{elapsed} {desc}") as bar:
+        bar.set_description_str(" | ".join(waiting.values()))
+        for progress in run_jobs([stage.job for stage in wave], workers):
+            bar.update(0)
+            bar.refresh()
+            if progress.outcome is not None:
+                title = waiting.pop(progress.job.name)
+                tqdm.write(f"{title}: {progress.outcome.status}, {progress.outcome.seconds:.0f} s")
+                bar.set_description_str(" | ".join(waiting.values()))
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,1 @@
+"""A whole study: from a folder of recordings to one page, stage by stage."""

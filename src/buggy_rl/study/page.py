@@ -1,0 +1,116 @@
+"""study.html: a whole study as one file that needs no other and no network."""
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
+
+from buggy_rl.identification.rollouts import load_rollouts
+from buggy_rl.identification.study import Drives
+from buggy_rl.study import results
+from buggy_rl.study.player import player
+from buggy_rl.study.stages import Plan, Stage
+
+TYPES = {".png": "image/png", ".mp4": "video/mp4", ".svg": "image/svg+xml"}
+PLAYED = 5  # simulators in the player: the best ones, the fitted and the one as shipped
+LARGEST = 400_000  # [byte] of a picture or film that is put into the page
+
+
+@dataclass(frozen=True)
+class Made:
+    """How the study was made."""
+
+    command: str
+    commit: str
+    date: str
+
+
+def page(plan: Plan, drives: Drives, stages: Sequence[Stage], made: Made) -> str:
+    """The page, from what the stages have written.
+
+    Args:
+        plan: Of the study, all stages run.
+        drives: Its recordings.
+        stages: In the order in which they were run.
+        made: For the foot of the page.
+
+    Returns:
+        HTML.
+    """
+    folder, config = plan.folder, plan.config
+    table = results.simulators(folder)
+    fitted = f"{config.fit_simulator}, fitted"
+    policies = results.policies(folder)
+    return (
+        _templates()
+        .get_template("study/study.html.jinja")
+        .render(
+            title=config.title or folder.name,
+            made=made,
+            stages=results.ran(stages),
+            recordings=results.recordings(drives),
+            simulators=table,
+            fitted=fitted,
+            parameters=results.fitted(plan.fitted),
+            policies=policies,
+            driven=_driven(policies),
+            transfer=results.transfer(policies),
+            diagnosis=results.diagnosis(folder),
+            repair=results.repaired(folder, fitted),
+            played=_played(folder, table, fitted),
+            pictures=embedded(sorted((folder / "figures").glob("*.png"))),
+            films=embedded(sorted((folder / "films").glob("*.mp4"))),
+        )
+    )
+
+
+def embedded(files: Sequence[Path]) -> dict[str, str]:
+    """Name -> data URI of each file that is not too large for the page."""
+    return {
+        file.stem.replace("_", " "): _data_uri(file)
+        for file in files
+        if file.stat().st_size <= LARGEST
+    }
+
+
+def _data_uri(file: Path) -> str:
+    content = base64.b64encode(file.read_bytes()).decode()
+    return f"data:{TYPES[file.suffix]};base64,{content}"
+
+
+def _played(folder: Path, table: Sequence[Mapping[str, Any]], fitted: str) -> str:
+    """The player's data as JSON that can stand in a script element."""
+    names = [row["simulator"] for row in table]
+    shown = list(dict.fromkeys([*names[: PLAYED - 1], *(n for n in names if n == fitted)]))
+    content = player(load_rollouts(folder / "rollouts.npz"), shown)
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _driven(policies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Waypoints by (policy, place) and course, for a table."""
+    courses = list(dict.fromkeys(row["course"] for row in policies))
+    cells = {(r["policy"], r["place"], r["course"]): r["waypoints"] for r in policies}
+    pairs = list(dict.fromkeys((r["policy"], r["place"]) for r in policies))
+    rows = [(*pair, [cells.get((*pair, course)) for course in courses]) for pair in pairs]
+    return {"courses": courses, "rows": rows}
+
+
+def _templates() -> Environment:
+    loader = PrefixLoader(
+        {
+            "study": PackageLoader("buggy_rl.study", ""),
+            "report": PackageLoader("buggy_rl.diagnosis.report", ""),
+        }
+    )
+    return Environment(
+        loader=loader,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )

@@ -1,0 +1,196 @@
+"""The stages of a study: one script each, run once, in the order of what they need.
+
+A stage's job folder is OUTPUT/stages/NAME; what its script writes lies where the script would put
+it by hand. A stage whose outcome is there is not run again.
+"""
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from buggy_rl.config import plain
+from buggy_rl.files import write_atomically
+from buggy_rl.identification.study import StudyConfig, fit_file, model_file, model_runs
+from buggy_rl.jobs import Job
+from buggy_rl.study.config import WholeStudyConfig
+
+FILE = "study.yaml"
+KINDS = "learned", "fitted"
+"""Names of the two simulators that policies are trained in."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A job, and what it is for."""
+
+    job: Job
+    title: str
+    """On the page."""
+
+
+class Plan:
+    """All stages of a study.
+
+    Args:
+        config: The study.
+        held_out: Files of the held-out recordings, which the diagnosis compares.
+        scripts: The folder of the project's scripts.
+    """
+
+    def __init__(self, config: WholeStudyConfig, held_out: Sequence[str], scripts: Path) -> None:
+        self.config, self.folder, self._scripts = config, Path(config.output), scripts
+        self._held_out = held_out
+        self._study = StudyConfig(**config.of_simulators)
+
+    def write(self) -> Path:
+        """Writes the part of the config that scripts of the study take."""
+        file = self.folder / FILE
+        write_atomically(file, yaml.safe_dump(plain(self._study), sort_keys=False))
+        return file
+
+    def waves(self) -> Iterator[Sequence[Stage]]:
+        """Groups of stages; those of a group need only what earlier groups have written.
+
+        A generator, since the best learned model is known only when the table is there.
+        """
+        models, mujoco = self._models(), self._fit()
+        yield [models, mujoco]
+        yield [self._table()]
+        yield [*self._policies(), self._diagnosis()]
+        yield [self._repair(), *self._tables()]
+        yield list(self._films())
+
+    @property
+    def fitted(self) -> Path:
+        """The simulator file that the fit writes."""
+        return self.folder / fit_file(self._study)
+
+    @property
+    def simulators(self) -> dict[str, Path]:
+        """The simulators that policies are trained in: the best learned model, the fitted one."""
+        return dict(zip(KINDS, (self.best_model(), self.fitted), strict=True))
+
+    @property
+    def repaired(self) -> Path:
+        """The repaired simulator that the diagnosis writes."""
+        return self.folder / "diagnosis" / "repaired.yaml"
+
+    def policies(self) -> dict[str, list[Path]]:
+        """Kind -> the policies trained in that simulator, one a seed."""
+        seeds = self.config.policy.seeds
+        return {kind: [self._policy(kind, seed) / "best.pt" for seed in seeds] for kind in KINDS}
+
+    def best_model(self) -> Path:
+        """The trained model with the smallest 1 s error in the study's table.
+
+        Raises:
+            ValueError: The table has no learned model.
+        """
+        names = {name: model_file(self._study, name) for name, _, _ in model_runs(self._study)}
+        with (self.folder / "table.csv").open() as lines:
+            rows = [row for row in csv.DictReader(lines) if row["simulator"] in names]
+        if not rows:
+            raise ValueError(f"{self.folder}/table.csv has no learned model: name some under runs")
+        best = min(rows, key=lambda row: float(row["position_mse_1s"]))
+        return names[best["simulator"]]
+
+    def _stage(
+        self,
+        name: str,
+        title: str,
+        script: str,
+        arguments: Sequence[str],
+        inputs: Sequence[Path] = (),
+        checkpoint: str = "",
+    ) -> Stage:
+        command = (str(self._scripts / script), *arguments)
+        job = Job(
+            name,
+            self.folder / "stages" / name,
+            command,
+            inputs=tuple(str(file) for file in inputs),
+            checkpoint=checkpoint,
+        )
+        return Stage(job, title)
+
+    def _models(self) -> Stage:
+        return self._stage("models", "Learned models", "train_models.py", [self._file])
+
+    def _fit(self) -> Stage:
+        return self._stage("fit", "Fitted simulator", "fit_mujoco.py", [self._file])
+
+    def _table(self) -> Stage:
+        return self._stage("table", "Open-loop errors", "evaluate_models.py", [self._file])
+
+    def _policy(self, kind: str, seed: int) -> Path:
+        return self.folder / "policies" / f"{kind}_{seed}"
+
+    def _policies(self) -> Iterator[Stage]:
+        policy = self.config.policy
+        for seed in policy.seeds:
+            for kind, simulator in self.simulators.items():
+                folder = self._policy(kind, seed)
+                own = [f"engine.simulator={simulator}", f"seed={seed}", f"output={folder}"]
+                yield self._stage(
+                    f"policy_{kind}_{seed}",
+                    f"Policy trained in the {kind} simulator, seed {seed}",
+                    "train_policy.py",
+                    [*policy.configs, *policy.options, *own],
+                    [simulator],
+                    str(folder.resolve() / "checkpoint.pt"),
+                )
+
+    def _tables(self) -> Iterator[Stage]:
+        if not self.config.policy.seeds:
+            return
+        files = [file for files in self.policies().values() for file in files]
+        named = [f"policies.{kind}=[{_listed(own)}]" for kind, own in self.policies().items()]
+        named += [f"simulators.{kind}={file}" for kind, file in self.simulators.items()]
+        arguments = [*named, f"output={self.folder / 'policies'}"]
+        yield self._stage(
+            "policies", "Policies on every engine", "evaluate_policies.py", arguments, files
+        )
+
+    def _diagnosis(self) -> Stage:
+        data = self.config.data
+        arguments = [
+            f"simulator={self.fitted}",
+            f"recordings=[{','.join(self._held_out)}]",
+            *([f"columns={data.columns}"] if data.columns else []),
+            *self.config.diagnosis,
+            f"output={self.folder / 'diagnosis'}",
+        ]
+        return self._stage("diagnosis", "Diagnosis", "diagnose.py", arguments, [self.fitted])
+
+    def _repair(self) -> Stage:
+        arguments = [
+            self._file,
+            f"simulators.repaired={self.repaired}",
+            f"output={self.folder / 'repair'}",
+        ]
+        return self._stage(
+            "repair", "Repaired simulator", "evaluate_models.py", arguments, [self.repaired]
+        )
+
+    def _films(self) -> Iterator[Stage]:
+        seconds = self.config.film_seconds
+        if not seconds:
+            return
+        common = [f"seconds={seconds:g}", "size=[480,360]"]
+        if self.config.policy.seeds:
+            policy = self.policies()["fitted"][0]
+            course = f"course={self.config.policy.course}"
+            file = f"output={self.folder / 'films' / 'policy.mp4'}"
+            arguments = [f"what={policy}", "ghost=pure_pursuit", course, file, *common]
+            yield self._stage("film_policy", "Film of a policy", "render.py", arguments, [policy])
+
+    @property
+    def _file(self) -> str:
+        return str(self.folder / FILE)
+
+
+def _listed(files: Sequence[Path]) -> str:
+    return ",".join(map(str, files))

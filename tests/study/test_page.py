@@ -1,0 +1,104 @@
+"""The page, over made-up results."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.identification.study import Drives, RunConfig
+from buggy_rl.study.config import WholeStudyConfig
+from buggy_rl.study.page import Made, page
+from buggy_rl.study.stages import Plan
+from tests.drives import toy_drive
+from tests.study import made
+
+VOID = {"meta", "link", "img", "br", "input"}
+
+
+@pytest.fixture
+def html(tmp_path):
+    made.write(tmp_path)
+    config = WholeStudyConfig(output=str(tmp_path), title="a <b> car", runs={"MLP": RunConfig()})
+    plan = Plan(config, ["drive_07.csv"], Path("scripts"))
+    stages = [stage for wave in plan.waves() for stage in wave]
+    drives = Drives(*([toy_drive(name, 300, seed=0)] for name in ("one", "two", "three")))
+    return page(plan, drives, stages, Made("python scripts/study.py", "abc1234", "2026-11-23"))
+
+
+class Checked(HTMLParser):
+    """Every element is closed in order; ids and references are gathered."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.links = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given["href"]] if "href" in given else []
+        self.links += [given["src"]] if "src" in given else []
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def text(html):
+    return " ".join(re.sub(r"<(script|style).*?</\1>|<[^>]*>", " ", html, flags=re.S).split())
+
+
+def test_the_page_is_well_formed_and_refers_to_nothing_outside(html):
+    found = Checked(html)
+    assert len(found.ids) == len(set(found.ids))
+    for link in found.links:
+        assert link.startswith(("#", "data:")) or link == "diagnosis/report.html"
+        assert not link.startswith("#") or link[1:] in found.ids
+
+
+def test_every_table_names_the_stage_that_wrote_it(html):
+    sources = re.findall(r'written by stage <a href="#stage-(\w+)"', html)
+    stages = ["table", "fit", "table", "policies", "diagnosis", "repair"]
+    assert sources == stages
+    assert 'id="stage-policy_learned_0"' in html
+
+
+def test_texts_are_escaped(html):
+    assert "a &lt;b&gt; car" in html
+    assert "late &lt;60 ms&gt;" in html
+    assert "weak &lt;b&gt;" in html
+
+
+def test_it_says_what_the_stages_found(html):
+    said = text(html)
+    assert "mujoco, fitted , 1 s position MSE 0.00200 m²" in said
+    assert "steering_dead_time, confidence 97 %" in said
+    assert "dead_time: 0.06 s (0.055 to 0.065)" in said
+    assert "learned: 6.0 in fitted, 12.0 in car" in said
+    assert "fitted: 6.0 in learned, 12.0 in car" in said
+
+
+def test_the_player_has_the_fitted_simulator_and_the_best_ones(html):
+    content = re.search(r'<script type="application/json" id="played">(.*?)</script>', html)[1]
+    first = json.loads(content)["segments"][0]
+    assert list(first["made"]) == ["mujoco, fitted", "MLP", "mujoco, as shipped"]
+    off = {"mujoco, fitted": 0.1, "MLP": 0.1, "mujoco, as shipped": 0.5}
+    assert first["error"] == pytest.approx(off)
+
+
+def test_a_picture_too_large_for_the_page_is_left_out(html):
+    assert 'alt="signals raw"' in html
+    assert "too large" not in html
+
+
+def test_without_policies_the_page_says_so(tmp_path):
+    made.write(tmp_path)
+    (tmp_path / "policies" / "policies.csv").unlink()
+    config = WholeStudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    plan = Plan(config, [], Path("scripts"))
+    html = page(plan, Drives([], [], []), [], Made("", "", ""))
+    assert "No policies were trained" in html
