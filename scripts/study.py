@@ -53,8 +53,7 @@ def follow(wave, workers) -> None:
     waiting = {stage.job.name: stage.title for stage in wave if not stage.job.done}
     with tqdm(bar_format="{elapsed} {desc}") as bar:
         bar.set_description_str(" | ".join(waiting.values()))
-        for progress in run_jobs([stage.job for stage in wave], workers):
-            bar.update(0)
+        for progress in run_jobs([stage.job for stage in wave], workers, poll=1.0):
             bar.refresh()
             if progress.outcome is not None:
                 title = waiting.pop(progress.job.name)

@@ -52,7 +52,7 @@ def write(folder):
     (folder / "mujoco_fitted.yaml").write_text(yaml.safe_dump(content))
     (folder / "diagnosis").mkdir()
     (folder / "diagnosis" / "diagnosis.json").write_text(json.dumps(ANSWER))
-    table(folder / "repair", {"mujoco, fitted": 0.002, "repaired": 0.0005, "MLP": 0.004})
+    table(folder / "repair", {"fitted": 0.002, "repaired": 0.0005, "hold last": 0.4})
     (folder / "policies").mkdir()
     rows = ["policy,place,course,waypoints"]
     for policy in ("learned", "fitted"):

@@ -63,9 +63,18 @@ def test_without_a_learned_model_the_remedy_is_named(config):
 
 
 def test_the_scripts_get_the_config_of_the_study_alone(config):
-    content = yaml.safe_load(plan(config).write().read_text())
+    plan(config).write()
+    content = yaml.safe_load((Path(config.output) / "study.yaml").read_text())
     assert from_plain(StudyConfig, content, "study.yaml").runs.keys() == config.runs.keys()
     assert "policy" not in content
+
+
+def test_the_repaired_simulator_is_compared_with_the_fitted_one_alone(config):
+    plan(config).write()
+    content = yaml.safe_load((Path(config.output) / "repair.yaml").read_text())
+    repair = from_plain(StudyConfig, content, "repair.yaml")
+    assert list(repair.simulators) == ["fitted", "repaired"]
+    assert (repair.runs, repair.data) == ({}, config.data)
 
 
 def test_the_shipped_config_is_a_study_of_its_own():

@@ -60,7 +60,7 @@ def page(plan: Plan, drives: Drives, stages: Sequence[Stage], made: Made) -> str
             driven=_driven(policies),
             transfer=results.transfer(policies),
             diagnosis=results.diagnosis(folder),
-            repair=results.repaired(folder, fitted),
+            repair=results.repaired(folder),
             played=_played(folder, table, fitted),
             pictures=embedded(sorted((folder / "figures").glob("*.png"))),
             films=embedded(sorted((folder / "films").glob("*.mp4"))),

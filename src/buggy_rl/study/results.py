@@ -97,10 +97,10 @@ def transfer(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return result
 
 
-def repaired(folder: Path, fitted_name: str) -> list[dict[str, Any]]:
+def repaired(folder: Path) -> list[dict[str, Any]]:
     """The rows of the fitted and of the repaired simulator, over the same held-out segments."""
     rows = {row["simulator"]: row for row in simulators(folder / "repair")}
-    return [rows[name] for name in (fitted_name, "repaired") if name in rows]
+    return [rows[name] for name in ("fitted", "repaired") if name in rows]
 
 
 def diagnosis(folder: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ it by hand. A stage whose outcome is there is not run again.
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -17,7 +17,7 @@ from buggy_rl.identification.study import StudyConfig, fit_file, model_file, mod
 from buggy_rl.jobs import Job
 from buggy_rl.study.config import WholeStudyConfig
 
-FILE = "study.yaml"
+FILE, REPAIR = "study.yaml", "repair.yaml"
 KINDS = "learned", "fitted"
 """Names of the two simulators that policies are trained in."""
 
@@ -45,11 +45,15 @@ class Plan:
         self._held_out = held_out
         self._study = StudyConfig(**config.of_simulators)
 
-    def write(self) -> Path:
-        """Writes the part of the config that scripts of the study take."""
-        file = self.folder / FILE
-        write_atomically(file, yaml.safe_dump(plain(self._study), sort_keys=False))
-        return file
+    def write(self) -> None:
+        """Writes the configs that scripts take: of the study, and of the table after the repair."""
+        compared = {"fitted": str(self.fitted), "repaired": str(self.repaired)}
+        repair = replace(
+            self._study, output=str(self.folder / "repair"), runs={}, only=[], simulators=compared
+        )
+        for file, study in ((FILE, self._study), (REPAIR, repair)):
+            content = yaml.safe_dump(plain(study), sort_keys=False)
+            write_atomically(self.folder / file, content)
 
     def waves(self) -> Iterator[Sequence[Stage]]:
         """Groups of stages; those of a group need only what earlier groups have written.
@@ -166,13 +170,9 @@ class Plan:
         return self._stage("diagnosis", "Diagnosis", "diagnose.py", arguments, [self.fitted])
 
     def _repair(self) -> Stage:
-        arguments = [
-            self._file,
-            f"simulators.repaired={self.repaired}",
-            f"output={self.folder / 'repair'}",
-        ]
+        file = str(self.folder / REPAIR)
         return self._stage(
-            "repair", "Repaired simulator", "evaluate_models.py", arguments, [self.repaired]
+            "repair", "Repaired simulator", "evaluate_models.py", [file], [self.repaired]
         )
 
     def _films(self) -> Iterator[Stage]:
