@@ -13,6 +13,7 @@ from buggy_rl.diagnosis.search import (
     warm_started,
 )
 from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.effects import effect_class
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import fitted, linearised
 from tests.diagnosis.planted import problem_of
@@ -43,9 +44,10 @@ def test_a_fit_that_is_stuck_is_warm_started_from_where_its_effect_came_to_besid
     problem = problem_of(drives["late"], FEW)
     criteria = Criteria(blocks(problem.segments))
     state, _ = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
+    planted = 0.06 / effect_class("steering_dead_time").declared[0].size
     starts = [
-        problem.library.hypothesis(["steering_dead_time"], [0.1, 0.0]),
-        problem.library.hypothesis(["steering_dead_time", "viscous_drag"], [1.2, 0.0, 0.0]),
+        problem.library.hypothesis(["steering_dead_time"], [0.1 * planted, 0.0]),
+        problem.library.hypothesis(["steering_dead_time", "viscous_drag"], [1.2 * planted, 0, 0]),
     ]
     fits = linearised(problem, problem.rolled_out(starts))  # neither is fitted any further
     known = cross_validated(problem, fits, criteria.group)
@@ -57,8 +59,7 @@ def test_a_fit_that_is_stuck_is_warm_started_from_where_its_effect_came_to_besid
     assert better is not None
     assert better.effects == base.effects
     assert state.loss(better) < state.loss(base)
-    # Planted are 60 ms, which is the prior scale.
-    assert float(better.fit.vector[0]) == pytest.approx(1.0, abs=0.05)
+    assert float(better.fit.vector[0]) == pytest.approx(planted, rel=0.05)
     assert warm_started(state, better, criteria)[1] is None  # no vector beside others is better
 
 

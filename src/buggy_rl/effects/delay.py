@@ -1,7 +1,6 @@
 """Delays of a whole or fractional number of control periods, and first-order lags."""
 
 import math
-from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -15,13 +14,21 @@ DEAD_TIME_SOURCE = "Astrom & Murray 2008, Feedback Systems, table 8.1 (time dela
 LAG_SOURCE = "Astrom & Murray 2008, Feedback Systems, table 8.1 (first-order system)"
 
 
+def dead_time(size: float) -> tuple[EffectParameter]:
+    """The parameter of a dead time, of a prior scale [s]."""
+    return (EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", size, 0.01),)
+
+
+def time_constant(size: float) -> tuple[EffectParameter]:
+    """The parameter of a first-order lag, of a prior scale [s]."""
+    meaning = "Time to 63 % of a step."
+    return (EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", meaning, size, 0.01),)
+
+
 class DeadTimeEffect(Effect):
     """A dead time of whole + share periods, by a memory of past rows."""
 
     source = DEAD_TIME_SOURCE
-    declared: ClassVar[tuple[EffectParameter, ...]] = (
-        EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", 0.06, 0.01),
-    )
 
     def _values_changed(self) -> None:
         self._rows_back = rows_back(self.values["dead_time"], self.dt)

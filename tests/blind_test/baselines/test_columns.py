@@ -5,13 +5,17 @@ import torch
 
 from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.baselines.columns import SPAN, columns, features
-from buggy_rl.effects import EFFECTS
+from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.estimation.sensor_noise import sensor_noise
 from tests.blind_test.baselines.folder import shown
 
 CHANNELS = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
+
+
+def prior_scale(effect):
+    return effect_class(effect).declared[0].size
 
 
 def found(drives, folder, *effects, engine="single_track"):
@@ -29,8 +33,7 @@ def test_a_right_simulator_lacks_no_more_than_noise(drives, tmp_path):
 def test_an_effect_explains_what_a_car_with_it_lacks(drives, tmp_path):
     made = found(drives["draggy"], tmp_path, "viscous_drag", "steering_gain")
     assert [feature.effect for feature in made.features] == ["viscous_drag", "steering_gain"]
-    # 0.8 1/s is four times the effect's size of 0.2 1/s.
-    left = made.lacking - 4 * made.explained[0]
+    left = made.lacking - 0.8 / prior_scale("viscous_drag") * made.explained[0]  # of 0.8 1/s
     assert float(left[..., 3].norm()) < 0.4 * float(made.lacking[..., 3].norm())
     assert float(made.explained[0, ..., 4].abs().max()) < float(made.explained[1, ..., 4].std())
 
@@ -38,9 +41,9 @@ def test_an_effect_explains_what_a_car_with_it_lacks(drives, tmp_path):
 def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
     made = found(drives["nothing"], tmp_path, "gyro_bias", engine="hold")
     noise = sensor_noise(cut_segments(drives["nothing"], 1.3, 1.0))
-    # `hold` turns on with the yaw rate it is given; of 0.08 rad/s less, that much is left over in
-    # the heading: 0.08 rad/s over ten rows in units of its noise, and nothing in any other rate.
-    expected = -0.08 * SPAN * 0.01 / float(noise[2])
+    # `hold` turns on with the yaw rate it is given; of a bias less, that much is left over in the
+    # heading: the bias over ten rows in units of its noise, and nothing in any other rate.
+    expected = -prior_scale("gyro_bias") * SPAN * 0.01 / float(noise[2])
     yaw = made.explained[0, ..., CHANNELS.index("yaw")]
     torch.testing.assert_close(yaw, torch.full_like(yaw, expected), rtol=0.02, atol=0.0)
     rest = made.explained[0, ..., [0, 1, 3, 4, 5]].abs().max()

@@ -57,7 +57,7 @@ class SteeringRateLimit(ServoEffect):
             NO_LIMIT,
             "1/s",
             "Fastest change of the steering command, of which the whole range is 2.",
-            size=6.0,
+            size=7.0,
             probe=6.0 - NO_LIMIT,
             reciprocal=True,
         ),

@@ -21,7 +21,7 @@ class SteeringGain(CommandEffect):
     source = f"{STEERING_MAP} (slope of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
-            "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering given.", 0.15, 0.02
+            "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering given.", 0.2, 0.02
         ),
     )
 
@@ -42,7 +42,7 @@ class SteeringOffset(CommandEffect):
     source = f"{STEERING_MAP} (offset of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
-            "offset", 0.0, -0.8, 0.8, "-", "Added to the steering command.", 0.06, 0.01
+            "offset", 0.0, -0.8, 0.8, "-", "Added to the steering command.", 0.15, 0.01
         ),
     )
 
@@ -69,7 +69,7 @@ class SteeringAsymmetry(CommandEffect):
     source = f"{STEERING_MAP} (separate branches of that map to the left and to the right)"
     declared = (
         EffectParameter(
-            "left_to_right", 1.0, 0.2, 5.0, "-", "Gain to the left over gain right.", 0.2, 0.02
+            "left_to_right", 1.0, 0.2, 5.0, "-", "Gain to the left over gain right.", 0.22, 0.02
         ),
     )
 

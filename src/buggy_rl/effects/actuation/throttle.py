@@ -111,7 +111,7 @@ class ThrottleDeadband(DriveEffect):
     deciding = ("width",)
     declared = (
         EffectParameter(
-            "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.08, 0.01
+            "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.16, 0.01
         ),
         EffectParameter(
             "restored", 0.0, 0.0, 1.0, "-", "Share given back at full throttle.", 0.5, 0.05
@@ -148,7 +148,7 @@ class BatterySag(DriveGainEffect):
             1.0,
             "1/min",
             "Share of the drive that is lost each minute of driving.",
-            size=0.15,
+            size=0.06,
             probe=0.02,
         ),
     )

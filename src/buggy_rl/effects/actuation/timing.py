@@ -11,8 +11,13 @@ import torch
 from torch import Tensor
 
 from buggy_rl.effects.actuation.command import RememberingCommand
-from buggy_rl.effects.base import EffectParameter
-from buggy_rl.effects.delay import LAG_SOURCE, DeadTimeEffect, lag_decay
+from buggy_rl.effects.delay import (
+    LAG_SOURCE,
+    DeadTimeEffect,
+    dead_time,
+    lag_decay,
+    time_constant,
+)
 
 
 class DeadTime(DeadTimeEffect, RememberingCommand):
@@ -52,9 +57,6 @@ class Lag(RememberingCommand):
     equation = "time_constant du'/dt = u - u'"
     source = LAG_SOURCE
     lasting = True
-    declared = (
-        EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", "Time to 63 % of a step.", 0.08, 0.01),
-    )
     response: ClassVar[str]
     """What the lag does, in words."""
 
@@ -77,6 +79,7 @@ class ThrottleDeadTime(DeadTime):
     """The throttle acts with a dead time."""
 
     name = "throttle_dead_time"
+    declared = dead_time(0.05)
     channel = 0
     subject = "throttle"
 
@@ -85,6 +88,7 @@ class SteeringDeadTime(DeadTime):
     """The steering acts with a dead time."""
 
     name = "steering_dead_time"
+    declared = dead_time(0.10)
     channel = 1
     subject = "steering"
 
@@ -93,6 +97,7 @@ class ThrottleLag(Lag):
     """The throttle acts through a first-order lag."""
 
     name = "throttle_lag"
+    declared = time_constant(0.10)
     channel = 0
     response = "the throttle builds up"
 
@@ -101,5 +106,6 @@ class SteeringLag(Lag):
     """The steering acts through a first-order lag."""
 
     name = "steering_lag"
+    declared = time_constant(0.13)
     channel = 1
     response = "the wheels turn"

@@ -35,7 +35,7 @@ class Payload(MotionEffect):
     equation = "(dvx/dt + rolling + braking of the turned wheels) / mass_ratio"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1)"
     declared = (
-        EffectParameter("mass_ratio", 1.0, 0.5, 3.0, "-", "Mass over the simulated.", 0.2, 0.02),
+        EffectParameter("mass_ratio", 1.0, 0.5, 3.0, "-", "Mass over the simulated.", 0.25, 0.02),
     )
     option_names = ("rolling",)
     rolling: float = ROLLING
@@ -82,7 +82,7 @@ class MotorPowerLimit(MotorEffect):
             UNLIMITED,
             "W/kg",
             "Largest power of the motor over the mass.",
-            size=8.0,
+            size=15.0,
             probe=8.0 - UNLIMITED,
             reciprocal=True,
         ),
@@ -115,7 +115,7 @@ class TopSpeed(MotorEffect):
     )
     declared = (
         EffectParameter(
-            "speed_ratio", 1.0, 0.2, 3.0, "-", "No-load speed over the simulated.", 0.15, 0.02
+            "speed_ratio", 1.0, 0.2, 3.0, "-", "No-load speed over the simulated.", 0.3, 0.02
         ),
     )
     option_names = ("coasting", "speed_loss")

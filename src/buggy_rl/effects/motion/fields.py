@@ -26,8 +26,8 @@ class FloorSlope(MotionEffect):
     equation = "dv_world/dt = (along_x, along_y) tanh(speed / 0.1 m/s)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1) (m g sin(slope))"
     declared = (
-        EffectParameter("along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.25, 0.03),
-        EffectParameter("along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.25, 0.03),
+        EffectParameter("along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.2, 0.03),
+        EffectParameter("along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.2, 0.03),
     )
 
     @classmethod
@@ -55,8 +55,8 @@ class Wind(MotionEffect):
     equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 4.1.1 (drag with wind)"
     declared = (
-        EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.2, 0.03),
-        EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.2, 0.03),
+        EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.1, 0.03),
+        EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.1, 0.03),
     )
 
     @classmethod

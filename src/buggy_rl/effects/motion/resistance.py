@@ -28,7 +28,7 @@ class AerodynamicDrag(MotionEffect):
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (aerodynamic drag)"
     declared = (
         EffectParameter(
-            "coefficient", 0.0, -0.05, 2.0, "1/m", "Deceleration over speed squared.", 0.08, 0.01
+            "coefficient", 0.0, -0.05, 2.0, "1/m", "Deceleration over speed squared.", 0.02, 0.01
         ),
     )
 
@@ -50,7 +50,7 @@ class RollingResistance(MotionEffect):
     equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s)"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (rolling resistance)"
     declared = (
-        EffectParameter("deceleration", 0.0, -0.5, 5.0, "m/s^2", "Whatever the speed.", 0.3, 0.05),
+        EffectParameter("deceleration", 0.0, -0.5, 5.0, "m/s^2", "Whatever the speed.", 0.2, 0.05),
     )
 
     @classmethod
@@ -70,7 +70,7 @@ class ViscousDrag(MotionEffect):
     equation = "dvx/dt = -rate vx"
     source = "Armstrong-Helouvry, Dupont & Canudas de Wit 1994, Automatica 30(7) (viscous friction)"
     declared = (
-        EffectParameter("rate", 0.0, -0.2, 5.0, "1/s", "Deceleration over speed.", 0.2, 0.02),
+        EffectParameter("rate", 0.0, -0.2, 5.0, "1/s", "Deceleration over speed.", 0.45, 0.02),
     )
 
     @classmethod
@@ -94,7 +94,7 @@ class CorneringDrag(MotionEffect):
     )
     declared = (
         EffectParameter(
-            "coefficient", 0.0, -0.3, 2.0, "-", "Deceleration over lateral one.", 0.15, 0.02
+            "coefficient", 0.0, -0.3, 2.0, "-", "Deceleration over lateral one.", 0.1, 0.02
         ),
     )
 

@@ -54,7 +54,7 @@ class OneSidedDrag(YawEffect):
     )
     declared = (
         EffectParameter(
-            "yaw_acceleration", 0.0, -100.0, 100.0, "rad/s^2", "Positive to the left.", 5.0, 0.5
+            "yaw_acceleration", 0.0, -100.0, 100.0, "rad/s^2", "Positive to the left.", 8.0, 0.5
         ),
     )
 
@@ -79,7 +79,7 @@ class YawDamping(YawEffect):
     equation = "dr/dt = -rate r"
     source = "Milliken & Milliken 1995, Race Car Vehicle Dynamics, ch. 5 (yaw damping derivative)"
     declared = (
-        EffectParameter("rate", 0.0, -5.0, 100.0, "1/s", "Yaw deceleration over rate.", 3.0, 0.3),
+        EffectParameter("rate", 0.0, -5.0, 100.0, "1/s", "Yaw deceleration over rate.", 5.0, 0.3),
     )
 
     @classmethod

@@ -71,7 +71,7 @@ class SpeedScale(MemorylessSensing):
     source = f"{INERTIAL}, ch. 4 (scale-factor error)"
     declared = (
         EffectParameter(
-            "ratio", 1.0, 0.2, 5.0, "-", "Measured speed over the true one.", 0.08, 0.01
+            "ratio", 1.0, 0.2, 5.0, "-", "Measured speed over the true one.", 0.03, 0.01
         ),
     )
 
@@ -92,7 +92,7 @@ class GyroBias(MemorylessSensing):
     name = "gyro_bias"
     equation = "yaw_rate + bias"
     source = f"{INERTIAL}, ch. 4 (fixed bias)"
-    declared = (EffectParameter("bias", 0.0, -2.0, 2.0, "rad/s", "Measured at rest.", 0.08, 0.01),)
+    declared = (EffectParameter("bias", 0.0, -2.0, 2.0, "rad/s", "Measured at rest.", 0.02, 0.01),)
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

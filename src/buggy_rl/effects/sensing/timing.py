@@ -13,8 +13,16 @@ from torchrl.data import Composite, TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.effects.base import EffectParameter, numbers_spec
-from buggy_rl.effects.delay import LAG_SOURCE, DeadTimeEffect, lag_decay, rows_back, taps
+from buggy_rl.effects.base import numbers_spec
+from buggy_rl.effects.delay import (
+    LAG_SOURCE,
+    DeadTimeEffect,
+    dead_time,
+    lag_decay,
+    rows_back,
+    taps,
+    time_constant,
+)
 from buggy_rl.effects.sensing.base import SensingEffect, measured
 from buggy_rl.effects.sensing.mounting import over_time
 from buggy_rl.vehicle import rotate
@@ -30,6 +38,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
     """
 
     name = "sensor_latency"
+    declared = dead_time(0.03)
     equation = "z(t) = (pose, velocity)(t - dead_time)"
 
     @classmethod
@@ -96,9 +105,7 @@ class SensorLag(SensingEffect):
     name = "sensor_lag"
     equation = "time_constant dz/dt = (pose, velocity) - z"
     source = LAG_SOURCE
-    declared = (
-        EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", "Time to 63 % of a step.", 0.05, 0.01),
-    )
+    declared = time_constant(0.03)
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

@@ -26,7 +26,7 @@ class TireGrip(TyreEffect):
     source = f"{PACEJKA}, sec. 4.2 (similarity method)"
     alternatives = ("max_acceleration",)
     declared = (
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.2, -0.03),
+        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
         EffectParameter(
             "max_acceleration",
             NO_BOUND,
@@ -34,7 +34,7 @@ class TireGrip(TyreEffect):
             NO_BOUND,
             "m/s^2",
             "Largest lateral acceleration that the tyres give.",
-            size=6.0,
+            size=8.0,
             probe=6.0 - NO_BOUND,
             reciprocal=True,
         ),
@@ -100,7 +100,7 @@ class GripPatch(TyreEffect):
         EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
         EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
         EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the patch.", 0.5, 0.1),
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
+        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.4, -0.03),
     )
 
     @classmethod
