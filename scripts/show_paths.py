@@ -6,9 +6,6 @@
 Prints the number of paths of each set, their spacing and their smallest turning radius.
 """
 
-from dataclasses import replace
-from pathlib import Path
-
 from buggy_rl.config import from_command_line, run
 
 
@@ -16,18 +13,11 @@ def main() -> None:
     """Makes and draws every kind of path."""
     config = from_command_line(__doc__, "buggy_rl.task.paths.making:ShowPathsConfig")
 
-    from buggy_rl.task.paths.making import make_paths
+    from buggy_rl.task.paths.making import path_sets
     from buggy_rl.viz.paths import paths_figure
     from buggy_rl.viz.style import save_figure
 
-    chosen = {
-        "training": replace(config.paths, kind="simplex", part="training"),
-        "validation": replace(config.paths, kind="simplex", part="validation"),
-    }
-    chosen |= {k: replace(config.paths, kind=k) for k in ("lap", "infinity", "circle", "tight")}
-    if config.paths.kind == "file":
-        chosen = {Path(config.paths.file).stem: config.paths, **chosen}
-    sets = {name: make_paths(paths) for name, paths in chosen.items()}
+    sets = path_sets(config)
     print(f"{'paths':12} {'number':>6} {'waypoints':>9} {'spacing':>8} {'tightest turn':>14}")
     for name, paths in sets.items():
         radius = 1 / float(paths.largest_curvature.max())

@@ -3,8 +3,8 @@
     python scripts/train_models.py configs/sample.yaml
     python scripts/train_models.py configs/dart.yaml only=[gru] threads=2
 
-Writes OUTPUT/models/NAME.pt, and a checkpoint after every epoch: run again, it resumes bit for bit
-and skips finished models (`fresh=true` trains them again).
+Writes OUTPUT/models/NAME.pt, its losses by epoch as NAME.csv, and a checkpoint after every epoch:
+run again, it resumes bit for bit and skips finished models (`fresh=true` trains them again).
 """
 
 import sys
@@ -53,10 +53,21 @@ def main() -> None:
             run.load_state_dict(torch.load(checkpoint, weights_only=True))
         bar = tqdm(run.run(), name, total=training_config.epochs, initial=run.epoch, unit="epoch")
         for metrics in bar:
+            log(file.with_suffix(".csv"), metrics)
             bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
             save_torch(checkpoint, run.state_dict())
         save_model(model, model_config, file, about)
         checkpoint.unlink(missing_ok=True)
+
+
+def log(file: Path, metrics: dict[str, float]) -> None:
+    """Appends an epoch's row; after a stop between row and checkpoint the row is replaced."""
+    from buggy_rl.files import write_atomically
+
+    rows = file.read_text().splitlines()[1:] if file.exists() else []
+    kept = [row for row in rows if int(row.split(",")[0]) < metrics["epoch"]]
+    row = ",".join(f"{metrics[name]:.9g}" for name in metrics)
+    write_atomically(file, "\n".join([",".join(metrics), *kept, row]) + "\n")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,10 @@ from buggy_rl import keys
 from buggy_rl.identification.rollouts import save_rollouts
 
 NAMES = ("MLP", "mujoco, fitted", "mujoco, as shipped")
-HEAD = "simulator,position_mse_1s,low,high,position_0.3s,position_1s,position_3s"
+HEAD = (
+    "simulator,position_mse_1s,low,high,position_0.3s,position_1s,position_3s,"
+    "yaw_0.3s,yaw_1s,yaw_3s,yaw_rate_0.3s,yaw_rate_1s,yaw_rate_3s"
+)
 ANSWER = {
     "verdict": "missing_physics",
     "summary": ["Physics is missing from the simulator.", "The steering is late <60 ms>."],
@@ -37,7 +40,7 @@ def table(folder, errors):
     """table.csv with the 1 s position MSE of each simulator."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [HEAD] + [
-        f'"{n}",{e},{0.5 * e},{2 * e},0.01,{np.sqrt(e)},0.9' for n, e in errors.items()
+        f'"{n}",{e},{0.5 * e},{2 * e},0.01,{np.sqrt(e)},0.9,1,1,1,2,2,2' for n, e in errors.items()
     ]
     (folder / "table.csv").write_text("\n".join(lines) + "\n")
 

@@ -62,7 +62,7 @@ def test_the_page_is_well_formed_and_refers_to_nothing_outside(html):
 
 def test_every_table_names_the_stage_that_wrote_it(html):
     sources = re.findall(r'written by stage <a href="#stage-(\w+)"', html)
-    stages = ["table", "fit", "table", "policies", "diagnosis", "repair"]
+    stages = ["table", "fit", "table", "policies", "diagnosis", "repair", "figures"]
     assert sources == stages
     assert 'id="stage-policy_learned_0"' in html
 

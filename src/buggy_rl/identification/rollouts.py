@@ -45,7 +45,7 @@ def save_rollouts(
         made: Simulator -> [N, H + 1] likewise.
     """
     rows = {MEASURED: measured, **made}
-    pose = np.stack([r[keys.POSE][:, ::EVERY].float().numpy() for r in rows.values()])
+    pose = np.stack([np.asarray(r.get(keys.POSE)[:, ::EVERY]) for r in rows.values()])
     time = dt * EVERY * np.arange(pose.shape[2])
     with replacing(file) as partial, partial.open("wb") as stream:
         np.savez_compressed(
@@ -59,3 +59,9 @@ def load_rollouts(file: Path) -> Rollouts:
         names = content["names"].tolist()
         pose = dict(zip(names, content["pose"], strict=True))
         return Rollouts(content["recording"].tolist(), content["time"], pose)
+
+
+def median_error(rollouts: Rollouts, name: str) -> float:
+    """Median distance [m] from the measured position at the end; inf where most diverge."""
+    apart = (rollouts.pose[name] - rollouts.pose[MEASURED])[:, -1, :2]
+    return float(np.median(np.nan_to_num(np.hypot(*apart.T), nan=np.inf)))

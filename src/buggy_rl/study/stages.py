@@ -65,7 +65,7 @@ class Plan:
         yield [self._table()]
         yield [*self._policies(), self._diagnosis()]
         yield [self._repair(), *self._tables()]
-        yield list(self._films())
+        yield [self._figures(), *self._films()]
 
     @property
     def fitted(self) -> Path:
@@ -186,6 +186,14 @@ class Plan:
             file = f"output={self.folder / 'films' / 'policy.mp4'}"
             arguments = [f"what={policy}", "ghost=pure_pursuit", course, file, *common]
             yield self._stage("film_policy", "Film of a policy", "render.py", arguments, [policy])
+
+    def _figures(self) -> Stage:
+        own = [f"folder={self.folder / 'figures'}"]
+        if self.config.policy.seeds:
+            for kind, files in self.policies().items():
+                own += [f"learning.runs.{kind}=[{_listed([file.parent for file in files])}]"]
+                own += [f"policies.policies.{kind}={files[0]}"]
+        return self._stage("figures", "Figures", "figures.py", [self._file, *own])
 
     @property
     def _file(self) -> str:

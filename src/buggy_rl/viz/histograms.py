@@ -24,5 +24,6 @@ def histogram_figure(parts: Mapping[str, TensorDictBase]) -> Figure:
             axis.set_xlabel(label)
             axis.set_yticks([])
             axis.spines[["top", "right", "left"]].set_visible(False)
+    axes[0].set_ylabel("share of the rows")
     axes[0].legend(frameon=False, fontsize=8)
     return figure

@@ -33,7 +33,8 @@ def paths_figure(
             last = count + 1 if closed else min(count, waypoints)
             line = points[index, :last]
             colour = COLOURS[index % len(COLOURS)] if index < shown else MEASURED
-            axis.plot(*line.T, color=colour, lw=0.8, alpha=1.0 if index < shown else 0.08)
+            faint = {"alpha": 0.08, "rasterized": True}  # a thousand vector paths are megabytes
+            axis.plot(*line.T, color=colour, lw=0.8, **({} if index < shown else faint))
             if index < shown:
                 axis.plot(*line.T, ".", color=colour, ms=2.5)
         axis.plot(*paths.start[:shown, :2].T, "o", color=MEASURED, ms=4)

@@ -1,7 +1,7 @@
 """From a config to paths."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
@@ -69,6 +69,18 @@ class ShowPathsConfig:
     """Random paths that are picked out; the others are drawn faintly."""
     waypoints: int = 100
     """Of each random path that are drawn; the original study's figures show as many."""
+
+
+def path_sets(config: ShowPathsConfig) -> dict[str, PathSet]:
+    """Every kind of path by name; one's own from a file first."""
+    chosen = {
+        "training": replace(config.paths, kind="simplex", part="training"),
+        "validation": replace(config.paths, kind="simplex", part="validation"),
+    }
+    chosen |= {k: replace(config.paths, kind=k) for k in ("lap", "infinity", "circle", "tight")}
+    if config.paths.kind == "file":
+        chosen = {Path(config.paths.file).stem: config.paths, **chosen}
+    return {name: make_paths(paths) for name, paths in chosen.items()}
 
 
 @lru_cache(maxsize=16)  # the noise of 1000 paths takes seconds; a config is all it depends on

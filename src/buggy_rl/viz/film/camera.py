@@ -75,7 +75,7 @@ def _followed(tracks: Sequence[Track], time: float) -> tuple[float, float, float
     (x, y, yaw), _, _ = tracks[0].at(time)
     share = 1 / 3 if len(tracks) > 1 else 0.0
     if share:
-        dx, dy = (_difference(*tracks[:2], time, axis) for axis in (0, 1))
+        dx, dy = (_difference(tracks[0], tracks[1], time, axis) for axis in (0, 1))
         share *= min(1.0, FARTHEST / 2 / max(math.hypot(dx, dy), 1e-9))
         x, y = x + share * dx, y + share * dy
     return float(x), float(y), float(yaw)

@@ -1,0 +1,35 @@
+"""Losses of learned models over the epochs of their training."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from buggy_rl.viz.style import COLOURS, tidy
+
+COLUMNS = 3
+
+
+def training_figure(logs: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure:
+    """A panel for each model, a colour for each preparation; dashed is the training loss.
+
+    Args:
+        logs: Model -> preparation -> `epoch`, `training_loss`, `validation_loss`.
+    """
+    rows = -(-len(logs) // COLUMNS)
+    figure = Figure(figsize=(3.6 * COLUMNS, 2.9 * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, COLUMNS, squeeze=False)
+    for axis in axes.flat[len(logs) :]:
+        axis.set_axis_off()
+    for axis, (model, preparations) in zip(axes.flat, logs.items(), strict=False):
+        for colour, (name, log) in zip(COLOURS, preparations.items(), strict=False):
+            axis.plot(log["epoch"], log["training_loss"], color=colour, ls="--", lw=1.0)
+            axis.plot(log["epoch"], log["validation_loss"], color=colour, lw=1.8, label=name)
+        axis.set_yscale("log")
+        axis.set_title(model, fontsize=10)
+        axis.set_xlabel("epoch")
+        axis.legend(frameon=False, fontsize=8)
+        tidy(axis)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("loss, standardised [-]\n(dashed: training)")
+    return figure
