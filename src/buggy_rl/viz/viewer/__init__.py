@@ -5,6 +5,7 @@
 | `shapes` | the car of `viz.film.bodywork` as coloured meshes, one set a moving part |
 | `stage` | a `Shot` -> viser's scene: car, ghost, floor, path, waypoints, camera |
 | `instruments` | time, speed and commands as HTML |
+| `choice` | MuJoCo's viewer where there is a screen, else the browser |
 | `film_player` | `scripts/render.py live=browser`: play, pause, seek, speed |
 | `live_track` | rows of a drive that goes on -> a `Shot` of now |
 | `live_window` | the stage of a drive in a process of its own, so that it delays no step |

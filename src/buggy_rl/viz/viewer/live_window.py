@@ -3,6 +3,7 @@
 import multiprocessing
 import queue
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -58,10 +59,8 @@ class LiveWindow:
         self._process.join(5)
 
     def _put(self, message: tuple[str, Any]) -> None:
-        try:
+        with suppress(queue.Full):  # the picture is behind; the drive is what must not be
             self._rows.put_nowait(message)
-        except queue.Full:
-            pass  # the picture is behind; the drive is what must not be
 
 
 def _serve(where: Connection, rows: Any, name: str, course: Course | None, camera: str) -> None:

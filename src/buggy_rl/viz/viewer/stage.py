@@ -9,11 +9,9 @@ import viser
 from numpy.typing import NDArray
 
 from buggy_rl.vehicle import VehicleDimensions
-from buggy_rl.viz.film import wheels
+from buggy_rl.viz.film import colours, wheels
 from buggy_rl.viz.film.camera import FIELD
-from buggy_rl.viz.film.colours import (
-    AHEAD, CAR, CLOSED, FLOOR, GHOST, GRID, OPEN, RGB, SKY, pixel,
-)  # fmt: skip
+from buggy_rl.viz.film.colours import RGB, pixel
 from buggy_rl.viz.film.director import WAYPOINTS_AHEAD, WAYPOINTS_BEHIND
 from buggy_rl.viz.film.marks import AHEAD_WIDTH, DISC, FALL, PILLAR, TRAIL_WIDTH
 from buggy_rl.viz.film.shot import Car, Points, Shot, View
@@ -58,9 +56,9 @@ class Stage:
         self._frames = {name: _add_car(server.scene, name, dimensions) for name in self.names}
         self._posts = _add_posts(server.scene)
         self._lines: dict[str, Any] = {
-            "ahead": _add_line(server.scene, "ahead", AHEAD, AHEAD_WIDTH),
-            "car_trail": _add_line(server.scene, "car_trail", CAR, TRAIL_WIDTH),
-            "ghost_trail": _add_line(server.scene, "ghost_trail", GHOST, TRAIL_WIDTH),
+            "ahead": _add_line(server.scene, "ahead", colours.AHEAD, AHEAD_WIDTH),
+            "car_trail": _add_line(server.scene, "car_trail", colours.CAR, TRAIL_WIDTH),
+            "ghost_trail": _add_line(server.scene, "ghost_trail", colours.GHOST, TRAIL_WIDTH),
         }
         self._drawn: dict[str, bytes] = {}
 
@@ -136,8 +134,8 @@ def posts(
     scale = np.ones((POSTS, 3), np.float32)
     scale[:count, 2] = height
     scale[:count, :2] = np.where(closed, 2.4, 1.0)[:, None]
-    colour = np.tile(np.array(pixel(OPEN), np.uint8), (POSTS, 1))
-    colour[:count][closed] = pixel(CLOSED)
+    colour = np.tile(np.array(pixel(colours.OPEN), np.uint8), (POSTS, 1))
+    colour[:count][closed] = pixel(colours.CLOSED)
     return position, scale, colour
 
 
@@ -164,12 +162,13 @@ def point(camera: viser.CameraHandle, view: View) -> None:
 
 def _add_surroundings(scene: viser.SceneApi) -> None:
     scene.set_up_direction("+z")
-    sky = np.tile(np.array(pixel(SKY), np.uint8), (2, 2, 1))
+    sky = np.tile(np.array(pixel(colours.SKY), np.uint8), (2, 2, 1))
     scene.set_background_image(sky)
-    scene.add_box("/floor", color=pixel(FLOOR), dimensions=(ROOM, ROOM, 0.01),
+    scene.add_box("/floor", color=pixel(colours.FLOOR), dimensions=(ROOM, ROOM, 0.01),
                   position=(0.0, 0.0, -0.008), cast_shadow=False)  # fmt: skip
     scene.add_grid("/grid", width=ROOM, height=ROOM, cell_size=CELL, section_size=2 * CELL,
-                   cell_color=pixel(GRID), section_color=pixel(GRID), position=(0, 0, -0.002))  # fmt: skip
+                   cell_color=pixel(colours.GRID), section_color=pixel(colours.GRID),
+                   position=(0.0, 0.0, -0.002))  # fmt: skip
 
 
 def _add_car(
