@@ -1,4 +1,4 @@
-"""Table 7.4 of the original study: a person's drives, filled from those that scripts/drive.py wrote.
+"""Table 7.4 of the original study: a person's drives, as scripts/drive.py wrote them.
 
 Where nobody has driven a path, a scripted driver stands in, and its row says so.
 """

@@ -9,6 +9,7 @@ from typing import Literal
 import torch
 from omegaconf import MISSING
 from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Composite
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
@@ -126,10 +127,16 @@ def drive_environment(config: DriveConfig) -> EnvBase:
     return env
 
 
+def has_course(env: EnvBase) -> bool:
+    """Whether there are waypoints to close."""
+    observed = env.observation_spec
+    return isinstance(observed, Composite) and keys.NEXT_WAYPOINT in observed
+
+
 def start(env: EnvBase) -> TensorDictBase:
     """The car at rest where its path begins, or at the origin."""
     rest = torch.zeros(1, 3)
-    if keys.NEXT_WAYPOINT in env.observation_spec.keys():
+    if has_course(env):
         return env.reset()
     return env.reset(TensorDict({keys.POSE: rest, keys.VELOCITY: rest.clone()}, [1]))
 

@@ -125,7 +125,8 @@ def _joined(parts: Sequence[Scores]) -> Scores:
 def tables(found: Sequence[Result], car: str, human: HumanDrives | None = None) -> str:
     """Tables 7.2 to 7.7 as Markdown, ours beside the original's printed numbers.
 
-    `car` is what the car's column is called, such as "reference car"; `human` are a person's drives.
+    `car` is what the car's column is called, such as "reference car"; `human` are
+    a person's drives.
     """
     closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
     kinds = list(dict.fromkeys(r.policy for r in found))
