@@ -2,21 +2,16 @@
 
 import json
 import socket
-import threading
 import time
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
 
 from buggy_rl.policies.human import NEUTRAL, HumanConfig, HumanInput
-from buggy_rl.policies.live_drive import DriveConfig, drive_environment, rows, start
-from buggy_rl.policies.pacing import Deadlines
-from buggy_rl.viz.viewer.control_page import BUSY, HOST, UNSUPPORTED, ControlPage
-
-PATIENCE = 60.0  # [s] for a machine that is busy
+from buggy_rl.viz.viewer.control_page import BUSY, UNSUPPORTED, ControlPage
+from tests.viz.viewer.client import PATIENCE, Keys, connected, reachable, wait_until
 
 
 @pytest.fixture
@@ -29,45 +24,6 @@ def page(human):
     page = ControlPage(human)
     yield page
     page.close()
-
-
-def connected(page, **options):
-    return connect(f"ws://{HOST}:{page.port}/controls", **options)
-
-
-def wait_until(fact):
-    end = time.monotonic() + PATIENCE
-    while not fact():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
-class Keys:
-    """Holds the same keys from the first message to `release`."""
-
-    def __init__(self, page, **controls):
-        self._socket, self._going = connected(page), True
-        self._message = json.dumps(controls)
-        self._thread = threading.Thread(target=self._send)
-        self._thread.start()
-
-    def _send(self):
-        while self._going:
-            self._socket.send(self._message)
-            time.sleep(0.01)
-
-    def fall_silent(self):
-        self._going = False
-        self._thread.join()
-
-    def release(self):
-        self.fall_silent()
-        self._socket.close()
-
-
-def reachable(address, port):
-    with socket.socket() as caller:
-        return caller.connect_ex((address, port)) == 0
 
 
 def test_the_page_is_on_this_machine_only(page):
@@ -90,22 +46,6 @@ def test_the_page_holds_the_view_in_its_frame(human):
             urlopen(page.url + "other")
     finally:
         page.close()
-
-
-@pytest.mark.parametrize(("steering", "side"), [(1, 1), (-1, -1)])
-def test_keys_held_drive_a_car_to_their_side(page, human, steering, side):
-    config = DriveConfig("unused.csv", simulator="kinematic", course="none")
-    env = drive_environment(config)
-    keys = Keys(page, throttle=1, steering=steering)
-    try:
-        wait_until(lambda: not human.silent)
-        driven = list(rows(env, start(env), human, 60, Deadlines(0.01)))
-    finally:
-        keys.release()
-    x, y, yaw = driven[-1].values[:3]
-    assert x > 0.01
-    assert side * y > 0
-    assert side * yaw > 0.01
 
 
 def test_who_falls_silent_has_no_drive_a_tenth_of_a_second_later(page, human):
@@ -138,10 +78,10 @@ def test_a_second_page_is_sent_away_and_the_first_drives_on(page, human):
 
 
 def test_nonsense_ends_the_connection_with_the_reason(page):
-    with connected(page) as client, pytest.raises(ConnectionClosed) as closed:
+    with connected(page) as client:
         client.send('{"throttle": 7}')
-        while True:
-            client.recv(PATIENCE)
+        with pytest.raises(ConnectionClosed) as closed:
+            list(iter(client.recv, None))
     assert closed.value.rcvd.code == UNSUPPORTED
     assert "throttle=7" in closed.value.rcvd.reason
 

@@ -16,7 +16,7 @@ from buggy_rl.viz.viewer.live_track import LiveTrack
 from buggy_rl.viz.viewer.shapes import BODIES, parts
 from buggy_rl.viz.viewer.stage import POSTS, eye, pieces, posts, turned
 from tests.viz.film.tracks import on_course, straight
-from tests.viz.viewer.test_control_page import reachable
+from tests.viz.viewer.client import reachable
 
 
 def test_the_car_has_its_dimensions_and_stands_on_its_wheels():
