@@ -19,11 +19,13 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.policies.drives import car_name
+    from buggy_rl.policies.human_table import human_drives
     from buggy_rl.policies.tables import mean_interval, results, tables
 
     torch.set_num_threads(config.threads)
     found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
-    text = tables(found, car_name(config.car))
+    human = human_drives(Path(config.human), config.simulators) if config.human else None
+    text = tables(found, car_name(config.car), human)
     print(text)
     folder = Path(config.output)
     save_run(config, folder)

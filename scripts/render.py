@@ -6,6 +6,7 @@ r"""Films a recording, a simulator or a policy: mp4, gif or png.
         recording=data/sample/sample_00.csv start=5
     python scripts/render.py what=runs/policy/best.pt ghost=pure_pursuit course=infinity
     python scripts/render.py what=my_simulator.py:factory camera=top output=runs/mine.gif
+    python scripts/render.py what=data/sample/sample_00.csv ghost=mujoco live=true
 
 The ghost is the translucent car. A simulator drives under the commands of a recording, where one is
 named, and else pure pursuit drives it round the course. Without OpenGL it is drawn from above.
@@ -31,9 +32,9 @@ def main() -> None:
     check_ending(config.output)
     says = director(Source(config).tracks(), config.picture)
     if config.live:
-        from buggy_rl.viz.film.live import play
+        from buggy_rl.viz.viewer.choice import play
 
-        return play(says, config.playback)
+        return play(says, config.playback, config.live)
     times = says.times(config.fps, config.playback).tolist()
     if Path(config.output).suffix.lower() == ".png":
         times = [says.moment(config.moment)]

@@ -12,6 +12,7 @@ from torch import Tensor
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver, Scores, drive
+from buggy_rl.policies.human_table import HumanDrives, human_lines
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
 
 ORIGINAL: dict[str, dict[str, dict[str, str]]] = {  # printed; place -> path set -> policy
@@ -55,6 +56,8 @@ class PolicyTablesConfig:
     """The task, as in training; its paths are replaced by those of the tables."""
     random_paths: int = 10
     """Training paths that policies are judged on; the validation paths are all driven."""
+    human: str = ""
+    """Folder of drives by people, of scripts/drive.py; empty for none."""
     threads: int = 1
     """Threads of PyTorch."""
 
@@ -119,10 +122,11 @@ def _joined(parts: Sequence[Scores]) -> Scores:
     return Scores(**{name: torch.cat([getattr(p, name) for p in parts]) for name in vars(parts[0])})
 
 
-def tables(found: Sequence[Result], car: str) -> str:
+def tables(found: Sequence[Result], car: str, human: HumanDrives | None = None) -> str:
     """Tables 7.2 to 7.7 as Markdown, ours beside the original's printed numbers.
 
-    `car` is what the car's column is called, such as "reference car".
+    `car` is what the car's column is called, such as "reference car"; `human` are
+    a person's drives.
     """
     closed = {(r.policy, r.place, r.course): r.scores.waypoints for r in found}
     kinds = list(dict.fromkeys(r.policy for r in found))
@@ -139,7 +143,7 @@ def tables(found: Sequence[Result], car: str) -> str:
     for number, course in (("7.2", "training"), ("7.3", "validation")):
         lines += _heading(f"Table {number}: ten {course} paths, 1000 steps", "driven in", kinds)
         lines += [_row(at, [cell(k, at, course, at) for k in kinds]) for at in kinds]
-    lines += ["", "Table 7.4: the human driver's row is left for a person to drive."]
+    lines += human_lines(human or HumanDrives(), kinds)
     lines += _heading("Table 7.5: each policy in its own simulator", "path", kinds)
     lines += [_row(c, [cell(k, k, c, "own simulator") for k in kinds]) for c in room]
     lines += _heading(f"Table 7.6: on the {car}", "path", kinds)

@@ -16,7 +16,7 @@ def test_without_a_screen_it_is_refused_with_a_way_out(monkeypatch):
     monkeypatch.setattr(live.sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(ValueError, match=r"needs a screen.*output=film\.mp4"):
+    with pytest.raises(ValueError, match=r"needs a screen.*live=browser.*output=film\.mp4"):
         live.play(Director([straight()]))
 
 

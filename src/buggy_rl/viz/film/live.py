@@ -25,10 +25,11 @@ def play(director: Director, playback: float = 1.0) -> None:
     Raises:
         ValueError: There is no screen.
     """
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise ValueError("live=true needs a screen and DISPLAY is not set: write output=film.mp4")
+    if not has_screen():
+        raise ValueError(
+            "live=window needs a screen and DISPLAY is not set: live=browser needs none, or write "
+            "output=film.mp4"
+        )
     from mujoco import viewer
 
     scene = Scene(director.dimensions, ghosts=len(director.tracks) - 1)
@@ -47,6 +48,12 @@ def play(director: Director, playback: float = 1.0) -> None:
                 add(room, marks(shot, director.dimensions))
             window.sync()
             time.sleep(PERIOD)
+
+
+def has_screen() -> bool:
+    """Whether a window can be opened."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(named) or not sys.platform.startswith("linux")
 
 
 def look(camera, view: View, turned: bool) -> None:

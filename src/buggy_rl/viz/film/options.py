@@ -10,6 +10,7 @@ from buggy_rl.viz.film.wheels import FULL_LOCK
 
 Camera = Literal["chase", "top", "fixed", "together"]
 Choice = Literal["auto", "mujoco", "drawing"]
+Live = Literal[False, True, "window", "browser"]
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,9 @@ class RenderConfig:
     """Seconds of driving in a second of film; 0.25 is slow motion."""
     moment: float = -1.0
     """Of the picture in a .png [s]; below 0 is the middle of the film."""
-    live: bool = False
-    """Opens MuJoCo's viewer instead of writing a film; needs a screen."""
+    live: Live = False
+    """Plays instead of writing a film: in MuJoCo's viewer (window), in the browser, or (true) in
+    the former where there is a screen and else in the latter."""
     renderer: Choice = "auto"
     """MuJoCo where OpenGL works and else a drawing from above (auto), or one of them."""
     samples: int = 4

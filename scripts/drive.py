@@ -1,0 +1,63 @@
+r"""Lets a person drive a simulator in the browser, at 100 Hz in real time, and records the drive.
+
+    python scripts/drive.py simulator=mujoco course=lap output=runs/human/lap_0.csv
+    python scripts/drive.py simulator=runs/models/best.pt course=random driver=gamepad \
+        output=runs/human/random_0.csv
+    python scripts/drive.py simulator=kinematic course=none seconds=60 output=runs/human/free.csv
+    python scripts/drive.py driver=scripted view=false output=runs/human/scripted_0.csv
+
+Open the address that is printed. Arrows or WASD drive and steer, space is neutral, C changes the
+camera, Enter starts. The recording is what every script reads; a note of who drove is beside it.
+"""
+
+from buggy_rl.config import from_command_line, plain, run
+
+
+def main() -> None:
+    """Waits for the driver, counts down, drives, records."""
+    config = from_command_line(__doc__, "buggy_rl.policies.live_drive:DriveConfig")
+
+    from contextlib import ExitStack
+
+    import torch
+    from tqdm import tqdm
+
+    from buggy_rl.files import write_json
+    from buggy_rl.policies import live_drive
+    from buggy_rl.policies.drive_note import DriveNote, note_file
+    from buggy_rl.policies.pacing import Deadlines
+    from buggy_rl.recordings.recorder import Recorder
+    from buggy_rl.vehicle import CONTROL_PERIOD
+    from buggy_rl.viz.viewer.cockpit import Cockpit
+
+    torch.set_num_threads(config.threads)
+    env = live_drive.drive_environment(config)
+    with ExitStack() as stack:
+        recorder = stack.enter_context(Recorder(config.output))
+        cockpit = stack.enter_context(Cockpit(config, env))
+        cockpit.wait_for_start(tqdm.write)
+        note = DriveNote.of(config)
+        write_json(note_file(config.output), plain(note))
+        state, last = live_drive.start(env), None
+        deadlines = Deadlines(CONTROL_PERIOD)
+        driven = live_drive.rows(env, state, cockpit.input, config.steps, deadlines)
+        for last in tqdm(driven, "driving", config.steps, unit="step", mininterval=0.5):
+            recorder.write(last.time, last.values)
+            cockpit.show(last)
+        assert last is not None
+        note = note.ended(last, deadlines)
+        write_json(note_file(config.output), plain(note))
+        cockpit.end(note)
+    print(
+        f"{config.output}: {note.waypoints} waypoints closed in {note.seconds:.2f} s by a "
+        f"{note.driver} driver; {note.overruns} of {recorder.rows} steps late"
+    )
+    if note.slipped > 0:
+        print(
+            f"the simulator was too slow for real time: {note.slipped:.2f} s were lost, so the "
+            "car was driven in slow motion"
+        )
+
+
+if __name__ == "__main__":
+    run(main)

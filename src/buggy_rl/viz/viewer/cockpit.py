@@ -1,0 +1,99 @@
+"""What a driver sits in: the control page, the 3D view and the input, or a scripted driver."""
+
+import time
+from collections.abc import Callable
+
+from torchrl.envs import EnvBase
+
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.drive_note import DriveNote
+from buggy_rl.policies.human import HumanInput, Input
+from buggy_rl.policies.joystick import JoystickInput
+from buggy_rl.policies.live_drive import DriveConfig, Row, ScriptedInput
+from buggy_rl.viz.film.rollout import course_of
+from buggy_rl.viz.film.source import label
+from buggy_rl.viz.viewer.control_page import ControlPage
+from buggy_rl.viz.viewer.live_window import LiveWindow
+
+FRAME = 3  # steps of 10 ms between two rows that are shown
+LINGER = 1.0  # [s] for which the page still hears the result
+
+
+class Cockpit:
+    """Everything about a drive that is not the simulator: who drives, and what they see.
+
+    Args:
+        config: Of the drive.
+        env: That is driven; its path is shown.
+
+    Raises:
+        ValueError: The port is taken, or there is no joystick.
+    """
+
+    def __init__(self, config: DriveConfig, env: EnvBase) -> None:
+        self._config = config
+        self._human = HumanInput(config.human)
+        self.input: Input = self._chosen()
+        self._window: LiveWindow | None = None
+        self._page: ControlPage | None = None
+        if config.view:
+            self._window = LiveWindow(label(config.simulator), course_of(env), config.camera)
+            scene, look = self._window.url, self._window.look
+            self._page = ControlPage(self._human, scene, config.port, look)
+
+    def __enter__(self) -> "Cockpit":
+        """The cockpit itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends page and view."""
+        for part in (self._page, self._window):
+            if part is not None:
+                part.close()
+
+    def wait_for_start(self, say: Callable[[str], None]) -> None:
+        """Says the address, waits for a person, and counts down; a scripted driver starts."""
+        if self._page is not None:
+            say(f"the drive is at {self._page.url} (on this machine only)")
+        if self._config.in_browser and self._page is not None:
+            say("open it and press Enter there; Ctrl-C ends")
+            while not self._page.started.wait(0.2):
+                pass  # short waits, so that Ctrl-C is heard
+        if self._config.driver != "scripted":
+            self._count_down()
+
+    def show(self, row: Row) -> None:
+        """Shows a step, if it is its turn."""
+        if self._page is None or self._window is None or round(100 * row.time) % FRAME:
+            return
+        self._window.show((row.time, row.values, row.following))
+        _, _, _, vx, _, _, throttle, steering = row.values
+        self._page.tell(
+            phase="driving",
+            time=row.time,
+            waypoints=row.waypoints,
+            speed=vx,
+            throttle=throttle,
+            steering=steering,
+            silent=self._config.in_browser and self._human.silent,
+        )
+
+    def end(self, note: DriveNote) -> None:
+        """Shows the result."""
+        if self._page is not None:
+            self._page.tell(phase="ended", time=note.seconds, waypoints=note.waypoints)
+            time.sleep(LINGER)
+
+    def _chosen(self) -> Input:
+        if self._config.driver == "scripted":
+            return ScriptedInput(PurePursuit())
+        return (
+            JoystickInput(self._config.human) if self._config.driver == "joystick" else self._human
+        )
+
+    def _count_down(self) -> None:
+        begin = time.monotonic()
+        while (left := self._config.countdown - (time.monotonic() - begin)) > 0:
+            if self._page is not None:
+                self._page.tell(phase="countdown", left=left)
+            time.sleep(min(left, 0.05))
