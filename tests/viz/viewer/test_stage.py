@@ -32,7 +32,7 @@ def test_the_car_has_its_dimensions_and_stands_on_its_wheels():
 
 
 def test_only_the_ghost_is_translucent():
-    for name, opaque in (("car", True), ("ghost", False)):
+    for name, opaque in (("car", True), ("ghost", False), ("ghost_2", False)):
         alphas = {part.alpha for body in parts(VehicleDimensions(), name).values() for part in body}
         assert all((alpha == 1) == opaque for alpha in alphas)
 

@@ -25,7 +25,7 @@ class FilmPlayer:
     def __init__(self, director: Director, playback: float = 1.0) -> None:
         self._directors = {name: replace(director, camera=name) for name in CAMERAS}
         self._server = make_server("buggy_rl")
-        self._stage = Stage(self._server, director.dimensions, ghost=len(director.tracks) > 1)
+        self._stage = Stage(self._server, director.dimensions, ghosts=len(director.tracks) - 1)
         self.url = address(self._server)
         self.duration = director.tracks[0].duration
         gui = self._server.gui

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from buggy_rl.viz.film.colours import CAR, GHOST, RGB, pixel
+from buggy_rl.viz.film.colours import CAR, GHOSTS, RGB, pixel
 from buggy_rl.viz.film.shot import Car, Shot
 
 ROW = '<div style="display:flex;gap:.6em;align-items:center;margin:.25em 0">{}</div>'
@@ -13,7 +13,8 @@ SCALE = (
 
 def instruments(shot: Shot) -> str:
     """What the inset of a film shows: names and speeds, drive, and steering to the left."""
-    names = [_name(car, colour) for car, colour in zip(shot.cars, (CAR, GHOST), strict=False)]
+    cars = zip(shot.cars, (CAR, *GHOSTS), strict=False)
+    names = [_name(car, colour) for car, colour in cars]
     drive = (shot.car.throttle + 1) / 2
     half = max(-1.0, min(1.0, shot.car.steering)) / 2
     rows = [

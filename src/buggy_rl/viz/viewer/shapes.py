@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film import wheels
+from buggy_rl.viz.film.colours import MOST_GHOSTS
 from buggy_rl.viz.film.scene import Scene
 
 BODIES = ("", *(f"_{place}_hub" for place in wheels.PLACES), *(f"_{p}" for p in wheels.PLACES))
@@ -35,8 +36,8 @@ class Part:
 
 
 def parts(dimensions: VehicleDimensions, name: str = "car") -> dict[str, list[Part]]:
-    """Parts by body (`BODIES`) of the car, or of the ghost."""
-    model = Scene(dimensions, ghost=True).model
+    """Parts by body (`BODIES`) of the car, or of a ghost."""
+    model = Scene(dimensions, ghosts=MOST_GHOSTS).model
     return {body: _parts_of(model, model.body(name + body).id) for body in BODIES}
 
 

@@ -14,11 +14,11 @@ from buggy_rl.viz.film.camera import FIELD
 from buggy_rl.viz.film.colours import RGB, pixel
 from buggy_rl.viz.film.director import WAYPOINTS_AHEAD, WAYPOINTS_BEHIND
 from buggy_rl.viz.film.marks import AHEAD_WIDTH, DISC, FALL, PILLAR, TRAIL_WIDTH
+from buggy_rl.viz.film.scene import NAMES
 from buggy_rl.viz.film.shot import Car, Points, Shot, View
 from buggy_rl.viz.viewer.shapes import BODIES, parts
 
 HOST = "127.0.0.1"  # nothing outside this machine reaches what is served here
-NAMES = ("car", "ghost")
 ROOM = 40.0  # [m] side of the floor
 CELL = 0.5  # [m] of the floor's grid
 POSTS = WAYPOINTS_AHEAD + WAYPOINTS_BEHIND
@@ -43,23 +43,24 @@ class Stage:
 
     Args:
         server: From `make_server`.
-        dimensions: Of both cars.
-        ghost: There is a second, translucent car.
+        dimensions: Of all cars.
+        ghosts: Number of translucent cars.
     """
 
     def __init__(
-        self, server: viser.ViserServer, dimensions: VehicleDimensions, ghost: bool = False
+        self, server: viser.ViserServer, dimensions: VehicleDimensions, ghosts: int = 0
     ) -> None:
         self._server = server
-        self.names = NAMES[: 1 + ghost]
+        self.names = NAMES[: 1 + ghosts]
         _add_surroundings(server.scene)
         self._frames = {name: _add_car(server.scene, name, dimensions) for name in self.names}
         self._posts = _add_posts(server.scene)
         self._lines: dict[str, Any] = {
             "ahead": _add_line(server.scene, "ahead", colours.AHEAD, AHEAD_WIDTH),
-            "car_trail": _add_line(server.scene, "car_trail", colours.CAR, TRAIL_WIDTH),
-            "ghost_trail": _add_line(server.scene, "ghost_trail", colours.GHOST, TRAIL_WIDTH),
         }
+        for name, paint in zip(self.names, (colours.CAR, *colours.GHOSTS), strict=False):
+            trail = f"{name}_trail"
+            self._lines[trail] = _add_line(server.scene, trail, paint, TRAIL_WIDTH)
         self._drawn: dict[str, bytes] = {}
 
     def show(self, shot: Shot, free: Iterable[int] = ()) -> None:
