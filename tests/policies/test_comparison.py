@@ -65,3 +65,20 @@ def test_a_panel_shows_a_line_for_each_group(config):
     (axis,) = comparison_figure(compare(config)).axes
     assert [line.get_label() for line in axis.lines] == ["small", "large"]
     assert axis.lines[0].get_ydata().tolist() == [2.0, 6.0]
+
+
+def test_a_sweep_is_grouped_by_config_without_seed_and_output(config, tmp_path):
+    found = compare(CompareConfig(sweep=str(tmp_path), metrics=["waypoints"])).table
+    assert found["group"].tolist() == ["ppo.clip=0.1", "ppo.clip=0.2"]
+    assert found["runs"].tolist() == [2, 1]
+
+
+def test_a_sweep_without_runs_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="none is a run"):
+        compare(CompareConfig(sweep=str(tmp_path)))
+
+
+def test_runs_that_share_no_step_are_an_error(tmp_path):
+    runs = [make_run(tmp_path / "a", {10: 1.0}), make_run(tmp_path / "b", {20: 1.0})]
+    with pytest.raises(ValueError, match="no step of waypoints in common"):
+        compare(CompareConfig(runs={"x": runs}, metrics=["waypoints"]))

@@ -18,6 +18,8 @@ class CompareConfig:
     """The folder of the table and the picture."""
     runs: dict[str, list[str]] = field(default_factory=dict)
     """Folders of scripts/train_policy.py, one a seed, as runs.NAME=[FOLDER,FOLDER]."""
+    sweep: str = ""
+    """A folder of runs, instead of `runs`: grouped by their config without seed and output."""
     metrics: list[str] = field(default_factory=lambda: ["validation_waypoints", "waypoints"])
     """Logs that are compared: names of files in FOLDER/csv/scalars."""
 
@@ -40,20 +42,38 @@ def compare(config: CompareConfig) -> Comparison:
     Raises:
         ValueError: No run is named, a folder is no run, it lacks a log, or seeds share no step.
     """
-    if not config.runs:
-        raise ValueError("no run to compare: name some, as runs.NAME=[FOLDER,FOLDER]")
-    empty = [name for name, folders in config.runs.items() if not folders]
+    if bool(config.runs) == bool(config.sweep):
+        raise ValueError("name some runs.NAME=[FOLDER,FOLDER], or sweep=FOLDER, and not both")
+    runs = config.runs or grouped(Path(config.sweep))
+    empty = [name for name, folders in runs.items() if not folders]
     if empty or not config.metrics:
         raise ValueError(f"runs without folders: {empty}; metrics={config.metrics}: name one each")
     bands, rows = {}, []
-    for name, folders in config.runs.items():
+    for name, folders in runs.items():
         for metric in config.metrics:
             logs = [read_log(Path(folder), metric) for folder in folders]
             bands[name, metric] = band(logs)
             if bands[name, metric].empty:
                 raise ValueError(f"the runs of {name} have no step of {metric} in common")
             rows.append({"group": name, "metric": metric, **summary(logs)})
-    return Comparison(bands, pd.DataFrame(rows), differences(config.runs))
+    return Comparison(bands, pd.DataFrame(rows), differences(runs))
+
+
+def grouped(sweep: Path) -> dict[str, list[str]]:
+    """The runs in a folder by the config values that differ among them, as `a.b=value`.
+
+    Raises:
+        ValueError: The folder holds no run.
+    """
+    configs = {str(f.parent): read_config(f.parent) for f in sorted(sweep.glob("*/config.yaml"))}
+    if not configs:
+        raise ValueError(f"sweep={sweep}: no folder in it holds a config.yaml, so none is a run")
+    varied = differences({folder: [folder] for folder in configs}).index
+    groups: dict[str, list[str]] = {}
+    for folder, config in configs.items():
+        name = ", ".join(f"{key}={config.get(key, '-')}" for key in varied) or sweep.name
+        groups.setdefault(name, []).append(folder)
+    return groups
 
 
 def summary(logs: list[pd.Series]) -> dict[str, float]:
