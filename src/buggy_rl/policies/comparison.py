@@ -1,8 +1,10 @@
 """Finished or running policy runs side by side, from their folders alone."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import mean, stdev
 
 import pandas as pd
 import yaml
@@ -78,15 +80,15 @@ def grouped(sweep: Path) -> dict[str, list[str]]:
 
 def summary(logs: list[pd.Series]) -> dict[str, float]:
     """Final and best (highest) value of each run: mean and sample sd; the sd of one run is NaN."""
-    final = pd.Series([log.iloc[-1] for log in logs])
-    best = pd.Series([log.max() for log in logs])
+    final = [float(log.iloc[-1]) for log in logs]
+    best = [float(log.max()) for log in logs]
     steps = [int(log.index[-1]) for log in logs]
     return {
         "runs": len(logs),
-        "final_mean": final.mean(),
-        "final_sd": final.std(),
-        "best_mean": best.mean(),
-        "best_sd": best.std(),
+        "final_mean": mean(final),
+        "final_sd": _sample_sd(final),
+        "best_mean": mean(best),
+        "best_sd": _sample_sd(best),
         "least_steps": min(steps),
         "most_steps": max(steps),
     }
@@ -115,6 +117,10 @@ def read_config(folder: Path) -> dict[str, str]:
         raise ValueError(f"there is no {file}: is {folder} a run of scripts/train_policy.py?")
     flat = dict(_flat(yaml.safe_load(file.read_text())))
     return {k: v for k, v in flat.items() if k.rsplit(".")[-1] not in ("seed", "output")}
+
+
+def _sample_sd(values: list[float]) -> float:
+    return stdev(values) if len(values) > 1 else math.nan
 
 
 def _values(key: str, configs: list[dict[str, str]]) -> str:

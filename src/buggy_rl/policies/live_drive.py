@@ -105,7 +105,8 @@ class ScriptedInput:
 
     def look(self, state: TensorDictBase) -> None:
         """Takes the state [1] that the next command is for."""
-        throttle, steering = self._driver(state.copy())[keys.ACTION].flatten().tolist()
+        action: torch.Tensor = self._driver(state.copy()).get(keys.ACTION)
+        throttle, steering = action.flatten().tolist()
         self._now = throttle, steering
 
     def command(self, dt: float) -> Command:

@@ -129,8 +129,8 @@ def repair(config: FiguresConfig) -> Figure:
             "simulators.fitted=... simulators.repaired=... output=FOLDER"
         )
     table = pd.read_csv(file)
-    rows = table[table["simulator"].isin(["fitted", "repaired"])].to_dict("records")
-    return repair_figure(rows)
+    shown = table.loc[table["simulator"].isin(["fitted", "repaired"]).to_numpy()]
+    return repair_figure(shown.to_dict("records"))
 
 
 FIGURES: dict[str, Callable[[FiguresConfig], Figure]] = {

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+import torch
 
 from buggy_rl.policies.human import HumanConfig, HumanInput
 from buggy_rl.policies.live_drive import DriveConfig, ScriptedInput, drive_environment, rows, start
@@ -69,7 +70,7 @@ def test_a_car_that_drives_straight_on_leaves_the_lap_and_that_ends_the_drive():
 
 def test_a_scripted_driver_closes_waypoints_one_after_the_other():
     def driver(state):
-        return state.set("action", state["action"].new_tensor([[0.0, 0.0]]))
+        return state.set("action", torch.tensor([[0.0, 0.0]]))
 
     env = drive_environment(DriveConfig("unused.csv", simulator="kinematic"))
     driven = list(rows(env, start(env), ScriptedInput(driver), 150, hurried()))

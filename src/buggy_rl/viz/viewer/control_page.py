@@ -13,6 +13,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Origin
 
 from buggy_rl.policies.human import Controls, HumanInput, read_controls
 
@@ -77,7 +78,7 @@ class ControlPage:
         self._loop.close()
 
     async def _serve(self) -> None:
-        here = [f"http://{name}:{self.port}" for name in (HOST, "localhost")]
+        here = [Origin(f"http://{name}:{self.port}") for name in (HOST, "localhost")]
         server = serve(
             self._converse,
             sock=self._socket,

@@ -176,7 +176,8 @@ def _add_car(
     scene: viser.SceneApi, name: str, dimensions: VehicleDimensions
 ) -> dict[str, viser.FrameHandle]:
     """Frames by body: the car's, hubs in it, wheels in those; with their meshes."""
-    found, middles = {}, dict(zip(wheels.PLACES, wheels.places(dimensions), strict=True))
+    found: dict[str, viser.FrameHandle] = {}
+    middles: dict[str, Any] = dict(zip(wheels.PLACES, wheels.places(dimensions), strict=True))
     for body, shapes in parts(dimensions, name).items():
         place = body.removesuffix("_hub").removeprefix("_")
         path, position = f"/{name}", (0.0, 0.0, 0.0)
