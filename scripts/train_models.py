@@ -3,11 +3,13 @@
     python scripts/train_models.py configs/sample.yaml
     python scripts/train_models.py configs/dart.yaml only=[gru] threads=2
 
-Writes OUTPUT/models/NAME.pt, its losses by epoch as NAME.csv, and a checkpoint after every epoch:
-run again, it resumes bit for bit and skips finished models (`fresh=true` trains them again).
+Writes OUTPUT/models/NAME.pt, its losses by epoch in the folder NAME as CSV and for TensorBoard, and
+a checkpoint after every epoch: run again, it resumes bit for bit and skips finished models
+(`fresh=true` trains them again). `wandb=true` tells Weights & Biases, `media=true` adds rollouts.
 """
 
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, plain, run, save_run
@@ -24,9 +26,11 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.files import save_torch
-    from buggy_rl.identification.study import load_drives, model_file, model_runs
+    from buggy_rl.identification.study import ModelRunConfig, load_drives, model_file, model_runs
     from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
+    from buggy_rl.run_log import RunLog
+    from buggy_rl.study.model_media import model_bundles
 
     torch.set_num_threads(config.threads)
     save_run(config, Path(config.output) / "models")
@@ -49,25 +53,26 @@ def main() -> None:
         torch.manual_seed(training_config.seed)
         model = make_model(model_config)
         run = Training(model, drives.training, drives.validation, training_config)
-        if checkpoint.exists() and not fresh:
+        resume = checkpoint.exists() and not fresh
+        if resume:
             run.load_state_dict(torch.load(checkpoint, weights_only=True))
         bar = tqdm(run.run(), name, total=training_config.epochs, initial=run.epoch, unit="epoch")
-        for metrics in bar:
-            log(file.with_suffix(".csv"), metrics)
-            bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
-            save_torch(checkpoint, run.state_dict())
-        save_model(model, model_config, file, about)
+        folder, own = file.with_suffix(""), ModelRunConfig(model_config, training_config)
+        save_run(own, folder)
+        with closing(RunLog(folder, "epoch", plain(own), config.wandb, resume)) as log:
+            for metrics in bar:
+                bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
+                log.add(metrics)
+                log.write()
+                save_torch(checkpoint, run.state_dict())
+            save_model(model, model_config, file, about)
+            if config.media:
+                width = 1 if training_config.preparation == "raw" else training_config.filter_width
+                picture = folder / "bundles.png"
+                model_bundles(file, width, drives.validation[0], picture)
+                log.add({"epoch": run.epoch}, {"bundles": picture})
+                log.write()
         checkpoint.unlink(missing_ok=True)
-
-
-def log(file: Path, metrics: dict[str, float]) -> None:
-    """Appends an epoch's row; after a stop between row and checkpoint the row is replaced."""
-    from buggy_rl.files import write_atomically
-
-    rows = file.read_text().splitlines()[1:] if file.exists() else []
-    kept = [row for row in rows if int(row.split(",")[0]) < metrics["epoch"]]
-    row = ",".join(f"{metrics[name]:.9g}" for name in metrics)
-    write_atomically(file, "\n".join([",".join(metrics), *kept, row]) + "\n")
 
 
 if __name__ == "__main__":

@@ -4,10 +4,13 @@
     python scripts/train_policy.py configs/ppo_original.yaml engine.simulator=runs/models/MLP.pt
 
 Writes OUTPUT/best.pt (by the validation paths), last.pt, checkpoint.pt, the resolved config, and
-logs as CSV and for TensorBoard. `resume=true` goes on where a run stopped, bit for bit.
+logs as CSV and for TensorBoard; `wandb=true` tells Weights & Biases, `media=true` adds pictures and
+films. `resume=true` goes on where a run stopped, bit for bit.
 """
 
+import json
 import os
+from contextlib import closing
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, plain, run, save_run
@@ -23,54 +26,38 @@ def main() -> None:
 
     from buggy_rl.policies.ppo import NonFiniteLossError
     from buggy_rl.policies.run import PolicyRun
+    from buggy_rl.run_log import RunLog
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     save_run(config, folder)
     training = PolicyRun(config)
-    loggers, rows = make_loggers(config, folder), []
-    steps = config.ppo.steps
-    bar = tqdm(
-        total=steps, initial=training.ppo.steps, unit="step", unit_scale=True, desc=folder.name
-    )
+    about = {**json.loads((folder / "run.json").read_text()), **plain(config)}
+    bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
+               desc=folder.name)  # fmt: skip
     try:
-        for metrics in training.metrics():
-            bar.update(training.batch)
-            bar.set_postfix_str(
-                f"reward {metrics['reward']:.3f}, {metrics['waypoints']:.1f} closed"
-            )
-            rows.append(metrics)
-            if training.checkpoint_is_due:
-                log(loggers, rows)  # just before the checkpoint, so that a resumed log repeats none
-                training.checkpoint()
+        with closing(RunLog(folder, "steps", about, config.wandb, config.resume)) as log, bar:
+            for metrics in training.metrics():
+                bar.update(training.batch)
+                bar.set_postfix_str(
+                    f"reward {metrics['reward']:.3f}, {metrics['waypoints']:.1f} closed"
+                )
+                validated = "validation_waypoints" in metrics
+                log.add(metrics, media(folder, metrics) if config.media and validated else None)
+                if training.checkpoint_is_due:
+                    log.write()  # just before the checkpoint, so that a resumed log repeats none
+                    training.checkpoint()
     except NonFiniteLossError as error:
         file = folder / "failed_batch.pt"
         raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
-    bar.close()
     print(f"{folder / 'best.pt'}: {training.best:.1f} waypoints on the validation paths")
 
 
-def make_loggers(config, folder):
-    """CSV and TensorBoard always, Weights & Biases on request."""
-    from torchrl.record.loggers.csv import CSVLogger
-    from torchrl.record.loggers.tensorboard import TensorboardLogger
+def media(folder: Path, metrics) -> dict[str, Path]:
+    """Pictures and films of the policy just validated."""
+    from buggy_rl.viz.policy_media import policy_media
 
-    loggers = [CSVLogger("csv", str(folder)), TensorboardLogger("tensorboard", str(folder))]
-    if config.wandb:
-        from torchrl.record.loggers.wandb import WandbLogger
-
-        mode = os.environ.get("WANDB_MODE", "offline")
-        loggers += [WandbLogger("buggy_rl", save_dir=str(folder), mode=mode, config=plain(config))]
-    return loggers
-
-
-def log(loggers, rows) -> None:
-    """Writes the rows out and forgets them."""
-    for row in rows:
-        for logger in loggers:
-            for name, value in row.items():
-                logger.log_scalar(name, value, step=row["steps"])
-    rows.clear()
+    return policy_media(folder / "last.pt", folder / "media", int(metrics["steps"]))
 
 
 if __name__ == "__main__":

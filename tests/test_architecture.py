@@ -18,6 +18,7 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "files": set(),
     "jobs": {"files"},
     "stepping": set(),
+    "run_log": {"files"},
     "recordings": GROUND,
     "models": GROUND | {"recordings"},
     "engines": GROUND | {"recordings", "models"},

@@ -1,7 +1,8 @@
+import pandas as pd
 import pytest
 import yaml
 
-from buggy_rl.policies.comparison import CompareConfig, compare
+from buggy_rl.policies.comparison import CompareConfig, compare, is_cost, summary
 from buggy_rl.viz.comparison import comparison_figure
 
 
@@ -71,6 +72,12 @@ def test_a_sweep_is_grouped_by_config_without_seed_and_output(config, tmp_path):
     found = compare(CompareConfig(sweep=str(tmp_path), metrics=["waypoints"])).table
     assert found["group"].tolist() == ["ppo.clip=0.1", "ppo.clip=0.2"]
     assert found["runs"].tolist() == [2, 1]
+
+
+@pytest.mark.parametrize(("metric", "best"), [("validation_loss", 3.0), ("validation_speed", 7.0)])
+def test_the_best_loss_is_the_lowest(metric, best):
+    log = pd.Series([5.0, 3.0, 7.0], index=[1, 2, 3])
+    assert summary([log], is_cost(metric))["best_mean"] == best
 
 
 def test_a_sweep_without_runs_is_an_error(tmp_path):

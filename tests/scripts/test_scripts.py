@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from buggy_rl.config import build
+from buggy_rl.policies.learning_curves import read_log
 from buggy_rl.policies.run import PolicyRunConfig
 
 ROOT = Path(__file__).parents[2]
@@ -63,6 +64,24 @@ def test_a_fit_is_a_simulator_file_with_intervals(finished: Path):
     assert set(content["parameters"]) == {"mass", "drive_force"}
     about = content["_fit"]["drive_force"]
     assert about["low"] <= content["parameters"]["drive_force"] <= about["high"]
+
+
+def test_training_leaves_a_log_of_each_model(finished: Path):
+    folder = finished / "models" / "mlp__raw"
+    losses = read_log(folder, "validation_loss")
+    assert list(losses.index) == [1, 2]
+    assert yaml.safe_load((folder / "config.yaml").read_text())["model"]["kind"] == "mlp"
+    assert list((folder / "tensorboard").glob("events.*"))
+
+
+def test_models_are_compared_by_their_logs(finished: Path, tmp_path: Path):
+    done = run("compare", f"sweep={finished / 'models'}", "metrics=[validation_loss]",
+               f"output={tmp_path}")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "table.csv")
+    groups = {"training.preparation=raw", "training.preparation=mirrored"}
+    assert set(table["group"]) == groups
+    assert (tmp_path / "curves.png").is_file()
 
 
 def test_every_run_says_how_it_was_made(finished: Path):

@@ -78,6 +78,17 @@ def test_weights_and_biases_are_told_on_request(train, tmp_path, monkeypatch):
     assert (tmp_path / "best.pt").is_file()
 
 
+def test_pictures_and_films_change_nothing_in_the_training(train, tmp_path):
+    plain, shown = tmp_path / "plain", tmp_path / "shown"
+    options = f"ppo.steps={2 * BATCH}", "validations=1"
+    train(f"output={plain}", *options)
+    train(f"output={shown}", *options, "media=true")
+    made = {file.name for file in (shown / "media").iterdir()}
+    assert made == {f"trajectories_{2 * BATCH}.png", f"film_{2 * BATCH}.gif"}
+    one, other = (load_policy(folder / "last.pt")[0].state_dict() for folder in (plain, shown))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
 def test_runs_on_two_simulators_differ_in_the_engine_alone(train, tmp_path):
     written = {}
     for name in ("kinematic", "single_track"):

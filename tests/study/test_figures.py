@@ -54,10 +54,11 @@ def test_a_bundle_of_one_second_ends_after_one_second(config):
 
 
 def test_preparations_of_a_model_share_a_panel(config, tmp_path):
-    (tmp_path / "models").mkdir()
     for name in ("mlp__raw", "mlp__mirrored", "gru"):
-        rows = "epoch,training_loss,validation_loss\n1,0.5,0.6\n2,0.4,0.5\n"
-        (tmp_path / "models" / f"{name}.csv").write_text(rows)
+        logs = tmp_path / "models" / name / "csv" / "scalars"
+        logs.mkdir(parents=True)
+        for metric in ("training_loss", "validation_loss"):
+            (logs / f"{metric}.csv").write_text("1,0.5\n2,0.4\n")
     found = panels(FIGURES["training"](config))
     assert {axis.get_title(): len(axis.lines) for axis in found} == {"MLP": 4, "GRU": 2}
     assert TrainingConfig().preparation == "raw"

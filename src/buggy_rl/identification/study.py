@@ -51,6 +51,14 @@ class RunConfig:
 
 
 @dataclass(frozen=True)
+class ModelRunConfig:
+    """One model and its training."""
+
+    model: ModelConfig
+    training: TrainingConfig
+
+
+@dataclass(frozen=True)
 class StudyConfig:
     """Everything from drives to the table of simulators."""
 
@@ -74,6 +82,10 @@ class StudyConfig:
     """Train and judge only these models, by their name in the table."""
     shown: list[str] = field(default_factory=list)
     """Simulators whose rollouts are drawn; empty for the best three."""
+    wandb: bool = False
+    """Tells Weights & Biases of training too, offline unless WANDB_MODE says otherwise."""
+    media: bool = False
+    """Draws rollouts of each trained model over a validation drive, in its log too."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ import yaml
 
 from buggy_rl.policies.learning_curves import band, read_log
 
+COSTS = "loss", "error", "lateral", "heading", "out_of_range"  # in the names of what is to be low
+
 
 @dataclass(frozen=True)
 class CompareConfig:
@@ -19,7 +21,8 @@ class CompareConfig:
     output: str = "runs/comparison"
     """The folder of the table and the picture."""
     runs: dict[str, list[str]] = field(default_factory=dict)
-    """Folders of scripts/train_policy.py, one a seed, as runs.NAME=[FOLDER,FOLDER]."""
+    """Folders of scripts/train_policy.py, one a seed, as runs.NAME=[FOLDER,FOLDER]; or of models,
+    OUTPUT/models/NAME of scripts/train_models.py."""
     sweep: str = ""
     """A folder of runs, instead of `runs`: grouped by their config without seed and output."""
     metrics: list[str] = field(default_factory=lambda: ["validation_waypoints", "waypoints"])
@@ -57,7 +60,7 @@ def compare(config: CompareConfig) -> Comparison:
             bands[name, metric] = band(logs)
             if bands[name, metric].empty:
                 raise ValueError(f"the runs of {name} have no step of {metric} in common")
-            rows.append({"group": name, "metric": metric, **summary(logs)})
+            rows.append({"group": name, "metric": metric, **summary(logs, is_cost(metric))})
     return Comparison(bands, pd.DataFrame(rows), differences(runs))
 
 
@@ -78,10 +81,10 @@ def grouped(sweep: Path) -> dict[str, list[str]]:
     return groups
 
 
-def summary(logs: list[pd.Series]) -> dict[str, float]:
-    """Final and best (highest) value of each run: mean and sample sd; the sd of one run is NaN."""
+def summary(logs: list[pd.Series], lower_is_better: bool) -> dict[str, float]:
+    """Final and best value of each run: mean and sample sd; the sd of one run is NaN."""
     final = [float(log.iloc[-1]) for log in logs]
-    best = [float(log.max()) for log in logs]
+    best = [float(log.min() if lower_is_better else log.max()) for log in logs]
     steps = [int(log.index[-1]) for log in logs]
     return {
         "runs": len(logs),
@@ -92,6 +95,11 @@ def summary(logs: list[pd.Series]) -> dict[str, float]:
         "least_steps": min(steps),
         "most_steps": max(steps),
     }
+
+
+def is_cost(metric: str) -> bool:
+    """Whether the lowest value is the best: losses, errors and distances from the path."""
+    return any(part in metric for part in COSTS)
 
 
 def differences(runs: Mapping[str, list[str]]) -> pd.DataFrame:
@@ -114,7 +122,7 @@ def read_config(folder: Path) -> dict[str, str]:
     """
     file = folder / "config.yaml"
     if not file.is_file():
-        raise ValueError(f"there is no {file}: is {folder} a run of scripts/train_policy.py?")
+        raise ValueError(f"there is no {file}: is {folder} the folder of a run?")
     flat = dict(_flat(yaml.safe_load(file.read_text())))
     return {k: v for k, v in flat.items() if k.rsplit(".")[-1] not in ("seed", "output")}
 

@@ -34,7 +34,7 @@ class ShowPoliciesConfig:
     simulator: str = ""
     """Drives all policies beside the car; empty for the simulator that each was trained in."""
     car: str = "reference"
-    """What stands for the real car."""
+    """What stands for the real car; empty for none."""
     courses: list[str] = field(default_factory=lambda: list(ROOM))
     """Paths, a row each: any of lap, infinity, random."""
     pure_pursuit: str = ""
@@ -86,7 +86,8 @@ def panels(
         raise ValueError("no policy to show: name some, as policies.NAME=FILE")
     numbers = [config.pure_pursuit] if config.pure_pursuit else []
     pursuit = PurePursuit(build(PurePursuitConfig, numbers))
-    found = [(name, place) for name in config.policies for place in ("simulator", "car")]
+    places = ("simulator", "car") if config.car else ("simulator",)
+    found = [(name, place) for name in config.policies for place in places]
     for name, place in progress(found):
         policy, about = load_policy(config.policies[name])
         engine = from_plain(EngineConfig, about["config"]["engine"], config.policies[name])

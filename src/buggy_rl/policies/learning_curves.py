@@ -64,8 +64,12 @@ def read_log(folder: Path, metric: str) -> pd.Series:
     """
     file = folder / "csv" / "scalars" / f"{metric}.csv"
     if not file.is_file():
-        raise ValueError(f"there is no log {file}: is {folder} a run of scripts/train_policy.py?")
+        raise ValueError(
+            f"there is no log {file}: is {folder} a run of scripts/train_policy.py, or a model's "
+            "folder of scripts/train_models.py?"
+        )
     table = pd.read_csv(file, header=None, names=["steps", "value"]).dropna()
+    table = table.drop_duplicates("steps", keep="last")  # a stop between row and checkpoint
     return pd.Series(table["value"].to_numpy(), pd.Index(table["steps"], name="steps"))
 
 

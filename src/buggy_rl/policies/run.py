@@ -56,6 +56,8 @@ class PolicyRunConfig:
     """Goes on from the last checkpoint in OUTPUT as if never stopped."""
     wandb: bool = False
     """Logs to Weights & Biases too, offline unless WANDB_MODE says otherwise."""
+    media: bool = False
+    """Draws and films the policy after each validation, in OUTPUT/media and in the logs."""
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:

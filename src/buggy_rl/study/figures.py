@@ -15,9 +15,10 @@ from buggy_rl import keys
 from buggy_rl.identification.rollouts import MEASURED, Rollouts, load_rollouts, median_error
 from buggy_rl.identification.study import StudyConfig, load_drives, model_file, model_runs
 from buggy_rl.policies.drives import ShowPoliciesConfig, panels
-from buggy_rl.policies.learning_curves import ShowLearningConfig, curves
+from buggy_rl.policies.learning_curves import ShowLearningConfig, curves, read_log
 from buggy_rl.recordings.filters import filtered
 from buggy_rl.recordings.windows import mirror
+from buggy_rl.study.model_media import SEGMENTS
 from buggy_rl.task.paths.making import ShowPathsConfig, path_sets
 from buggy_rl.viz.bundles import Bundles, bundles_figure
 from buggy_rl.viz.histograms import histogram_figure
@@ -30,7 +31,7 @@ from buggy_rl.viz.training import training_figure
 
 SIGNAL_START, SIGNAL_SECONDS = 5.0, 2.0  # [s] of the recording whose signals are drawn
 FILTER_WIDTH = 5  # rows, of the original study
-SEGMENTS = 12  # of a bundle; more of them hide one another
+LOSSES = "training_loss", "validation_loss"
 COLUMNS = 4  # simulators beside one another that are readable in print
 
 
@@ -79,12 +80,13 @@ def training(config: FiguresConfig) -> Figure:
     """Losses over the epochs, by model and preparation."""
     logs: dict[str, dict[str, pd.DataFrame]] = {}
     for name, _, run in model_runs(config):
-        file = model_file(config, name).with_suffix(".csv")
-        if file.is_file():
+        folder = model_file(config, name).with_suffix("")
+        if (folder / "csv").is_dir():
             model = name.removesuffix(f", {run.preparation}")
-            logs.setdefault(model, {})[run.preparation] = pd.read_csv(file)
+            losses = {metric: read_log(folder, metric) for metric in LOSSES}
+            logs.setdefault(model, {})[run.preparation] = pd.DataFrame(losses)
     if not logs:
-        raise MissingError("no losses: scripts/train_models.py writes them beside each model")
+        raise MissingError("no losses: scripts/train_models.py writes them")
     return training_figure(logs)
 
 

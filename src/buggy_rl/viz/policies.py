@@ -45,7 +45,8 @@ def policies_figure(panels: Sequence[Panel]) -> Figure:
         axis.set_ylabel("y [m]")
     scale = ScalarMappable(colours, SPEEDS)
     figure.colorbar(scale, ax=axes, label="speed vx [m/s]", shrink=0.7, aspect=30, pad=0.01)
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, frameon=False)
+    across = 4 if len(columns) > 1 else 2  # entries that fit below
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=across, frameon=False)
     return figure
 
 

@@ -14,7 +14,7 @@ def training_figure(logs: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure:
     """A panel for each model, a colour for each preparation; dashed is the training loss.
 
     Args:
-        logs: Model -> preparation -> `epoch`, `training_loss`, `validation_loss`.
+        logs: Model -> preparation -> `training_loss`, `validation_loss` by epoch.
     """
     rows = -(-len(logs) // COLUMNS)
     figure = Figure(figsize=(3.6 * COLUMNS, 2.9 * rows + 0.5), layout="constrained")
@@ -23,8 +23,8 @@ def training_figure(logs: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure:
         axis.set_axis_off()
     for axis, (model, preparations) in zip(axes.flat, logs.items(), strict=False):
         for colour, (name, log) in zip(COLOURS, preparations.items(), strict=False):
-            axis.plot(log["epoch"], log["training_loss"], color=colour, ls="--", lw=1.0)
-            axis.plot(log["epoch"], log["validation_loss"], color=colour, lw=1.8, label=name)
+            axis.plot(log.index, log["training_loss"], color=colour, ls="--", lw=1.0)
+            axis.plot(log.index, log["validation_loss"], color=colour, lw=1.8, label=name)
         axis.set_yscale("log")
         axis.set_title(model, fontsize=10)
         axis.set_xlabel("epoch")
