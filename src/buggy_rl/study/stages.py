@@ -164,6 +164,7 @@ class Plan:
             f"simulator={self.fitted}",
             f"recordings=[{','.join(self._held_out)}]",
             *([f"columns={data.columns}"] if data.columns else []),
+            f"threads={self.config.workers}",  # nothing else takes as long: it ends alone
             *self.config.diagnosis,
             f"output={self.folder / 'diagnosis'}",
         ]
