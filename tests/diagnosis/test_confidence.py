@@ -115,6 +115,26 @@ def test_nats_between_alternatives_count_a_quarter():
     assert found.alternatives == {"b": pytest.approx(odds_b / total, rel=1e-3)}
 
 
+def test_segments_weigh_by_the_mean_square_over_channels_in_which_two_hypotheses_differ():
+    # 6^2 and 4^2 noise variances apart in two of four segments, so that these weigh 36 to 16:
+    # b leaves 0.2 + 0.04 36 / 52 there, which is 25 0.0277 / 0.25 = 2.77 nats; none 25 0.05 / 0.25.
+    def leaving(effects, apart, *excess):
+        candidate = _candidate(effects, *excess)
+        candidate.fit.whitened = torch.tensor(apart).expand(4).unsqueeze(-1).expand(4, 6)
+        return candidate
+
+    class Sharp(Found):
+        def loss(self, candidate):
+            return 100 * super().loss(candidate)  # so that nats do not bound what is left
+
+    tried = {(): leaving((), 0.0, 0.25), ("a",): leaving(("a",), 0.0, 0.2)}
+    tried["b",] = leaving(("b",), [6.0, 4.0, 0.0, 0.0], 0.24, 0.2, 0.2, 0.2)
+    best = Sharp(tried["a",], tried, None, 1.0)  # type: ignore[arg-type]
+    odds = math.exp(-25 * 0.04 * 36 / 52 / 0.25)
+    total = 1 + odds + math.exp(-5.0)
+    assert confidences(best, NO_DOUBTS, DEFAULTS)["a"].probability == pytest.approx(1 / total, 1e-3)
+
+
 def test_no_effect_is_more_probable_than_99_percent():
     tried = {(): _candidate((), 50.0), ("a",): _candidate(("a",), 0.0)}
     assert _confidence(tried).probability == pytest.approx(0.99)
