@@ -72,6 +72,7 @@ def _serve(where: Connection, rows: Any, name: str, course: Course | None, camer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the drive, which ends this
     parent = multiprocessing.parent_process()
     server = make_server("drive")
+    server.gui.main_panel.minimize()  # there is nothing in it for a driver
     stage = Stage(server, VehicleDimensions())
     track = LiveTrack(name, course)
     where.send(address(server))

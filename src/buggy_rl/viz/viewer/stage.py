@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,8 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 def make_server(label: str) -> viser.ViserServer:
     """A viser server on a free port of this machine alone."""
-    server = viser.ViserServer(host=HOST, port=0, label=label, verbose=False)
+    with redirect_stdout(StringIO()):  # its banner; the address that users open is printed later
+        server = viser.ViserServer(host=HOST, port=0, label=label, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False)
     return server
 
