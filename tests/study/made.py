@@ -64,5 +64,5 @@ def write(folder):
             rows += [f"{policy},{place},{c},{60 - own}" for c in ("lap", "infinity", "random")]
     (folder / "policies" / "policies.csv").write_text("\n".join(rows) + "\n")
     (folder / "figures").mkdir()
-    (folder / "figures" / "signals_raw.png").write_bytes(b"\x89PNG made up")
-    (folder / "figures" / "too_large.png").write_bytes(b"0" * 500_000)
+    (folder / "figures" / "signals.png").write_bytes(b"\x89PNG made up")
+    (folder / "figures" / "driven.png").write_bytes(b"0" * 500_000)

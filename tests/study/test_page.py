@@ -91,8 +91,8 @@ def test_the_player_has_the_fitted_simulator_and_the_best_ones(html):
 
 
 def test_a_picture_too_large_for_the_page_is_left_out(html):
-    assert 'alt="signals raw"' in html
-    assert "too large" not in html
+    assert "Raw and filtered velocities" in text(html)
+    assert "Recorded velocities" not in text(html)
 
 
 def test_without_policies_the_page_says_so(tmp_path):

@@ -75,10 +75,14 @@ class Hypothesis:
         return {(c.effect, c.parameter.name): z for c, z in numbers}
 
     def values(self) -> dict[str, dict[str, float]]:
-        """Effect -> parameter -> value; the clock under the empty name."""
+        """Effect -> parameter -> value, within its bounds also after rounding.
+
+        The clock is under the empty name.
+        """
         result: dict[str, dict[str, float]] = {}
         for c, z in zip(self.coordinates, self.vector.tolist(), strict=True):
-            result.setdefault(c.effect, {})[c.parameter.name] = float(c.parameter.value_at(z))
+            value = min(max(float(c.parameter.value_at(z)), c.parameter.lower), c.parameter.upper)
+            result.setdefault(c.effect, {})[c.parameter.name] = value
         return result
 
     def at_bound(self, effect: str) -> tuple[str, ...]:
@@ -157,8 +161,9 @@ class Library:
                 if not c.effect:
                     offset[row] = value
                 elif c.effect.startswith(OWN):
-                    neutral = self.parameters[name].value
-                    parameters.setdefault(name, torch.full(shape, neutral))[row] = value
+                    own = self.parameters[name]  # an engine may refuse what is out of bounds
+                    values = parameters.setdefault(name, torch.full(shape, own.value))
+                    values[row] = value.clamp(own.lower, own.upper)
                 else:
                     if c.effect not in effects:
                         declared = effect_class(c.effect).declared

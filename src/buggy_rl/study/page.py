@@ -12,12 +12,16 @@ from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from buggy_rl.identification.rollouts import load_rollouts
 from buggy_rl.identification.study import Drives
 from buggy_rl.study import results
+from buggy_rl.study.figures import FIGURES
 from buggy_rl.study.player import player
 from buggy_rl.study.stages import Plan, Stage
 
 TYPES = {".png": "image/png", ".mp4": "video/mp4", ".svg": "image/svg+xml"}
 PLAYED = 5  # simulators in the player: the best ones, the fitted and the one as shipped
 LARGEST = 400_000  # [byte] of a picture or film that is put into the page
+CAPTIONS = {name: (draw.__doc__ or name).splitlines()[0] for name, draw in FIGURES.items()} | {
+    "policy": "A policy trained in the fitted simulator; the ghost is pure pursuit."
+}
 
 
 @dataclass(frozen=True)
@@ -62,18 +66,23 @@ def page(plan: Plan, drives: Drives, stages: Sequence[Stage], made: Made) -> str
             diagnosis=results.diagnosis(folder),
             repair=results.repaired(folder),
             played=_played(folder, table, fitted),
-            pictures=embedded(sorted((folder / "figures").glob("*.png"))),
-            films=embedded(sorted((folder / "films").glob("*.mp4"))),
+            pictures=embedded([folder / "figures" / f"{name}.png" for name in FIGURES], CAPTIONS),
+            films=embedded(sorted((folder / "films").glob("*.mp4")), CAPTIONS),
         )
     )
 
 
-def embedded(files: Sequence[Path]) -> dict[str, str]:
-    """Name -> data URI of each file that is not too large for the page."""
+def embedded(files: Sequence[Path], captions: Mapping[str, str]) -> dict[str, str]:
+    """Caption -> data URI of each file that is there and not too large for the page.
+
+    Args:
+        files: Pictures and films.
+        captions: Stem of a file -> what it shows; a stem that is not there stands for itself.
+    """
     return {
-        file.stem.replace("_", " "): _data_uri(file)
+        captions.get(file.stem, file.stem.replace("_", " ")): _data_uri(file)
         for file in files
-        if file.stat().st_size <= LARGEST
+        if file.exists() and file.stat().st_size <= LARGEST
     }
 
 

@@ -1,0 +1,27 @@
+"""Hypotheses: their numbers stay within the parameters' bounds, also after rounding."""
+
+import pytest
+
+from buggy_rl.estimation.hypothesis import OWN, Library
+from buggy_rl.parameters import Parameter
+
+ROUNDED_BELOW = [0.0037, 0.0074, 0.0101]
+
+
+@pytest.mark.parametrize("value", ROUNDED_BELOW)
+def test_a_parameter_at_its_bound_is_not_beyond_it(value):
+    delay = Parameter("steering_dead_time", value, 0.0, 0.2, "s", "Delay.")
+    library = Library([], {delay.name: delay})
+    lowest = library.hypothesis([OWN + delay.name])
+    lowest = lowest.at(lowest.vector - 100.0)
+    assert lowest.values()[OWN + delay.name] == {delay.name: 0.0}
+    settings = library.settings([(lowest, lowest.vector)])
+    assert settings.parameters[delay.name].tolist() == [0.0]
+
+
+def test_some_of_these_values_round_beyond_the_bound():
+    def rounded(value):
+        [own] = Library([], {"p": Parameter("p", value, 0.0, 0.2, "s", "")}).numbers(OWN + "p")
+        return own.value_at(own.coordinate(0.0))
+
+    assert min(map(rounded, ROUNDED_BELOW)) < 0
