@@ -58,3 +58,9 @@ def test_a_simulator_without_a_step_keeps_its_options():
         return Simulation(lambda cars: object())
 
     assert not fine_enough(simulation, drives(), DEFAULTS.finer_step_gain).options
+
+
+def test_a_step_is_halved_at_most_three_times():
+    recordings = planted_drives([{}], cars=1, seconds=2.0, make=mujoco()({}).make)[0]
+    found = fine_enough(mujoco(timestep=COARSE), cut_segments(recordings, 0.2, 1.0), -100.0)
+    assert found.options == {"timestep": COARSE / 8}

@@ -6,6 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect, make_effects
+from buggy_rl.effects.sensing.mounting import SensorYaw
 from buggy_rl.engines import make_engine
 from tests.effects.faults import batched, follow, over, start, step
 
@@ -206,3 +207,8 @@ def test_a_part_of_the_cars_can_be_late():
     state = env.reset(TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(2, 3)}, [2]))
     behind = (state[keys.POSE] - state[keys.MEASURED_POSE])[:, 0]
     torch.testing.assert_close(behind, torch.tensor([0.0, 0.1]))
+
+
+@pytest.mark.parametrize(("angle", "side"), [(0.008, "left"), (-0.008, "right")])
+def test_half_a_degree_to_the_left_is_said_to_be_left(angle, side):
+    assert f"0.46 degrees to the {side}" in SensorYaw.sentence({"angle": angle})

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -163,3 +165,13 @@ def test_a_baseline_without_anything_to_hold_out_is_refused(wrong):
     assert len(few) > 0
     with pytest.raises(ValueError, match="record at least 24 s"):
         correct(Simulation(simulator), few)
+
+
+def test_commands_beyond_their_range_are_looked_at_as_the_car_takes_them(wrong):
+    much = replace(wrong, action=4 * wrong.action)
+    at_most = replace(wrong, action=(4 * wrong.action).clamp(-1, 1))
+    for left, right in zip(
+        *(lacking_acceleration(Simulation(simulator), part) for part in (much, at_most)),
+        strict=True,
+    ):
+        torch.testing.assert_close(left, right)

@@ -58,3 +58,11 @@ def test_the_deciding_parameter_of_a_patch_is_its_grip():
     assert library.deciding("grip_patch") == {"grip"}
     assert library.deciding("floor_slope") == {"along_x", "along_y"}
     assert library.deciding("parameter:mass") == {"mass"}
+
+
+def test_the_cost_is_the_loss_of_all_segments_and_the_penalty_of_the_values(late):
+    problem, (right, _) = late
+    loss = problem.noise.loss(right.square, problem.dispersion)
+    assert len(loss) == len(problem.segments) > 1
+    assert right.penalty() > 0
+    assert problem.cost(right) == pytest.approx(float(sum(loss)) + right.penalty())

@@ -5,7 +5,7 @@ import torch
 
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.noise_model import NoiseModel
-from buggy_rl.estimation.screening import promise
+from buggy_rl.estimation.screening import _trials, promise, screened
 
 UNIT = NoiseModel(torch.eye(6, dtype=torch.float64).expand(1, 6, 6), torch.ones(6))
 PROBLEM = Problem(None, None, UNIT, None)  # type: ignore[arg-type]  # nothing is rolled out
@@ -40,3 +40,14 @@ def test_what_the_bases_own_parameters_absorb_is_no_promise():
     assert promise(PROBLEM, base, trial) == pytest.approx(loss(0.16 + 1.0))
     along = fit(FIRST + 0.6 * SECOND)
     assert promise(PROBLEM, base, along) == pytest.approx(loss(1.0 + 0.36))  # the trial's own
+
+
+def test_of_an_effects_trials_the_one_that_promises_most_is_kept(late):
+    problem, _ = late
+    [base] = problem.rolled_out([problem.library.hypothesis(())])
+    [kept] = screened(problem, base, 1)
+    assert kept.effects == ("steering_dead_time",)
+    trials = problem.rolled_out(_trials(problem, base, "steering_dead_time"))
+    costs = [promise(problem, base, trial) for trial in trials]
+    assert max(costs) > min(costs) + 1.0
+    assert promise(problem, base, kept) == pytest.approx(min(costs), rel=1e-6)

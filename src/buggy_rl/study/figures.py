@@ -29,7 +29,7 @@ from buggy_rl.viz.repair import repair_figure
 from buggy_rl.viz.signals import Signals, signals_figure
 from buggy_rl.viz.training import training_figure
 
-SIGNAL_START, SIGNAL_SECONDS = 5.0, 2.0  # [s] of the recording whose signals are drawn
+SIGNAL_SECONDS = 2.0  # [s] of the recording whose signals are drawn
 FILTER_WIDTH = 5  # rows, of the original study
 LOSSES = "training_loss", "validation_loss"
 COLUMNS = 4  # simulators beside one another that are readable in print
@@ -64,13 +64,14 @@ def driven(config: FiguresConfig) -> Figure:
 
 
 def signals(config: FiguresConfig) -> Figure:
-    """Raw and filtered velocities of the first held-out recording, and their labels."""
+    """Velocities, raw and filtered, and their labels, where the first held-out drive turns most."""
     recording = load_drives(config.data, on_refusal=_ignore).held_out[0]
     smooth = filtered(recording, FILTER_WIDTH)
-    first = round(SIGNAL_START / recording.dt)
-    rows = slice(first, first + round(SIGNAL_SECONDS / recording.dt))
-    if len(recording) < rows.stop:
-        raise MissingError(f"{recording.name} is shorter than {SIGNAL_START + SIGNAL_SECONDS:g} s")
+    count = round(SIGNAL_SECONDS / recording.dt)
+    if len(recording) < count:
+        raise MissingError(f"{recording.name} is shorter than {SIGNAL_SECONDS:g} s")
+    turning = recording.data[keys.VELOCITY][:, 2].unfold(0, count, 1).std(-1)
+    rows = slice(first := int(turning.argmax()), first + count)
     time = recording.data[keys.TIME].flatten().numpy()[rows]
     raw, past = (r.data[keys.VELOCITY][rows].numpy() for r in (recording, smooth))
     return signals_figure(Signals(time, raw, past, recording.dt, FILTER_WIDTH))
