@@ -1,5 +1,6 @@
 """Engines by name: each moves the car by one kind of physics, all with the same keys."""
 
+import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +70,12 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
 
     from buggy_rl.engines.single_precision import in_single_precision
 
-    engine = in_single_precision(load_named(name)(batch_size, device))
+    factory = load_named(name)
+    try:
+        inspect.signature(factory).bind(batch_size, device)
+    except TypeError as error:
+        raise ValueError(f"{name} is called as factory(batch_size, device): {error}") from error
+    engine = in_single_precision(factory(batch_size, device))
     if not parameters:
         return engine
     with_parameters = getattr(engine, "with_parameters", None)

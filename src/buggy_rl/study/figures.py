@@ -64,7 +64,7 @@ def driven(config: FiguresConfig) -> Figure:
 
 
 def signals(config: FiguresConfig) -> Figure:
-    """Velocities, raw and filtered, and their labels, where the first held-out drive turns most."""
+    """Raw and filtered velocities, and their labels, where the first held-out drive turns most."""
     recording = load_drives(config.data, on_refusal=_ignore).held_out[0]
     smooth = filtered(recording, FILTER_WIDTH)
     count = round(SIGNAL_SECONDS / recording.dt)
