@@ -28,7 +28,7 @@ from buggy_rl.diagnosis.validation import Errors, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import OWN
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.misfit import NOTHING, misfit
 
 WRITTEN = 24  # hypotheses that are written down
@@ -78,16 +78,20 @@ def answered(
 
 
 def _doubts(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> Doubts:
-    first, fit = misfit(given, given) - 1, found.best.fit
-    deciding, problem = case.problem.library.deciding, case.problem
+    first, fit, problem = misfit(given, given) - 1, found.best.fit, case.problem
     return Doubts(
         closed={e: found.closed(e) / max(first, 1e-9) for e in fit.effects},
         unclosed=unclosed,
         varies={
             e: variation(case.criteria, problem, found.best, found.null, e) for e in fit.effects
         },
-        at_bound={e for e in fit.effects if deciding(e) <= {*fit.at_bound(e)}},
+        at_bound=decided_at_bound(fit, problem.library),
     )
+
+
+def decided_at_bound(fit: Hypothesis, library: Library) -> set[str]:
+    """Effects of which all the parameters that decide how large they are lie at a bound."""
+    return {e for e in fit.effects if library.deciding(e) <= {*fit.at_bound(e)}}
 
 
 def _undecided(found: SearchResult, named: Sequence[NamedEffect]) -> list[Candidate]:
