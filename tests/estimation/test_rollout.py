@@ -71,6 +71,7 @@ def test_a_clock_offset_shifts_a_ramp_by_as_much():
     assert given[0, 100].tolist() == [97.5, -97.5]
     assert given[len(segments), 100].tolist() == [101.0, -101.0]
     assert given[0, 0, 0] == segments.action[0, 0, 0]  # before its first row it is held
+    assert given[len(segments), -1, 0] == segments.action[0, -1, 0]  # and after its last
 
 
 def test_the_start_of_a_late_sensor_is_taken_from_what_it_reports_later(quiet):

@@ -8,7 +8,6 @@ is that of an engine with the force inside, to first order in the step.
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any
 
 import torch
@@ -47,27 +46,27 @@ class Motion:
         """Drive command [n], 0..1."""
         return 0.5 * (self.action[..., 0] + 1)
 
-    @cached_property
+    @property
     def heading(self) -> Tensor:
         """Yaw [n] in the middle of the step [rad]."""
         return self.pose[..., 2] + 0.5 * self.dt * self.turn_rate
 
-    @cached_property
+    @property
     def turn_rate(self) -> Tensor:
         """Yaw rate [n], mean of the step [rad/s]."""
         return 0.5 * (self.before[..., 2] + self.after[..., 2])
 
-    @cached_property
+    @property
     def speed(self) -> Tensor:
         """Speed [n] at the end of the step [m/s]."""
         return torch.linalg.vector_norm(self.after[..., :2], dim=-1)
 
-    @cached_property
+    @property
     def setting_off(self) -> Tensor:
         """tanh(speed / 0.1 m/s) [n]: 0 at rest, 1 in motion."""
         return torch.tanh(self.speed / SETTING_OFF)
 
-    @cached_property
+    @property
     def acceleration(self) -> tuple[Tensor, Tensor, Tensor]:
         """Force over mass ax, ay [m/s^2] and yaw acceleration [rad/s^2], means of the step [n].
 

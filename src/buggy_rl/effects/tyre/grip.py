@@ -54,9 +54,8 @@ class TireGrip(TyreEffect):
         grip = self._value("grip").clamp_min(1e-2)
         return grip, grip
 
-    def _bounded(self, force: Tensor, load: Tensor) -> Tensor:
-        most = self._value("max_acceleration").unsqueeze(-1) * load
-        return torch.minimum(torch.maximum(force, -most), most)
+    def _most(self, motion: Motion) -> Tensor:
+        return self._value("max_acceleration")
 
 
 class GripBalance(TyreEffect):

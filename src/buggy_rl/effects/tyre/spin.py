@@ -10,7 +10,6 @@ above 1 m/s the effect's u is 10 to 17 % below the car's on average, below 0.3 m
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -48,12 +47,12 @@ class DrivenAxles:
     dt: float
     """Control period [s]."""
 
-    @cached_property
+    @property
     def axles(self) -> slice:
         """Those of front and rear axle that are driven."""
         return slice(0 if self.front > 0 else 1, 2 if self.front < 1 else 1)
 
-    @cached_property
+    @property
     def shares(self) -> list[float]:
         """Share of the drive at each of them."""
         return [self.front, 1 - self.front][self.axles]
