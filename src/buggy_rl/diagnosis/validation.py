@@ -1,6 +1,6 @@
 """Validation: how far rollouts are from recordings that nothing was fitted to."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -64,19 +64,18 @@ def validated(
     """
     fold = folds(problem.segments)
     aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
-    sets = {"after": _refits(problem, best, aside)}
+    starts = {"after": best}
     own = _retunable(problem.library)
     if own:
-        start = problem.library.at(own, best.named())
-        sets["retuned"] = _refits(problem, start, aside)
+        starts["retuned"] = problem.library.at(own, best.named())
+    sets = {"before": [problem.library.hypothesis(())] * len(aside)}
+    sets |= _refits(problem, starts, aside)
     networks = _networks(problem, aside)
-    result = {name: Errors() for name in ("before", *sets, "black_box")}
+    result = {name: Errors() for name in (*sets, "black_box")}
     for part in _lengths(problem.segments, recordings):
         owner, fitted_to = _owners(part, problem.segments, fold), part is problem.segments
         part, owner = part[owner >= 0], owner[owner >= 0]
         instants = problem.simulation.instants(part)
-        given = problem.simulation.residuals(part)[0]
-        result["before"].add(_distance(given), instants, part.dt)
         # Each segment at the vector of the fit that it was held out of.
         rows = [(fits[0], torch.stack([f.vector for f in fits])[owner]) for fits in sets.values()]
         residuals = problem.simulation.residuals(part, problem.library.settings(rows))
@@ -125,11 +124,15 @@ def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segmen
     return result
 
 
-def _refits(problem: Problem, start: Hypothesis, aside: Sequence[Tensor]) -> list[Hypothesis]:
-    """The hypothesis fitted anew to all that is not held out, for each fold that is."""
-    return [
-        fitted(problem[_rest(problem.segments, rows)], [start], ITERATIONS)[0] for rows in aside
+def _refits(
+    problem: Problem, starts: Mapping[str, Hypothesis], aside: Sequence[Tensor]
+) -> dict[str, list[Hypothesis]]:
+    """Hypotheses fitted anew to all that is not held out, for each fold that is."""
+    by_fold = [
+        fitted(problem[_rest(problem.segments, rows)], list(starts.values()), ITERATIONS)
+        for rows in aside
     ]
+    return {name: [fits[k] for fits in by_fold] for k, name in enumerate(starts)}
 
 
 def _networks(problem: Problem, aside: Sequence[Tensor]) -> list[Simulation]:

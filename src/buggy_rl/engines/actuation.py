@@ -6,7 +6,7 @@ A command passes a dead time, a first-order lag and a static map.
 import importlib.resources
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -179,6 +179,33 @@ def resistance(vx: Tensor, steering_angle: Tensor, values: Mapping[str, Tensor])
     return torch.where(force * vx > 0, force, torch.zeros_like(force))
 
 
+def moved_on(
+    substep: Callable[[Tensor, Tensor, Tensor, Any], Tensor],
+    values: Mapping[str, Tensor],
+    actuators: Iterable[Tensor],
+    motion: tuple[Tensor, Tensor],
+    h: Any,
+) -> tuple[Tensor, Tensor]:
+    """Pose and velocity [*, 3] of the sensor after a substep of `h` [s] with each of the actuators.
+
+    Args:
+        substep: Velocity of the centre of gravity at the end of one, see `ActuatedEngine._substep`.
+        values: Of the parameters.
+        actuators: Throttle and steering [*, 2] of each, constant at their mean.
+        motion: Pose and velocity at the start.
+        h: [s]
+    """
+    pose, velocity = motion
+    for position in actuators:
+        throttle, steering = position.unbind(-1)
+        angle = road_wheel_angle(steering, values)
+        at_cg = shift_velocity(velocity, -values["sensor_x"], -values["sensor_y"])
+        at_cg = substep(at_cg, 0.5 * (throttle + 1), angle, h)
+        moved = shift_velocity(at_cg, values["sensor_x"], values["sensor_y"])
+        pose, velocity = integrate_pose(pose, velocity, moved, h), moved
+    return pose, velocity
+
+
 class ActuatedEngine(Engine):
     """A bicycle model behind dead times and lags; a subclass integrates its velocity.
 
@@ -243,21 +270,21 @@ class ActuatedEngine(Engine):
         commands = torch.cat([action.unsqueeze(-2), state[COMMANDS]], -2)  # (*, K + 1, 2)
         target = (self._dead_time_weights * commands).sum(-2)  # (*, 2)
         to_go = state[ACTUATOR] - target
-        pose, velocity = state[keys.POSE], state[keys.VELOCITY]
-        h = self.dt / self.substeps
-        for decay in self._mean_decays:
-            throttle, steering = (target + to_go * decay).unbind(-1)
-            angle = road_wheel_angle(steering, self.values)
-            at_cg = shift_velocity(velocity, -self.values["sensor_x"], -self.values["sensor_y"])
-            at_cg = self._substep(at_cg, 0.5 * (throttle + 1), angle, h)
-            moved = shift_velocity(at_cg, self.values["sensor_x"], self.values["sensor_y"])
-            pose, velocity = integrate_pose(pose, velocity, moved, h), moved
+        actuators = [target + to_go * decay for decay in self._mean_decays]
+        pose, velocity = self._moved_on(actuators, state[keys.POSE], state[keys.VELOCITY])
         return {
             keys.POSE: pose,
             keys.VELOCITY: velocity,
             COMMANDS: commands[..., :-1, :],
             ACTUATOR: target + to_go * self._end_decay,
         }
+
+    def _moved_on(
+        self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Pose and velocity after a substep with each of the actuators' positions [*, 2]."""
+        h = self.dt / self.substeps
+        return moved_on(self._substep, self.values, actuators, (pose, velocity), h)
 
     def _parameters_changed(self) -> None:
         dead_time = self._both("dead_time")
@@ -279,8 +306,12 @@ class ActuatedEngine(Engine):
 
     def _pair(self, first: str, second: str, what: str) -> Tensor:
         """Two parameters side by side, [*, 2]."""
-        pair = (self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
-        return torch.stack(torch.broadcast_tensors(*pair), -1)
+        return side_by_side(self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
 
     def _options(self) -> dict[str, Any]:
         return {"preset": self.preset, "substeps": self.substeps}
+
+
+def side_by_side(first: Tensor, second: Tensor) -> Tensor:
+    """Two values of shape () or [*] in one tensor [*, 2]."""
+    return torch.stack(torch.broadcast_tensors(first, second), -1)

@@ -1,11 +1,22 @@
 """The dynamic bicycle: two axles with magic-formula tyres, a DC motor, delayed actuators."""
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import ActuatedEngine, motor_force, resistance
+from buggy_rl.engines.actuation import (
+    ACTUATION,
+    ActuatedEngine,
+    declare,
+    motor_force,
+    moved_on,
+    resistance,
+    side_by_side,
+)
+from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY
 
 SLIP_SPEED = 0.3  # [m/s] rolling speed below which slip angles are softened; chosen
@@ -43,26 +54,26 @@ def rolling_speed(along: Tensor) -> Tensor:
     return torch.where(along.abs() < SLIP_SPEED, slow, along.abs())
 
 
-class SingleTrackEngine(ActuatedEngine):
-    """A dynamic bicycle with static axle loads and no combined slip.
+class SingleTrack:
+    """The physics of `SingleTrackEngine`.
 
-    m (dvx - vy r) = Xf cos(delta) - Yf sin(delta) + Xr
-    m (dvy + vx r) = Xf sin(delta) + Yf cos(delta) + Yr
-    I dr = lf (Xf sin(delta) + Yf cos(delta)) - lr Yr
-
-    with Y = -m_axle g D sin(C atan(B alpha)) per axle, alpha the slip angle (`vehicle.slip_angle`)
-    and X the motor's force less the resistance, shared between the axles.
-
-    Each substep is one step of the two-stage Rosenbrock W-method ROS2, second order and L-stable.
-    Its matrix holds the tyres' damping of the lateral slip speed, the only stiff term at low speed,
-    at its value at zero slip angle: an upper bound, which keeps the method stable.
-
-    Source: of the force laws and the presets, DART, Lyons et al., dart_dynamic_models.py.
+    Args:
+        values: Parameter name -> value, each of shape () or [*].
     """
 
-    own_parameters = TYRES
+    def __init__(self, values: Mapping[str, Tensor]) -> None:
+        self.values = v = values
+        self._B, self._C, grip = (
+            side_by_side(v[f"front_{factor}"], v[f"rear_{factor}"])
+            for factor in ("stiffness", "shape", "grip")
+        )
+        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
+        arms = side_by_side(v["cg_to_rear_axle"], v["cg_to_front_axle"])
+        load = (v["mass"] * GRAVITY / wheelbase).unsqueeze(-1) * arms  # (*, 2) front, rear
+        self._peak = load * grip
 
-    def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
+    def substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: Any) -> Tensor:
+        """Velocity [*, 3] of the centre of gravity `h` seconds later, with constant actuators."""
         cos, sin = torch.cos(steering_angle), torch.sin(steering_angle)
         steered = (steering_angle, cos, sin)
         rate, damping = self._rates(velocity, drive, steered)
@@ -121,13 +132,70 @@ class SingleTrackEngine(ActuatedEngine):
         yaw = yaw - (lf * cos * force_front - lr * force_rear) / inertia
         return torch.stack([x, y, yaw], -1)
 
+
+class SingleTrackEngine(ActuatedEngine):
+    """A dynamic bicycle with static axle loads and no combined slip.
+
+    m (dvx - vy r) = Xf cos(delta) - Yf sin(delta) + Xr
+    m (dvy + vx r) = Xf sin(delta) + Yf cos(delta) + Yr
+    I dr = lf (Xf sin(delta) + Yf cos(delta)) - lr Yr
+
+    with Y = -m_axle g D sin(C atan(B alpha)) per axle, alpha the slip angle (`vehicle.slip_angle`)
+    and X the motor's force less the resistance, shared between the axles.
+
+    Each substep is one step of the two-stage Rosenbrock W-method ROS2, second order and L-stable.
+    Its matrix holds the tyres' damping of the lateral slip speed, the only stiff term at low speed,
+    at its value at zero slip angle: an upper bound, which keeps the method stable.
+
+    Source: of the force laws and the presets, DART, Lyons et al., dart_dynamic_models.py.
+    """
+
+    own_parameters = TYRES
+
+    def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
+        return self._physics.substep(velocity, drive, steering_angle, h)
+
+    def _moved_on(
+        self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        cars = self.batch_size
+        if len(cars) != 1 or cars[0] < 2 or pose.device.type != "cpu" or not KERNEL.ready():
+            return super()._moved_on(actuators, pose, velocity)
+        h = pose.new_tensor(self.dt / self.substeps)
+        for position in actuators:
+            pose, velocity = KERNEL.run(self._columns, h, position, pose, velocity)
+        return pose, velocity
+
     def _parameters_changed(self) -> None:
         super()._parameters_changed()
-        v = self.values
-        self._B, self._C, grip = (
-            self._pair("front", "rear", factor) for factor in ("stiffness", "shape", "grip")
-        )
-        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
-        arms = torch.stack(torch.broadcast_tensors(v["cg_to_rear_axle"], v["cg_to_front_axle"]), -1)
-        load = (v["mass"] * GRAVITY / wheelbase).unsqueeze(-1) * arms  # (*, 2) front, rear
-        self._peak = load * grip
+        self._physics = SingleTrack(self.values)
+        size = self.batch_size
+        # Of the kernel, [P, *].
+        self._columns = torch.stack([self.values[name].expand(size) for name in VALUES])
+
+
+VALUES = tuple(name for name, *_ in (*TYRES, *ACTUATION))
+
+
+def _moved_on(
+    values: Tensor, h: Tensor, position: Tensor, pose: Tensor, velocity: Tensor
+) -> tuple[Tensor, Tensor]:
+    """A substep, with the parameters [P, n] in the order of `VALUES`."""
+    named = dict(zip(VALUES, values.unbind(), strict=True))
+    return moved_on(SingleTrack(named).substep, named, [position], (pose, velocity), h)
+
+
+def _example(n: int) -> tuple[Tensor, ...]:
+    values = {p.name: p.value for p in declare("buggy", (*TYRES, *ACTUATION))}
+    columns = torch.tensor([values[name] for name in VALUES])[:, None].repeat(1, n)
+    pose, velocity = torch.zeros(n, 3), torch.tensor([2.0, 0.01, 0.1]).repeat(n, 1)
+    return columns, torch.tensor(0.005), torch.full((n, 2), 0.1), pose, velocity
+
+
+KERNEL = Kernel(
+    "single_track_substep",
+    _moved_on,
+    _example,
+    (1, None, 0, 0, 0),
+    ("buggy_rl.engines.single_track", "buggy_rl.engines.actuation", "buggy_rl.vehicle"),
+)

@@ -56,13 +56,28 @@ class Problem:
         residuals = self.simulation.residuals(self.segments, self.library.settings(rows))
         return list(self.noise.whiten(residuals))
 
-    def rolled_out(self, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-        """Hypotheses with their residuals, not fitted."""
-        whitened = self.whitened([(h, h.vector) for h in hypotheses])
-        return [
-            Fit(h.effects, h.coordinates, h.vector, w)
-            for h, w in zip(hypotheses, whitened, strict=True)
+    def rolled_out(
+        self, hypotheses: Sequence[Hypothesis], linear: Sequence[bool] | bool = False
+    ) -> list[Fit]:
+        """Hypotheses with their residuals, not fitted; where `linear`, with their derivatives.
+
+        All in one batch: it takes little longer than one hypothesis, which is why derivatives are
+        asked for here as soon as they are likely to be needed.
+        """
+        if isinstance(linear, bool):
+            linear = [linear] * len(hypotheses)
+        steps = [_differences(h) if one else [] for h, one in zip(hypotheses, linear, strict=True)]
+        rows = [
+            (h, vector)
+            for h, own in zip(hypotheses, steps, strict=True)
+            for vector in (h.vector, *(h.vector + step for step in own))
         ]
+        whitened = iter(self.whitened(rows))
+        fits = []
+        for h, own in zip(hypotheses, steps, strict=True):
+            fit = Fit(h.effects, h.coordinates, h.vector, next(whitened))
+            fits.append(_with_derivatives(fit, own, [next(whitened) for _ in own]))
+        return fits
 
     def cost(self, fit: Fit) -> float:
         """Loss of all segments and prior penalty [nats]."""
@@ -87,7 +102,7 @@ def fitted(
         reference: Cost of none of them [nats]. Given one, hypotheses that gain little on it after
             `TRIED` iterations are fitted no further.
     """
-    found = problem.rolled_out([h.at(h.vector) for h in hypotheses])
+    found = problem.rolled_out([h.at(h.vector) for h in hypotheses], linear=True)
     active = list(range(len(found)))
     for iteration in range(iterations):
         if reference is not None and iteration >= TRIED:
@@ -110,14 +125,18 @@ def fitted(
 
 
 def _best_steps(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The best of each fit's damped steps; the fit itself where none is better."""
-    owners, trials = [], []
+    """The best of each fit's damped steps; the fit itself where none is better.
+
+    The longest, which most often is the best, comes with its derivatives.
+    """
+    owners, trials, longest = [], [], []
     for index, fit in enumerate(fits):
-        for vector in _steps(problem, fit):
+        for number, vector in enumerate(_steps(problem, fit)):
             owners.append(index)
-            trials.append(replace(fit, vector=fit.bounded(vector), jacobian=None))
+            trials.append(fit.at(vector))
+            longest.append(number == 0)
     best = list(fits)
-    for index, other in zip(owners, problem.rolled_out(trials), strict=True):
+    for index, other in zip(owners, problem.rolled_out(trials, longest), strict=True):
         if problem.cost(other) < problem.cost(best[index]):
             best[index] = other
     return best
@@ -133,20 +152,18 @@ def _steps(problem: Problem, fit: Fit) -> Iterator[Tensor]:
 
 
 def linearised(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Fits with their derivatives, by one-sided differences away from bounds; all in one batch."""
+    """Fits with their derivatives; all in one batch."""
     steps = [_differences(fit) if fit.jacobian is None else [] for fit in fits]
     rows = [(fit, fit.vector + s) for fit, own in zip(fits, steps, strict=True) for s in own]
     moved = iter(problem.whitened(rows))
-    result = []
-    for fit, own in zip(fits, steps, strict=True):
-        columns = [(next(moved) - fit.whitened) / float(s.sum()) for s in own]
-        jacobian = torch.stack(columns, -1) if own else fit.jacobian
-        result.append(replace(fit, jacobian=jacobian))
-    return result
+    return [
+        _with_derivatives(fit, own, [next(moved) for _ in own])
+        for fit, own in zip(fits, steps, strict=True)
+    ]
 
 
-def _differences(fit: Fit) -> list[Tensor]:
-    """A step [P] along each coordinate."""
+def _differences(fit: Hypothesis) -> list[Tensor]:
+    """A step [P] along each coordinate, away from its bounds."""
     steps = []
     for p in range(len(fit.vector)):
         step = torch.zeros_like(fit.vector)
@@ -155,6 +172,14 @@ def _differences(fit: Fit) -> list[Tensor]:
             step[p] = -STEP
         steps.append(step)
     return steps
+
+
+def _with_derivatives(fit: Fit, steps: Sequence[Tensor], moved: Sequence[Tensor]) -> Fit:
+    """By one-sided differences, from whitened residuals [N, D] at each step; as it is without."""
+    if not steps:
+        return fit
+    columns = [(m - fit.whitened) / float(s.sum()) for m, s in zip(moved, steps, strict=True)]
+    return replace(fit, jacobian=torch.stack(columns, -1))
 
 
 def normal_equations(problem: Problem, fit: Fit) -> tuple[Tensor, Tensor]:

@@ -9,8 +9,7 @@ from torch import Tensor
 
 from buggy_rl.effects.motion.base import Motion, MotionEffect
 from buggy_rl.effects.motion.drive import SPEED_LOSS
-from buggy_rl.effects.tyre.change import FrictionChange
-from buggy_rl.effects.tyre.spin import DrivenAxles
+from buggy_rl.effects.tyre.change import changed_by
 
 FRICTION = 0.84  # [-] D: DART, 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C, front and rear: B C D of DART's axles
@@ -52,18 +51,15 @@ class TyreEffect(MotionEffect):
 
     def __init__(self, **rest: Any) -> None:
         super().__init__(**rest)
-        driven = DrivenAxles(self.front_drive_share, self.dt)
-        self.state_size = len(driven.shares)
-        self._friction_change = FrictionChange(
-            self.dimensions,
-            self.friction,
-            self.stiffness,
-            self.shape,
-            self.speed_loss,
-            self.resistance,
-            self.height,
-            driven,
-        )
+        share = self.front_drive_share
+        self._axles = (0 if share > 0 else 1, 2 if share < 1 else 1)
+        self.state_size = self._axles[1] - self._axles[0]
+        d = self.dimensions
+        pairs = (self.friction, self.stiffness, self.shape, self.speed_loss, self.resistance)
+        car = (d.cg_to_front_axle, d.cg_to_rear_axle, d.mass, d.yaw_inertia)
+        numbers = [*car, *(number for pair in pairs for number in pair)]
+        numbers += [self.height, share, self.dt]
+        self.register_buffer("numbers", torch.tensor(numbers), persistent=False)
 
     def _option(self, name: str, value: Any) -> Any:
         if name in ("friction", "stiffness", "shape"):
@@ -90,5 +86,10 @@ class TyreEffect(MotionEffect):
         return self._change_and_state(motion)[0]
 
     def _change_and_state(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        ratios = torch.broadcast_tensors(*self._ratios(motion), motion.turn_rate)[:2]
-        return self._friction_change(motion, torch.stack(ratios, -1), self._most(motion))
+        assert motion.state is not None
+        n = motion.turn_rate
+        ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), n)[:2], -1)
+        most = self._most(motion).expand_as(n)
+        seen = (motion.before, motion.after, motion.action, motion.state)
+        change, spin = changed_by(self._axles)(self._tensor("numbers"), *seen, ratio, most)
+        return change, spin

@@ -1,6 +1,8 @@
 """The package's algorithm: axle forces read off a step, and what another friction makes of them."""
 
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -9,8 +11,13 @@ from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion
 from buggy_rl.effects.motion.drive import ASKED
 from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.effects.tyre.spin import DrivenAxles
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+from buggy_rl.kernels.kernel import Kernel
+from buggy_rl.vehicle import GRAVITY
 
+SOURCE = (
+    *(f"effects.tyre.{name}" for name in ("change", "law", "spin")),
+    *("effects.motion.base", "effects.motion.drive", "vehicle"),
+)
 SLOWEST = 0.5  # [m/s] speed below which slip settles no faster; engines soften tyres there too
 LEAST_LOAD = 0.05  # [-] least share of the weight on an axle: no car of this height lifts one
 ITERATIONS = 2  # of the fixed points for loads and road-wheel angle: each changes a few per cent
@@ -34,22 +41,57 @@ class AxleForces:
 
 @dataclass(frozen=True)
 class FrictionChange:
-    """What another friction changes, of a simulator with these tyres; pairs are front and rear."""
+    """What another friction changes, of a simulator with these tyres; all of its numbers tensors.
 
-    dimensions: VehicleDimensions
-    friction: tuple[float, float]
-    """D."""
-    stiffness: tuple[float, float]
-    """C [1/rad]."""
-    shape: tuple[float, float]
-    """c."""
-    speed_loss: tuple[float, float]
-    """b0 and b1 [1/s] of the motor."""
-    resistance: tuple[float, float]
-    """r0 [m/s^2] and r1 [1/s]."""
-    height: float
+    Pairs [2] are front and rear axle.
+    """
+
+    front_arm: Tensor
+    """a [m]."""
+    rear_arm: Tensor
+    """b [m]."""
+    mass: Tensor
+    """m [kg]."""
+    yaw_inertia: Tensor
+    """I [kg m^2]."""
+    friction: Tensor
+    """D [2]."""
+    stiffness: Tensor
+    """C [2] [1/rad]."""
+    shape: Tensor
+    """c [2]."""
+    speed_loss: Tensor
+    """b0 and b1 [2] [1/s] of the motor."""
+    resistance: Tensor
+    """r0 [m/s^2] and r1 [1/s], [2]."""
+    height: Tensor
     """h [m]."""
     driven: DrivenAxles
+
+    @classmethod
+    def of(cls, numbers: Tensor, axles: slice) -> "FrictionChange":
+        """From all the numbers side by side [17] and the axles that are driven."""
+        front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
+        friction, stiffness, shape, speed_loss, resistance = numbers[4:14].view(5, 2).unbind()
+        height, front, dt = numbers[14:].unbind()
+        return cls(
+            front_arm=front_arm,
+            rear_arm=rear_arm,
+            mass=mass,
+            yaw_inertia=yaw_inertia,
+            friction=friction,
+            stiffness=stiffness,
+            shape=shape,
+            speed_loss=speed_loss,
+            resistance=resistance,
+            height=height,
+            driven=DrivenAxles(front, dt, axles),
+        )
+
+    @property
+    def wheelbase(self) -> Tensor:
+        """L [m]."""
+        return self.front_arm + self.rear_arm
 
     def __call__(self, motion: Motion, ratio: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
         """Change [n, 3] of the velocity of the centre of gravity, and z after the step.
@@ -59,14 +101,12 @@ class FrictionChange:
             ratio: Friction over the simulated one, q [n, 2].
             most: Largest lateral acceleration that the tyres give, [n] or () [m/s^2].
         """
-        d = self.dimensions
         felt = motion.acceleration
         ax, ay, _ = felt
-        share = ax.new_tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
-        shape = ax.new_tensor(self.shape)
+        share = torch.stack([self.rear_arm, self.front_arm]) / self.wheelbase
         resists = self._resistance(motion)
         load = self._load(share, ax + resists)  # (n, 2) over mass
-        circle = load * ax.new_tensor(self.friction)  # (n, 2) N D
+        circle = load * self.friction  # (n, 2) N D
         seen = self._axle_forces(motion, felt, share, circle[..., 0], resists)
         mean, angle = seen.side, seen.angle
         hold = share * (motion.turn_rate * motion.after[..., 0]).unsqueeze(-1)
@@ -82,11 +122,11 @@ class FrictionChange:
         pushed = (along * turned).sum(-1)
 
         speed = motion.after[..., 0].abs().clamp_min(SLOWEST).unsqueeze(-1)
-        rate = motion.dt * ax.new_tensor(self.stiffness) * load / speed  # (n, 2) K dt at s = 0
-        slip = slip_of(mean / side, shape)
-        start = hold + self._start_of(mean - hold, rate * slope(slip, shape))
-        slip = slip_of(start / side, shape)
-        stiff, stiff_now = slope(slip, shape), slope(slip / ratio, shape)
+        rate = self.driven.dt * self.stiffness * load / speed  # (n, 2) K dt at s = 0
+        slip = slip_of(mean / side, self.shape)
+        start = hold + self._start_of(mean - hold, rate * slope(slip, self.shape))
+        slip = slip_of(start / side, self.shape)
+        stiff, stiff_now = slope(slip, self.shape), slope(slip / ratio, self.shape)
         start = hold + self._start_of(mean - hold, rate * stiff)
         use = start / side
         gained = torch.zeros_like(ax)
@@ -100,9 +140,9 @@ class FrictionChange:
         front, rear = (mean_now - mean).unbind(-1)
         front = front + along[..., 0] * torch.sin(angle)
         couple_now = self._couple(ay + front + rear, mean_now[..., 0], angle)
-        moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear - (couple_now - seen.couple)
-        yaw = d.mass / d.yaw_inertia * moment
-        return motion.dt * torch.stack([gained, front + rear, yaw], -1), spin
+        moment = self.front_arm * front - self.rear_arm * rear - (couple_now - seen.couple)
+        yaw = self.mass / self.yaw_inertia * moment
+        return self.driven.dt * torch.stack([gained, front + rear, yaw], -1), spin
 
     def _axle_forces(
         self,
@@ -113,13 +153,12 @@ class FrictionChange:
         resists: Tensor,
     ) -> AxleForces:
         """Steps 3 to 5 of the algorithm; `circle` [n] of the front axle."""
-        d = self.dimensions
         ax, ay, yaw = felt
-        inertia = d.yaw_inertia / d.mass * yaw
+        inertia = self.yaw_inertia / self.mass * yaw
         mean = share * ay.unsqueeze(-1)
         angle = couple = drive = torch.zeros_like(ay)
         for _ in range(ITERATIONS):
-            moment = (inertia + couple) / d.wheelbase
+            moment = (inertia + couple) / self.wheelbase
             mean = share * ay.unsqueeze(-1) + torch.stack([moment, -moment], -1)
             mean = mean - _in_front(self._drive_side(drive, angle))
             angle = self._wheel_angle(motion, mean[..., 0] / circle)
@@ -148,17 +187,16 @@ class FrictionChange:
 
         The simulated ones give `start` at these slips, a share `use` of `side`.
         """
-        shape = use.new_tensor(self.shape)
-        slip = slip_of(use, shape) / ratio
+        slip = slip_of(use, self.shape) / ratio
         # A difference of two laws, which is exactly 0 at q = 1; inverse and law cancel to rounding.
-        change = side_now * law(slip, shape) - side * law(slip * ratio, shape)
+        change = side_now * law(slip, self.shape) - side * law(slip * ratio, self.shape)
         slides = side_now / side * start
         holds = ((1 - use.abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
         return slides + holds * (start + torch.sign(start) * change - slides)
 
     def _load(self, share: Tensor, given: Tensor) -> Tensor:
         """N [n, 2] at longitudinal tyre forces [n] [m/s^2]."""
-        lift = self.height / self.dimensions.wheelbase * share.new_tensor([-1.0, 1.0])
+        lift = self.height / self.wheelbase * share.new_tensor([-1.0, 1.0])
         return (GRAVITY * share + lift * given.unsqueeze(-1)).clamp_min(LEAST_LOAD * GRAVITY)
 
     def _couple(self, ay: Tensor, front: Tensor, angle: Tensor) -> Tensor:
@@ -172,26 +210,23 @@ class FrictionChange:
 
     def _slide(self, motion: Motion, angle: Tensor) -> Tensor:
         """Lateral speed w [n, 2] [m/s] of the contact, no less than by the stretch of the tread."""
-        d = self.dimensions
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
-        front = (vy + d.cg_to_front_axle * yaw_rate) * torch.cos(angle) - vx * torch.sin(angle)
-        sideways = torch.stack([front, vy - d.cg_to_rear_axle * yaw_rate], -1)
-        friction = vx.new_tensor(self.friction)
-        stretch = friction / SLIP_STIFFNESS * vx.abs().clamp_min(SLOWEST).unsqueeze(-1)
+        front = (vy + self.front_arm * yaw_rate) * torch.cos(angle) - vx * torch.sin(angle)
+        sideways = torch.stack([front, vy - self.rear_arm * yaw_rate], -1)
+        stretch = self.friction / SLIP_STIFFNESS * vx.abs().clamp_min(SLOWEST).unsqueeze(-1)
         return (sideways.square() + stretch.square()).sqrt()
 
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
         """Step 4: delta [n] [rad] of a front axle that uses a share [n] of its friction."""
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
-        moves = torch.atan2(vy + self.dimensions.cg_to_front_axle * yaw_rate, vx.clamp_min(SLOWEST))
+        moves = torch.atan2(vy + self.front_arm * yaw_rate, vx.clamp_min(SLOWEST))
         c = self.shape[0]
-        slip = torch.sign(use) * slip_of(use, use.new_tensor(c))
+        slip = torch.sign(use) * slip_of(use, c)
         return (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(-LOCK, LOCK)
 
-    def _mobility(self) -> tuple[float, float, float]:
+    def _mobility(self) -> tuple[Tensor, Tensor, Tensor]:
         """Mass times S: lateral acceleration of an axle by its own force and by the other's."""
-        d = self.dimensions
-        a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
+        a, b, i = self.front_arm, self.rear_arm, self.yaw_inertia / self.mass
         return 1 + a * a / i, 1 - a * b / i, 1 + b * b / i
 
     def _start_of(self, mean: Tensor, rate: Tensor) -> Tensor:
@@ -213,3 +248,39 @@ class FrictionChange:
 def _in_front(force: Tensor) -> Tensor:
     """[n, 2] of front and rear axle: [n] in front, 0 at the rear."""
     return torch.stack([force, torch.zeros_like(force)], -1)
+
+
+def _changed(axles: slice, *arguments: Tensor) -> tuple[Tensor, Tensor]:
+    numbers, before, after, action, state, ratio, most = arguments
+    dt: Any = numbers[-1]
+    pose = before  # the change does not depend on it
+    motion = Motion(pose, before, after, action, dt, state)
+    return FrictionChange.of(numbers, axles)(motion, ratio, most)
+
+
+def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
+    numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 0.01])
+    before = torch.tensor([1.0, 0.01, 0.1]).repeat(n, 1)
+    ones, state = torch.ones(n, 2), torch.zeros(n, len(range(2)[axles]))
+    return numbers, before, before.clone(), 0.2 * ones, state, 0.8 * ones, torch.full((n,), 9.0)
+
+
+@cache
+def changed_by(axles: tuple[int, int]) -> Kernel:
+    """`FrictionChange` of a car with these driven axles, of the first to before the last.
+
+    Its arguments: numbers [17], velocity before and after the step [n, 3], command [n, 2], z,
+    ratio [n, 2], largest lateral acceleration [n].
+    """
+    of = slice(*axles)
+    return Kernel(
+        f"friction_change_{axles[0]}{axles[1]}",
+        partial(_changed, of),
+        partial(_example, of),
+        (None, 0, 0, 0, 0, 0, 0),
+        tuple(f"buggy_rl.{name}" for name in SOURCE),
+    )
+
+
+REAR_DRIVEN = changed_by((1, 2))
+ALL_DRIVEN = changed_by((0, 2))

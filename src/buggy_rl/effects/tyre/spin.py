@@ -42,20 +42,17 @@ def left(spin: Tensor, slide: Tensor) -> Tensor:
 class DrivenAxles:
     """The driven axles, each with wheels that may spin."""
 
-    front: float
+    front: Tensor
     """Share of the drive at the front axle, 0..1."""
-    dt: float
+    dt: Tensor
     """Control period [s]."""
+    axles: slice
+    """Those of front and rear axle that are driven."""
 
     @property
-    def axles(self) -> slice:
-        """Those of front and rear axle that are driven."""
-        return slice(0 if self.front > 0 else 1, 2 if self.front < 1 else 1)
-
-    @property
-    def shares(self) -> list[float]:
+    def shares(self) -> Tensor:
         """Share of the drive at each of them."""
-        return [self.front, 1 - self.front][self.axles]
+        return torch.stack([self.front, 1 - self.front])[self.axles]
 
     def changed(
         self, z: Tensor, drive: Tensor, lost: Tensor, circle: Tensor, ratio: Tensor, slide: Tensor
@@ -74,7 +71,7 @@ class DrivenAxles:
             Change of each axle's longitudinal force [n, 2] [m/s^2], the share of its friction left
             for the side force, simulated and changed [n, 2] each, and z after the step.
         """
-        shares, drive = drive.new_tensor(self.shares), drive.unsqueeze(-1)
+        shares, drive = self.shares, drive.unsqueeze(-1)
         # As if each axle had all of the drive, and its friction over its share of it.
         own, now = (c[..., self.axles] / shares for c in (circle, ratio * circle))
         slide = slide[..., self.axles]

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -11,7 +12,7 @@ from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Radio
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.parameters import DIMENSIONS
+from buggy_rl.engines.reference.parameters import DIMENSIONS, PARAMETERS
 from buggy_rl.engines.reference.state import (
     FAULT_STATES,
     HEAT,
@@ -23,8 +24,15 @@ from buggy_rl.engines.reference.state import (
 from buggy_rl.engines.reference.steering import Steering
 from buggy_rl.engines.reference.surroundings import Surroundings
 from buggy_rl.engines.reference.tyres import Tyres
+from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY, slip_angle
 
+VALUES = tuple(parameter.name for parameter in PARAMETERS)
+MOVED = (
+    *("vx", "vy", "yaw_rate", "dx", "dy", "dyaw"),
+    *("tread", "slip", "lean", "lean_rate", "servo", "duty", "charge"),
+)
+"""The state of a car without a fault, which has no play either."""
 GUESS_SPEED = 0.3  # [m/s] speed below which the steering is not read off the velocity; chosen
 
 
@@ -36,7 +44,7 @@ class Car:
         faults: Of the car.
         dt: Control period [s].
         substeps: In a control period.
-        compiled: Whether PyTorch compiles a substep, for any batch size.
+        compiled: Whether PyTorch compiles a substep where there is no kernel of it.
     """
 
     def __init__(
@@ -49,6 +57,7 @@ class Car:
     ) -> None:
         self.values, self.faults, self.substeps = values, faults, substeps
         self._step = _compiled_step() if compiled else Car.step
+        self._side_by_side = torch.empty(0)
         self.substep = dt / substeps
         self.radio = Radio(faults, dt, substeps)
         self.chassis = Chassis(values, DIMENSIONS, faults)
@@ -84,11 +93,30 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
+        step = self._kernel_step if self._has_kernel(car) else partial(self._step, self)
         for index in range(self.substeps):
             if 0 < index < len(commands):
                 setting.throttle, setting.steering = commands[index]
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
-            self._step(self, car, setting, self.substep)
+            step(car, setting, self.substep)
+
+    def _has_kernel(self, car: CarState) -> bool:
+        """Whether a kernel steps it: cars side by side, without a fault."""
+        if self.faults.active or car.vx.dim() != 1 or len(car.vx) < 2:
+            return False
+        return car.vx.device.type == "cpu" and KERNEL.ready()
+
+    def _kernel_step(self, car: CarState, setting: Setting, dt: float) -> None:
+        """`step` by the kernel."""
+        if self._side_by_side.shape[1:] != car.vx.shape:
+            self._side_by_side = torch.stack([self.values[n].expand_as(car.vx) for n in VALUES])
+        given = (setting.steering, setting.duty, setting.voltage)
+        state = KERNEL.run(
+            self._side_by_side, car.vx.new_tensor(dt), *given, *(getattr(car, n) for n in MOVED)
+        )
+        for name, value in zip(MOVED, state, strict=True):
+            setattr(car, name, value)
+        car.rack = car.servo
 
     def step(self, car: CarState, setting: Setting, dt: float) -> None:
         """Moves `car` on by `dt` [s]."""
@@ -193,3 +221,38 @@ class Car:
 @cache
 def _compiled_step() -> Callable[[Car, CarState, Setting, float], None]:
     return torch.compile(Car.step, dynamic=True)
+
+
+def _moved_on(
+    values: Tensor, dt: Any, steering: Tensor, duty: Tensor, voltage: Tensor, *state: Tensor
+) -> tuple[Tensor, ...]:
+    """A substep of `dt` [s] of cars without a fault, `values` [P, n] in the order of `VALUES`."""
+    named = dict(zip(VALUES, values.unbind(), strict=True))
+    parts = Car(named, Faults({}, values[0]), dt, 1)
+    moved: dict[str, Any] = dict(zip(MOVED, state, strict=True))
+    car = CarState(**moved, rack=moved["servo"])
+    parts.step(car, Setting(steering, steering, duty, voltage, pose=steering), dt)
+    return tuple(getattr(car, name) for name in MOVED)
+
+
+def _example(n: int) -> tuple[Tensor, ...]:
+    values = torch.tensor([parameter.value for parameter in PARAMETERS])
+    zero, one = torch.zeros(n), torch.ones(n)
+    state = {"vx": one, "tread": torch.ones(4, n), "slip": torch.zeros(2, 4, n)}
+    state |= {"lean": torch.zeros(2, n), "lean_rate": torch.zeros(2, n)}
+    own = (state.get(name, zero).clone() for name in MOVED)
+    return (values[:, None].repeat(1, n), torch.tensor(0.001), zero, zero.clone(), 7 * one, *own)
+
+
+SOURCE = (
+    *("car", "chassis", "commands", "drivetrain", "faults", "parameters", "state"),
+    *("steering", "surroundings", "tyres", "wheels"),
+)
+DIMENSION = {"tread": 1, "slip": 2, "lean": 1, "lean_rate": 1}  # of the cars; else 0
+KERNEL = Kernel(
+    "reference_substep",
+    _moved_on,
+    _example,
+    (1, None, 0, 0, 0, *(DIMENSION.get(name, 0) for name in MOVED)),
+    (*(f"buggy_rl.engines.reference.{name}" for name in SOURCE), "buggy_rl.vehicle"),
+)
