@@ -1,18 +1,19 @@
 """Kernels: functions compiled ahead of time give what PyTorch gives."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 import torch
 
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.single_track import KERNEL
-from buggy_rl.kernels import kernel as kernel_module
+from buggy_rl.kernels import kernel
 from buggy_rl.kernels.kernel import FOLDER
 from buggy_rl.kernels.registry import kernels
 
 compiler = pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler here")
-NAMES = [kernel.name for kernel in kernels()]
+NAMES = [k.name for k in kernels()]
 
 
 @pytest.fixture(scope="module")
@@ -22,23 +23,23 @@ def folder(tmp_path_factory):
     return folder
 
 
-def noisy(kernel, n, seed=0):
+def noisy(of, n):
     """Arguments of n environments around the example."""
-    torch.manual_seed(seed)
+    torch.manual_seed(0)
     return tuple(
         a if dim is None else a * (1 + 0.1 * torch.rand(a.shape)) + 0.001 * torch.rand(a.shape)
-        for a, dim in zip(kernel.example(n), kernel.batch, strict=True)
+        for a, dim in zip(of.example(n), of.batch, strict=True)
     )
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_example_is_a_batch_of_which_each_row_moves_alone(name):
-    (kernel,) = (k for k in kernels() if k.name == name)
-    many = noisy(kernel, 4)
+    (found,) = (k for k in kernels() if k.name == name)
+    many = noisy(found, 4)
     few = tuple(
-        a if dim is None else a.narrow(dim, 1, 2) for a, dim in zip(many, kernel.batch, strict=True)
+        a if dim is None else a.narrow(dim, 1, 2) for a, dim in zip(many, found.batch, strict=True)
     )
-    for a, b in zip(kernel.function(*many), kernel.function(*few), strict=True):
+    for a, b in zip(found.function(*many), found.function(*few), strict=True):
         (dim,) = [d for d in range(a.dim()) if a.shape[d] != b.shape[d]]
         torch.testing.assert_close(a.narrow(dim, 1, 2), b)
 
@@ -49,7 +50,7 @@ def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
     monkeypatch.setenv(FOLDER, str(folder))
     arguments = noisy(KERNEL, n)
     with torch.no_grad():
-        assert KERNEL.ready()
+        assert KERNEL.ready(torch.ones(n))
         for a, b in zip(KERNEL.run(*arguments), KERNEL.function(*arguments), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
 
@@ -68,29 +69,46 @@ def test_an_engine_drives_alike_with_it(folder, monkeypatch):
 
 @compiler
 def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
+    row = torch.ones(3)
     monkeypatch.setenv(FOLDER, str(folder))
-    assert not KERNEL.ready()
+    assert not KERNEL.ready(row)
     with torch.no_grad():
-        assert KERNEL.ready()
+        assert KERNEL.ready(row)
+        assert KERNEL.fastest(row) == KERNEL.run
         monkeypatch.delenv(FOLDER)
-        assert not KERNEL.ready()
+        assert not KERNEL.ready(row)
+        assert KERNEL.fastest(row) == KERNEL.function
 
 
-@pytest.mark.parametrize("change", ["one", "double"])
-def test_it_takes_batches_of_single_precision_only(change):
-    arguments = KERNEL.example(1 if change == "one" else 3)
-    if change == "double":
-        arguments = tuple(a.double() for a in arguments)
-    assert KERNEL._takes(KERNEL.example(3))
-    assert not KERNEL._takes(arguments)
+@compiler
+@pytest.mark.parametrize("row", [torch.ones(1), torch.ones(2, 3), torch.ones(3).double()])
+def test_other_batches_run_by_pytorch(folder, monkeypatch, row):
+    monkeypatch.setenv(FOLDER, str(folder))
+    with torch.no_grad():
+        assert not KERNEL.ready(row)
 
 
-def test_another_source_is_another_package(monkeypatch):
-    class Changed(type(KERNEL)):
-        pass
+@compiler
+def test_no_larger_batch_than_it_is_for(folder, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(folder))
+    small = replace(KERNEL, up_to=3)
+    with torch.no_grad():
+        assert small.ready(torch.ones(3))
+        assert not small.ready(torch.ones(4))
 
-    fields = {f: getattr(KERNEL, f) for f in ("name", "function", "example", "batch")}
-    other = Changed(**fields, source=KERNEL.source[:-1])
-    assert other.digest != KERNEL.digest
-    monkeypatch.setattr(kernel_module.torch, "__version__", "0")
-    assert type(KERNEL)(**fields, source=KERNEL.source).digest != KERNEL.digest
+
+def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    with torch.no_grad(), pytest.warns(UserWarning, match="scripts/compile.py"):
+        assert not KERNEL.ready(torch.ones(3))
+
+
+@pytest.mark.parametrize("file", ["vehicle.py", "engines/reference/tyres.py"])
+def test_another_source_is_another_package(tmp_path, monkeypatch, file):
+    before = KERNEL.file(tmp_path)
+    shutil.copytree(kernel.SOURCE, tmp_path / "copy")
+    with (tmp_path / "copy" / file).open("a") as changed:
+        changed.write("# another line\n")
+    monkeypatch.setattr(kernel, "SOURCE", tmp_path / "copy")
+    monkeypatch.setattr(kernel, "digest", kernel.digest.__wrapped__)
+    assert KERNEL.file(tmp_path) != before

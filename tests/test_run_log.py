@@ -5,6 +5,7 @@ import struct
 from contextlib import closing
 
 import pytest
+import wandb
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -41,6 +42,7 @@ def wandb_records(folder):
     """Records of an offline run: a header of 7 bytes, then LevelDB's log format."""
     from wandb.proto.wandb_internal_pb2 import Record
 
+    wandb.teardown()  # on a busy machine finish() returns before the service has written the file
     (file,) = folder.glob("wandb/*run-*/*.wandb")
     content, at, parts = file.read_bytes(), 7, b""
     while at + 7 <= len(content):

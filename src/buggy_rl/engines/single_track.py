@@ -158,8 +158,7 @@ class SingleTrackEngine(ActuatedEngine):
     def _moved_on(
         self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
     ) -> tuple[Tensor, Tensor]:
-        cars = self.batch_size
-        if len(cars) != 1 or cars[0] < 2 or pose.device.type != "cpu" or not KERNEL.ready():
+        if not KERNEL.ready(pose[..., 0]):
             return super()._moved_on(actuators, pose, velocity)
         h = pose.new_tensor(self.dt / self.substeps)
         for position in actuators:
@@ -197,5 +196,4 @@ KERNEL = Kernel(
     _moved_on,
     _example,
     (1, None, 0, 0, 0),
-    ("buggy_rl.engines.single_track", "buggy_rl.engines.actuation", "buggy_rl.vehicle"),
 )

@@ -91,5 +91,6 @@ class TyreEffect(MotionEffect):
         ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), n)[:2], -1)
         most = self._most(motion).expand_as(n)
         seen = (motion.before, motion.after, motion.action, motion.state)
-        change, spin = changed_by(self._axles)(self._tensor("numbers"), *seen, ratio, most)
+        friction_change = changed_by(self._axles).fastest(n)
+        change, spin = friction_change(self._tensor("numbers"), *seen, ratio, most)
         return change, spin

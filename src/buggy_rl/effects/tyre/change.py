@@ -14,10 +14,6 @@ from buggy_rl.effects.tyre.spin import DrivenAxles
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY
 
-SOURCE = (
-    *(f"effects.tyre.{name}" for name in ("change", "law", "spin")),
-    *("effects.motion.base", "effects.motion.drive", "vehicle"),
-)
 SLOWEST = 0.5  # [m/s] speed below which slip settles no faster; engines soften tyres there too
 LEAST_LOAD = 0.05  # [-] least share of the weight on an axle: no car of this height lifts one
 ITERATIONS = 2  # of the fixed points for loads and road-wheel angle: each changes a few per cent
@@ -278,7 +274,7 @@ def changed_by(axles: tuple[int, int]) -> Kernel:
         partial(_changed, of),
         partial(_example, of),
         (None, 0, 0, 0, 0, 0, 0),
-        tuple(f"buggy_rl.{name}" for name in SOURCE),
+        up_to=1000,
     )
 
 

@@ -93,18 +93,13 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        step = self._kernel_step if self._has_kernel(car) else partial(self._step, self)
+        kernel = not self.faults.active and KERNEL.ready(car.vx)
+        step = self._kernel_step if kernel else partial(self._step, self)
         for index in range(self.substeps):
             if 0 < index < len(commands):
                 setting.throttle, setting.steering = commands[index]
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
             step(car, setting, self.substep)
-
-    def _has_kernel(self, car: CarState) -> bool:
-        """Whether a kernel steps it: cars side by side, without a fault."""
-        if self.faults.active or car.vx.dim() != 1 or len(car.vx) < 2:
-            return False
-        return car.vx.device.type == "cpu" and KERNEL.ready()
 
     def _kernel_step(self, car: CarState, setting: Setting, dt: float) -> None:
         """`step` by the kernel."""
@@ -244,15 +239,10 @@ def _example(n: int) -> tuple[Tensor, ...]:
     return (values[:, None].repeat(1, n), torch.tensor(0.001), zero, zero.clone(), 7 * one, *own)
 
 
-SOURCE = (
-    *("car", "chassis", "commands", "drivetrain", "faults", "parameters", "state"),
-    *("steering", "surroundings", "tyres", "wheels"),
-)
 DIMENSION = {"tread": 1, "slip": 2, "lean": 1, "lean_rate": 1}  # of the cars; else 0
 KERNEL = Kernel(
     "reference_substep",
     _moved_on,
     _example,
     (1, None, 0, 0, 0, *(DIMENSION.get(name, 0) for name in MOVED)),
-    (*(f"buggy_rl.engines.reference.{name}" for name in SOURCE), "buggy_rl.vehicle"),
 )
