@@ -4,14 +4,16 @@ from collections import Counter
 
 import pytest
 
-from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw, draw_all
+from buggy_rl.blind_test.draw import PAIRINGS, REFITTED, Settings, draw, draw_all
 from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.engines.reference.faults import FAULTS
 from buggy_rl.plants import PLANTS, abilities
+from buggy_rl.plants.composed import SORTS, WHERE, Sort
 
 CAR = frozenset(fault.name.partition(".")[0] for fault in FAULTS)
 ABLE = {"reference": CAR, "mujoco": CAR - set(UNKNOWN_SIZES), "commonroad": CAR}
+OLD = ("reference", "mujoco_fitted", "dropped", ("tire_grip", "top_speed"), "steady", 20.0, 0.0)
 MANY = draw_all(Settings(cases=600), ABLE)
 
 
@@ -99,3 +101,27 @@ def test_sealed_seeds_are_no_development_seeds():
     assert not {case.seed for case in sealed} & {case.seed for case in MANY}
     with pytest.raises(ValueError, match="development, sealed"):
         Settings(split="test")
+
+
+def test_composed_physics_is_drawn_from_all_places_and_is_unknown():
+    cases = draw_all(Settings(cases=300, families=["composed"]), ABLE)
+    sorts = [Sort.named(case.truth[0]) for case in cases]
+    assert {sort.where for sort in sorts} == set(WHERE)
+    assert len({str(sort) for sort in sorts}) > 100
+    assert {case.family for case in cases} == {"unknown"}
+    assert all(case.truth[0] in SORTS for case in cases)
+    assert all(not case.faults and not case.camera for case in cases)
+
+
+def test_a_plant_is_drawn_only_where_its_simulator_is_its_own_or_fitted_anew():
+    cases = draw_all(Settings(cases=200, spread=[0.1], pairings=list(PAIRINGS)), ABLE)
+    for case in cases:
+        assert bool(case.spread) == (case.simulator in REFITTED)
+    assert len({case.spread for case in cases}) == 2
+
+
+def test_older_draws_are_as_they_were():
+    # Published hashes are of such cases: what came later may not change them.
+    case = draw(11, Settings(), ABLE)
+    assert (case.plant, case.simulator, case.nuisance) == OLD[:3]
+    assert (case.truth, case.driving, case.seconds, case.spread) == OLD[3:]

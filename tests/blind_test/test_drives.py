@@ -7,12 +7,14 @@ from tensordict import TensorDict
 from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import (
+    DRIVERS,
     DROPPED,
     JITTER,
     correlated,
     driven,
     measured,
     moved,
+    plant_parameters,
     save_drives,
 )
 from buggy_rl.blind_test.steady_driver import SPEED, SteadyDriver
@@ -158,3 +160,54 @@ def test_drives_are_saved_with_the_noise_of_their_numbers(true, tmp_path):
     for name, number in (("a", 7), ("b", 8)):
         expected = measured(case, true[:200], True, number).data[keys.POSE]
         torch.testing.assert_close(found[name], expected, atol=1e-6, rtol=0)
+
+
+def test_composed_physics_moves_the_car_behind_the_drivers_back():
+    push = {"yaw.time.saturating.none": {"size": 9.0}}
+    cases = [
+        Case(6, "reference", "reference", True, concealed, seconds=1.5) for concealed in ({}, push)
+    ]
+    right, wrong = moved(cases)
+    assert right.clean is not None
+    assert wrong.clean is not None
+    assert torch.equal(right.clean[keys.POSE], wrong.clean[keys.POSE])
+    assert not torch.equal(right.changed[keys.POSE], wrong.changed[keys.POSE])
+    # The other case of the batch does not feel it.
+    alone = moved(cases[:1])[0]
+    torch.testing.assert_close(alone.changed[keys.POSE], right.changed[keys.POSE])
+
+
+def test_what_disturbs_a_command_is_not_in_the_log():
+    trim = {"steering.time.saturating.none": {"size": 0.3}}
+    cases = [Case(6, "reference", "reference", seconds=1.0, concealed=c) for c in ({}, trim)]
+    plain, off = moved(cases)
+    # The driver has seen nothing of it yet.
+    assert torch.equal(plain.changed[keys.ACTION][:, :5], off.changed[keys.ACTION][:, :5])
+    assert not torch.equal(plain.changed[keys.POSE], off.changed[keys.POSE])
+
+
+def test_what_disturbs_the_sensor_is_in_the_record_and_not_in_the_motion(true):
+    drift = {"seen_yaw.time.linear.none": {"size": 0.06}}
+    case = Case(6, "reference", "reference", concealed=drift)
+    plain, off = measured(case, true, False, 0), measured(case, true, True, 0)
+    added = (off.data[keys.POSE] - plain.data[keys.POSE])[:, 2]
+    assert float(added[-1]) == pytest.approx(0.06 * LONG * 0.01 / 30.0, rel=1e-2)
+    assert torch.equal(plain.data[keys.VELOCITY], off.data[keys.VELOCITY])
+
+
+def test_a_plant_of_drawn_parameters_is_another_car_and_the_same_for_one_seed():
+    case = Case(6, "reference", "reference", seconds=1.5, spread=0.1)
+    assert plant_parameters(case) == plant_parameters(case) != {}
+    assert not plant_parameters(Case(6, "reference", "reference"))
+    own, usual = (moved([c])[0] for c in (case, Case(6, "reference", "reference", seconds=1.5)))
+    assert not torch.equal(own.changed[keys.POSE], usual.changed[keys.POSE])
+    # In one batch with the other, each is the car that it is alone.
+    both = moved([case, Case(6, "reference", "reference", seconds=1.5)])
+    torch.testing.assert_close(both[0].changed[keys.POSE], own.changed[keys.POSE])
+    torch.testing.assert_close(both[1].changed[keys.POSE], usual.changed[keys.POSE])
+
+
+def test_hands_differ():
+    seen = {name: drive(kind)[keys.VELOCITY][:, SETTLED:] for name, kind in DRIVERS.items()}
+    assert float(seen["timid"][..., 0].mean()) < float(seen["rich"][..., 0].mean())
+    assert float(seen["wild"][..., 0].mean()) > float(seen["timid"][..., 0].mean())

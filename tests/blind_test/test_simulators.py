@@ -5,6 +5,7 @@ import yaml
 
 from buggy_rl.blind_test import simulators
 from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.drives import plant_parameters
 from buggy_rl.blind_test.simulators import (
     DRIVES,
     off,
@@ -119,3 +120,29 @@ def test_a_script_that_fails_says_why(scripts, tmp_path):
     with pytest.raises(ValueError, match="kinematic cannot be fitted"):
         prepare(Case(1, "mujoco", "kinematic_fitted", True), tmp_path, scripts)
     assert unprepared([Case(1, "mujoco", "kinematic_fitted", True)], tmp_path)
+
+
+def test_a_drawn_plants_own_simulator_is_of_the_same_numbers(tmp_path):
+    case = Case(5, "mujoco", "mujoco", spread=0.1)
+    told = simulator_content(case, tmp_path)["parameters"]
+    assert told == pytest.approx(plant_parameters(case), abs=1e-7)
+    wrong = Case(5, "mujoco", "mujoco", True, nuisance="parameters_10", spread=0.1)
+    ratios = {
+        round(value / told[name], 3)
+        for name, value in simulator_content(wrong, tmp_path)["parameters"].items()
+        if told[name]
+    }
+    assert {0.9, 1.1} <= ratios
+
+
+def test_a_drawn_plant_is_fitted_anew_to_its_own_drives(tmp_path):
+    for made in ("single_track_fitted.yaml",):
+        (tmp_path / "fit_mujoco.py").write_text(SCRIPT.format(made=made))
+    usual = Case(5, "reference", "single_track_fitted")
+    drawn = Case(5, "reference", "single_track_fitted", spread=0.1)
+    assert prepared_name(usual) != prepared_name(drawn)
+    assert len(unprepared([usual, drawn], tmp_path)) == 2
+    prepare(drawn, tmp_path, tmp_path)
+    assert unprepared([usual, drawn], tmp_path) == [usual]
+    told = (tmp_path / f"{prepared_name(drawn)}_study" / "told").read_text()
+    assert told == f"[{tmp_path / f'{prepared_name(drawn)}_drives'}]"

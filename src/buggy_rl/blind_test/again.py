@@ -6,7 +6,7 @@ import shutil
 import torch
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import driven, save_drives
+from buggy_rl.blind_test.drives import acting, driven, plant_parameters, save_drives
 from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.diagnosis.experiments import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
@@ -51,8 +51,9 @@ def drive_again(store: CaseStore, case: Case) -> int:
     pose[:, 2] = torch.arange(TIMES) * 2 * torch.pi / TIMES - torch.pi
     for place, manoeuvre in enumerate(suggested(store, case)):
         actions = manoeuvre.actions(CONTROL_PERIOD)
-        plant = make_plant(case.plant, TIMES, case.faults)
-        true = driven(plant, Replay(actions), pose, len(actions))
+        plant = make_plant(case.plant, TIMES, case.faults, plant_parameters(case))
+        act = acting([case.disturbances], [TIMES])
+        true = driven(plant, Replay(actions), pose, len(actions), act)
         numbers = range(place * TIMES, (place + 1) * TIMES)
         named = {f"manoeuvre_{number}": NOISE + number for number in numbers}
         save_drives(case, true, folder / "recordings", named)

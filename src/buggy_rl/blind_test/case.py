@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
+from buggy_rl.plants.composed import Disturbance, is_composed
 
 NUISANCES = {
     "white": "the camera's own noise, white",
@@ -15,7 +16,12 @@ NUISANCES = {
     "parameters_3": "the simulator's parameters off by 3 %, baseline drives given",
     "parameters_10": "the simulator's parameters off by 10 %, baseline drives given",
 }
-DRIVING = {"rich": "a room driver's", "steady": "near-constant speed, slow bends"}
+DRIVING = {
+    "rich": "a room driver's",
+    "steady": "near-constant speed, slow bends",
+    "timid": "half the throttle, two thirds of the steering",
+    "wild": "no throttle eased in bends or slides: it spins",
+}
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,8 @@ class Case:
     drives: int = 2
     held_out: int = 1
     """Drives that are sealed, to measure by."""
+    spread: float = 0.0
+    """Share by which each parameter of the plant is drawn off its own, at most."""
 
     def __post_init__(self) -> None:
         known = {*SIZES, *UNKNOWN_SIZES}
@@ -46,7 +54,7 @@ class Case:
             ("driving", self.driving, DRIVING),
             *(("effect", effect, known) for effect in self.concealed),
         ):
-            if name not in names:
+            if name not in names and not (what == "effect" and is_composed(name)):
                 raise ValueError(f"no {what} {name!r}; available: {', '.join(sorted(names))}")
 
     @property
@@ -62,7 +70,7 @@ class Case:
     @property
     def family(self) -> str:
         """nothing, one, two, three, or unknown where the textbook has no name for it."""
-        if set(self.concealed) & set(UNKNOWN_SIZES):
+        if any(e in UNKNOWN_SIZES or is_composed(e) for e in self.concealed):
             return "unknown"
         return ("nothing", "one", "two", "three")[len(self.concealed)]
 
@@ -74,7 +82,14 @@ class Case:
     @property
     def faults(self) -> dict[str, dict[str, float]]:
         """What is concealed in the car itself."""
-        return {e: dict(v) for e, v in self.concealed.items() if e not in CAMERA}
+        return {
+            e: dict(v) for e, v in self.concealed.items() if e not in CAMERA and not is_composed(e)
+        }
+
+    @property
+    def disturbances(self) -> list[Disturbance]:
+        """What is concealed beside that, at rest."""
+        return [Disturbance(e, v) for e, v in self.concealed.items() if is_composed(e)]
 
     @property
     def camera(self) -> dict[str, float]:

@@ -1,11 +1,12 @@
 """Cases from seeds."""
 
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES, Range
+from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES, Range, composed_sizes
+from buggy_rl.plants.composed import SORTS, WHERE, is_composed
 
 FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
 COUNT = {"nothing": 0, "one": 1, "two": 2, "three": 3}
@@ -28,9 +29,19 @@ PAIRINGS = {
     "mujoco_single_track": Pairing("mujoco", "single_track_fitted", True),
     "commonroad_mujoco": Pairing("commonroad", "mujoco_fitted", True),
     "commonroad_single_track": Pairing("commonroad", "single_track_fitted", True),
+    # For development: with and without drives from before the change.
+    "reference_baseline": Pairing("reference", "reference", True),
+    "reference_single_track": Pairing("reference", "single_track_fitted", True),
+    "reference_single_track_alone": Pairing("reference", "single_track_fitted", False),
+    "reference_mujoco_alone": Pairing("reference", "mujoco_fitted", False),
+    "reference_learned_alone": Pairing("reference", "learned", False),
+    "mujoco_single_track_alone": Pairing("mujoco", "single_track_fitted", False),
+    "commonroad_single_track_alone": Pairing("commonroad", "single_track_fitted", False),
 }
 # Of simulators whose step can be made coarser from outside.
 INTEGRATED = ("reference", "mujoco", "mujoco_fitted")
+# That are the plant's own, or fitted in seconds: for them the plant's parameters may be drawn.
+REFITTED = ("reference", "mujoco", "single_track_fitted")
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,8 @@ class Settings:
             ["nothing"] * 5 + ["one"] * 9 + ["two"] * 3 + ["three"] + ["unknown"] * 2
         )
     )
-    """How many effects are concealed, or one that no entry of the library describes."""
+    """How many effects are concealed, or one that no entry of the library describes: of six plants'
+    own (unknown), or composed at random (composed)."""
     pairings: list[str] = field(
         default_factory=lambda: (
             ["reference"] * 3
@@ -80,6 +92,9 @@ class Settings:
     """To be seen, and as many before the change where there is a baseline."""
     held_out: int = 1
     """Sealed, to measure by."""
+    spread: list[float] = field(default_factory=lambda: [0.0])
+    """Shares by which the plant's parameters are drawn off their own; only where its simulator is
+    of its make, or quickly fitted anew."""
 
     def __post_init__(self) -> None:
         if self.split not in FIRST:
@@ -135,18 +150,24 @@ def draw(
     if names is None:
         names = _names(chance, family, able[pairing.plant])
     nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
+    sizes = {n: composed_sizes(n) if is_composed(n) else (SIZES | UNKNOWN_SIZES)[n] for n in names}
     return Case(
         seed=seed,
         plant=pairing.plant,
         simulator=pairing.simulator,
         baseline=pairing.baseline or nuisance.startswith("parameters"),
-        concealed={n: _drawn(chance, (SIZES | UNKNOWN_SIZES)[n]) for n in sorted(names)},
+        concealed={n: _drawn(chance, sizes[n]) for n in sorted(names)},
         nuisance=nuisance,
         driving=chance.choice(settings.driving),
         seconds=chance.choice(settings.seconds),
         drives=settings.drives,
         held_out=settings.held_out,
+        spread=_spread(chance, settings, pairing.simulator),
     )
+
+
+def _spread(chance: random.Random, settings: Settings, simulator: str) -> float:
+    return chance.choice(settings.spread) if simulator in REFITTED else 0.0
 
 
 def _able(can: frozenset[str], settings: Settings) -> list[str]:
@@ -156,7 +177,15 @@ def _able(can: frozenset[str], settings: Settings) -> list[str]:
 def _names(chance: random.Random, family: str, able: Sequence[str]) -> list[str]:
     if family == "unknown":
         return [chance.choice([n for n in able if n in UNKNOWN_SIZES])]
+    if family == "composed":
+        return [_composed(chance)]
     return chance.sample([n for n in able if n in SIZES], COUNT[family])
+
+
+def _composed(chance: random.Random) -> str:
+    """A sort: every place where it may act is as likely, however many signals it has."""
+    where = chance.choice(WHERE)
+    return chance.choice([name for name in SORTS if name.startswith(f"{where}.")])
 
 
 def _suits(nuisance: str, simulator: str) -> bool:
@@ -165,7 +194,7 @@ def _suits(nuisance: str, simulator: str) -> bool:
     return simulator != "learned" or not nuisance.startswith("parameters")
 
 
-def _drawn(chance: random.Random, sizes: dict[str, Range]) -> dict[str, float]:
+def _drawn(chance: random.Random, sizes: Mapping[str, Range]) -> dict[str, float]:
     values = {}
     for name, (low, high, signed, _) in sizes.items():
         side = -1 if signed and chance.random() < 0.5 else 1

@@ -15,17 +15,24 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.hands import TimidDriver, WildDriver
 from buggy_rl.blind_test.steady_driver import SteadyDriver
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.faults import NEUTRAL
 from buggy_rl.plants import make_plant
+from buggy_rl.plants.composed import Disturbance
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
-DRIVERS = {"rich": RoomDriver, "steady": SteadyDriver}
+DRIVERS = {
+    "rich": RoomDriver,
+    "steady": SteadyDriver,
+    "timid": TimidDriver,
+    "wild": WildDriver,
+}
 BASELINE = 500_000_000  # added to a seed for the drives before the change
 BASELINE_NOISE = 100  # number of the first baseline drive, behind those of all other drives
 RHO = 0.9  # correlation of coloured noise from row to row
@@ -53,34 +60,68 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
     Every case has drivers of its own: its motion does not depend on the other cases.
     """
     rows, plant = round(cases[0].seconds / CONTROL_PERIOD), cases[0].plant
-    sizes, drivers, faults = [], [], []
+    sizes, drivers, faults, parameters, disturbances = [], [], [], [], []
     for case in cases:
+        own = plant_parameters(case)
         sizes.append(case.drives + case.held_out)
         drivers.append(DRIVERS[case.driving](seed=case.seed))
         faults.append(case.faults)
+        parameters.append(own)
+        disturbances.append(case.disturbances)
         if case.baseline:
             sizes.append(case.drives)
             drivers.append(DRIVERS[case.driving](seed=case.seed + BASELINE))
             faults.append({})
+            parameters.append(own)
+            disturbances.append([])
     poses = [driver.start_pose([size]) for driver, size in zip(drivers, sizes, strict=True)]
     if plant == "reference":
-        engine = _reference_cars(faults, sizes)
-        parts = driven(engine, joined(drivers, sizes), torch.cat(poses), rows).split(sizes)
+        engine = _reference_cars(faults, parameters, sizes)
+        act = acting(disturbances, sizes)
+        parts = driven(engine, joined(drivers, sizes), torch.cat(poses), rows, act).split(sizes)
     else:
         parts = [
-            driven(make_plant(plant, len(pose), own), driver, pose, rows)
-            for driver, pose, own in zip(drivers, poses, faults, strict=True)
+            driven(
+                make_plant(plant, size, own, numbers), driver, pose, rows, acting([beside], [size])
+            )
+            for driver, pose, own, numbers, beside, size in zip(
+                drivers, poses, faults, parameters, disturbances, sizes, strict=True
+            )
         ]
     motion = iter(parts)
     return [Motion(next(motion), next(motion) if case.baseline else None) for case in cases]
 
 
+def plant_parameters(case: Case) -> dict[str, float]:
+    """The parameters of a case's plant that are not its own: each within `spread` of that."""
+    if not case.spread:
+        return {}
+    chance = random.Random(f"plant {case.seed}")
+    found = {}
+    for name, p in make_plant(case.plant, 1, {}).declared.items():  # type: ignore[attr-defined]
+        value = p.value * (1 + chance.uniform(-case.spread, case.spread))
+        found[name] = min(max(value, p.lower), p.upper)
+    return found
+
+
 def _reference_cars(
-    faults: Sequence[Mapping[str, Mapping[str, float]]], sizes: Sequence[int]
+    faults: Sequence[Mapping[str, Mapping[str, float]]],
+    parameters: Sequence[Mapping[str, float]],
+    sizes: Sequence[int],
 ) -> EnvBase:
-    """One batch with the faults of each part."""
+    """One batch with the faults and parameters of each part."""
     count, first = sum(sizes), 0
     tensors: dict[str, Tensor] = {}
+    cars = ReferenceEngine(count)
+    numbers: dict[str, Tensor] = {}
+    for own, size in zip(parameters, sizes, strict=True):
+        for name, value in own.items():
+            usual = torch.full((count,), cars.declared[name].value)
+            numbers.setdefault(name, usual)[first : first + size] = value
+        first += size
+    if numbers:
+        cars = cars.with_parameters(TensorDict(numbers, [count]))
+    first = 0
     for own, size in zip(faults, sizes, strict=True):
         for effect, values in own.items():
             for name, value in values.items():
@@ -88,7 +129,23 @@ def _reference_cars(
                 rows = tensors.setdefault(key, torch.full((count,), NEUTRAL[key]))
                 rows[first : first + size] = value
         first += size
-    return ReferenceEngine(count).with_faults(TensorDict(tensors, [count]))
+    return cars.with_faults(TensorDict(tensors, [count]))
+
+
+def acting(disturbances: Sequence[Sequence[Disturbance]], sizes: Sequence[int]) -> Driver | None:
+    """What disturbs each part of a batch, one after the other; None where nothing does."""
+    if not any(disturbances):
+        return None
+
+    def act(state: TensorDictBase) -> TensorDictBase:
+        seen = (keys.POSE, keys.VELOCITY, keys.ACTION)
+        parts = state.select(*seen).split(list(sizes))
+        for part, beside in zip(parts, disturbances, strict=True):
+            for disturbance in beside:
+                disturbance.acting(part)
+        return state.update({key: torch.cat([part[key] for part in parts]) for key in seen})
+
+    return act
 
 
 def joined(drivers: Sequence[Driver], sizes: Sequence[int]) -> Driver:
@@ -104,13 +161,31 @@ def joined(drivers: Sequence[Driver], sizes: Sequence[int]) -> Driver:
 
 
 @torch.no_grad()
-def driven(engine: EnvBase, driver: Driver, pose: Tensor, rows: int) -> TensorDict:
-    """True motion [N, rows] from rest at poses [N, 3]."""
+def driven(
+    engine: EnvBase, driver: Driver, pose: Tensor, rows: int, act: Driver | None = None
+) -> TensorDict:
+    """True motion [N, rows] from rest at poses [N, 3], with the commands as they are given.
+
+    Args:
+        engine: N cars.
+        driver: Writes the command for what it sees.
+        pose: Where they start.
+        rows: Control periods.
+        act: Changes command and motion behind the driver's back.
+    """
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
     state = engine.reset(TensorDict(start, engine.batch_size))
-    states = pairwise(trajectory(engine, state, lambda _, now: driver(now), rows))
-    trail = [now.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone() for now, _ in states]
-    return TensorDict.stack(trail, 1)  # type: ignore[return-value]
+    given = []
+
+    def commanded(_: int, now: TensorDictBase) -> TensorDictBase:
+        now = driver(now)
+        given.append(now[keys.ACTION].clone())
+        return now if act is None else act(now)
+
+    states = pairwise(trajectory(engine, state, commanded, rows))
+    trail = [now.select(keys.POSE, keys.VELOCITY).clone() for now, _ in states]
+    motion = TensorDict.stack(trail, 1)
+    return motion.set(keys.ACTION, torch.stack(given, 1))  # type: ignore[return-value]
 
 
 def save_drives(
@@ -136,6 +211,8 @@ def measured(case: Case, true: TensorDict, changed: bool, place: int) -> Recordi
     """
     seed = case.seed * 1_000 + place
     config = CameraConfig(**(case.camera if changed else {}))
+    for disturbance in case.disturbances if changed else ():
+        true = disturbance.seen(true)
     if case.nuisance == "stamps":
         true = stamped_off(true, early=random.Random(f"stamps {case.seed}").random() < 0.5)
     if case.nuisance == "thrice":

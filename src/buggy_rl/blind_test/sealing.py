@@ -174,7 +174,10 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
 
 def _sealed_text(case: Case, secret: str) -> str:
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    return json.dumps({"case": asdict(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
+    content = asdict(case)
+    if not case.spread:
+        del content["spread"]  # hashes of cases were published before there was such a field
+    return json.dumps({"case": content, "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:

@@ -6,13 +6,14 @@ A simulator that is not shipped is fitted to, or trained on, drives of the uncha
 import random
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import moved, save_drives
+from buggy_rl.blind_test.drives import moved, plant_parameters, save_drives
 from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.base import Engine
 from buggy_rl.files import write_atomically
@@ -23,6 +24,7 @@ COARSE = {"reference": {"substep": 0.005}, "mujoco": {"timestep": 0.005}}  # fiv
 SLOW = {"mujoco": 60, "mujoco_fitted": 60}  # segments that are diagnosed where time counts
 MODEL = "simulator.pt"
 DRIVES, SECONDS = 6, 40.0  # as many and as long as the sample drives
+PREPARING = 300  # number of the first drive that a case's own simulator is fitted to
 SEED = 900_000_000  # of the drives that simulators are made from: no case has it
 LEARNED = (  # the history MLP of configs/demo.yaml, trained on rollouts
     "runs.model.model.kind=mlp",
@@ -34,7 +36,10 @@ LEARNED = (  # the history MLP of configs/demo.yaml, trained on rollouts
 
 def prepared_name(case: Case) -> str:
     """File, without its ending, that has to be prepared for a case; empty if none has."""
-    return "" if case.simulator in PLAIN else f"{case.plant}_{case.simulator}"
+    if case.simulator in PLAIN:
+        return ""
+    own = f"_{case.id}" if case.spread else ""  # fitted anew to this very plant
+    return f"{case.plant}_{case.simulator}{own}"
 
 
 def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
@@ -43,6 +48,8 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
         return {"engine": MODEL}
     if case.simulator in PLAIN:
         content: dict[str, Any] = {"engine": case.simulator}
+        if case.spread:
+            content["parameters"] = {n: round(v, 8) for n, v in plant_parameters(case).items()}
     else:
         file = read_simulator(prepared / f"{prepared_name(case)}.yaml")
         content = {key: value for key, value in file.items() if value}
@@ -52,7 +59,7 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
         content["options"] = content.get("options", {}) | COARSE[content["engine"]]
     if case.nuisance.startswith("parameters"):
         share = float(case.nuisance.rpartition("_")[2]) / 100
-        content["parameters"] = off(content, share, case.seed)
+        content["parameters"] = content.get("parameters", {}) | off(content, share, case.seed)
     return content
 
 
@@ -81,10 +88,13 @@ def prepare(case: Case, folder: Path, scripts: Path) -> Path:
     Raises:
         ValueError: The script failed; the message holds the end of its log.
     """
-    drives = folder / f"{case.plant}_drives"
+    drives = folder / (f"{prepared_name(case)}_drives" if case.spread else f"{case.plant}_drives")
     if not (drives / f"drive_{DRIVES - 1}.csv").exists():
-        car = Case(SEED, case.plant, case.plant, seconds=SECONDS, drives=DRIVES, held_out=0)
-        numbers = {f"drive_{n}": n for n in range(DRIVES)}
+        seed = case.seed if case.spread else SEED
+        car = Case(seed, case.plant, case.plant, seconds=SECONDS, drives=DRIVES, held_out=0)
+        car = replace(car, spread=case.spread)
+        # Noise behind that of all other drives of the case.
+        numbers = {f"drive_{n}": n + (PREPARING if case.spread else 0) for n in range(DRIVES)}
         save_drives(car, moved([car])[0].changed, drives, numbers, changed=False)
     study = folder / f"{prepared_name(case)}_study"
     options = (f"data.recordings=[{drives}]", f"output={study}")

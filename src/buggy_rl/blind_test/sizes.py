@@ -6,6 +6,8 @@ driver notices, the upper one what makes him stop.
 
 from typing import NamedTuple
 
+from buggy_rl.plants.composed import Sort
+
 
 class Range(NamedTuple):
     """Bounds of a uniform distribution."""
@@ -100,3 +102,29 @@ CAMERA = {  # where a sensing effect is an error of the camera: parameter -> fie
     "speed_scale": {"ratio": "speed_scale"},
     "gyro_bias": {"bias": "gyro_bias"},
 }
+COMPOSED_SIZES = {  # where a composed sort acts -> how much, at a signal of 1
+    "forward": Range(0.4, 1.2, True, "as rolling resistance and slope, twice over"),
+    "side": Range(0.5, 1.5, True, "a sixth of the grip at most"),
+    "yaw": Range(5.0, 14.0, True, "as a bent axle"),
+    "throttle": Range(0.15, 0.4, True, "a fifth of the channel at most"),
+    "steering": Range(0.08, 0.25, True, "as a wrong trim"),
+    "seen_yaw": Range(0.02, 0.06, True, "1 to 3 degrees"),
+    "seen_speed": Range(0.05, 0.15, True, "2 to 6 % of 2.5 m/s"),
+    "seen_drift": Range(0.05, 0.15, True, "likewise, across"),
+    "seen_yaw_rate": Range(0.1, 0.3, True, "6 to 17 degrees a second"),
+}
+TIME_CONSTANTS = {  # of a memory [s]
+    "lag": Range(0.15, 0.8, False, "slower than a servo, faster than a bend"),
+    "heat": Range(5.0, 20.0, False, "a motor or a tyre that warms"),
+}
+
+
+def composed_sizes(name: str) -> dict[str, Range]:
+    """Ranges of the numbers of a composed sort."""
+    sort = Sort.named(name)
+    ranges = {"size": COMPOSED_SIZES[sort.where]}
+    if sort.memory in TIME_CONSTANTS:
+        ranges["time_constant"] = TIME_CONSTANTS[sort.memory]
+    if sort.of in ("way", "place"):
+        ranges["phase"] = Range(0.0, 3.1, True, "anywhere")
+    return ranges

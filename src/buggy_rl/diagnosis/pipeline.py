@@ -101,6 +101,17 @@ def diagnose(
     return replace(done, answer=replace(done.answer, notes=notes, verdict=verdict))
 
 
+def opened(
+    config: DiagnosisConfig,
+    recordings: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+) -> Case:
+    """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
+    make = maker(config, options=_step(config, recordings).options)
+    stages = Stages(None, config, ())
+    return _case(config, make, recordings, baseline, stages, lambda _: None)[0]
+
+
 def maker(
     config: DiagnosisConfig,
     parameters: Mapping[str, float] | None = None,

@@ -15,10 +15,7 @@ FARTHEST = 1.5  # [-] times the way to a trial, along which the cost is minimise
 
 def screened(problem: Problem, base: Fit, keep: int) -> list[Fit]:
     """The most promising starts: the base and one more effect each, at its best trial size."""
-    rows: list[Hypothesis] = []
-    for name in problem.library.names:
-        if name not in base.effects:
-            rows += _trials(problem, base, name)
+    rows = trials(problem, base)
     thin, few = _thinned(problem, base)
     best: dict[str, tuple[float, Fit]] = {}
     for trial in thin.rolled_out(rows):
@@ -27,6 +24,12 @@ def screened(problem: Problem, base: Fit, keep: int) -> list[Fit]:
             best[name] = cost, trial
     ranked = sorted(best.values(), key=lambda item: item[0])
     return [trial for _, trial in ranked[:keep]]
+
+
+def trials(problem: Problem, base: Fit) -> list[Hypothesis]:
+    """The base with one effect more, each that it has not, at every trial size."""
+    others = [name for name in problem.library.names if name not in base.effects]
+    return [start for name in others for start in _trials(problem, base, name)]
 
 
 def _trials(problem: Problem, base: Fit, name: str) -> list[Hypothesis]:

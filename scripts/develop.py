@@ -1,0 +1,56 @@
+"""Draws, records and searches development cases, and writes down all that a calibration may need.
+
+    python scripts/develop.py configs/development.yaml
+    python scripts/develop.py configs/development.yaml draw.first=210000 draw.cases=1000 workers=8
+
+One JSON line a case in OUTPUT/development.jsonl. Interrupted, it goes on with the cases that are
+not in that file. Then says how well a right effect in a simulator of another form is told from
+physics that no effect describes, with one sort of it left out at a time.
+"""
+
+import json
+from pathlib import Path
+
+from buggy_rl.config import from_command_line, run, save_run
+
+
+def main() -> None:
+    """Runs the cases that are missing."""
+    config = from_command_line(__doc__, "buggy_rl.blind_test.development:DevelopmentConfig")
+
+    from tqdm import tqdm
+
+    from buggy_rl.blind_test.development import cases_left, developed, entries
+    from buggy_rl.blind_test.discrimination import discrimination
+    from buggy_rl.blind_test.sealing import groups
+    from buggy_rl.blind_test.simulators import prepare, unprepared
+    from buggy_rl.jobs import in_processes
+
+    store, left = config.store, cases_left(config)
+    store.prepared.mkdir(parents=True, exist_ok=True)
+    save_run(config, store.output)
+    scripts = Path(__file__).parent
+    wanted = unprepared(left, store.prepared)
+    jobs = [(case, store.prepared, scripts) for case in wanted]
+    # Simulators of a plant share the drives that they are made from: one after the other.
+    shared = [job for job in jobs if not job[0].spread]
+    for case, folder, place in tqdm(shared, "preparing simulators", unit="simulator"):
+        prepare(case, folder, place)
+    own = [job for job in jobs if job[0].spread]
+    with tqdm(desc="fitting simulators", total=len(own), unit="simulator") as bar:
+        for _ in in_processes(prepare, own, config.workers):
+            bar.update()
+    config.file.parent.mkdir(parents=True, exist_ok=True)
+    work = [(store, group, config.stretches, config.effects) for group in groups(left)]
+    with tqdm(desc="searching", total=len(left), unit="case") as bar:
+        for lines in in_processes(developed, work, config.workers):
+            with open(config.file, "a") as file:
+                file.writelines(json.dumps(line) + "\n" for line in lines)
+            bar.update(len(lines))
+    done = entries(config.file)
+    print(f"{config.file}: {len(done)} cases")
+    print(discrimination(done))
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,179 @@
+"""Development cases: drawn wide, recorded, searched, and all that was seen written down.
+
+One JSON line a case: what is concealed, every hypothesis that was fitted, with its numbers, its
+held-out loss by block and its evidence. Nothing here is sealed: a calibration is made from it, and
+no published score.
+"""
+
+import json
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import MISSING
+
+from buggy_rl.blind_test.baselines.asked import asked
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
+from buggy_rl.blind_test.sealing import CaseStore, seal
+from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
+from buggy_rl.diagnosis.case import Case as Opened
+from buggy_rl.diagnosis.constancy import variation
+from buggy_rl.diagnosis.excitation import weak
+from buggy_rl.diagnosis.joint import JointSearch, Weighed, joint_search
+from buggy_rl.diagnosis.pipeline import opened
+from buggy_rl.diagnosis.unexplained import unexplained
+from buggy_rl.effects import EFFECTS
+from buggy_rl.plants import abilities
+
+DIGITS = 5  # of every number that is written
+
+
+@dataclass(frozen=True)
+class DevelopmentConfig:
+    """Cases to calibrate on."""
+
+    output: str = MISSING
+    """Folder of prepared simulators, of cases while they are worked on, and of the ledger."""
+    draw: Settings = field(default_factory=Settings)
+    stretches: int = 48
+    """Segments of 1 s that are searched."""
+    effects: list[str] = field(default_factory=list)
+    """Effects to choose from; empty for the whole library."""
+    workers: int = 2
+    """Groups of cases at a time."""
+    ledger: str = ""
+    """File of the lines; empty for OUTPUT/development.jsonl. A case in it is not run again."""
+
+    def __post_init__(self) -> None:
+        if self.draw.split != "development":
+            raise ValueError("sealed seeds are to be published, nothing is calibrated on them")
+
+    @property
+    def store(self) -> CaseStore:
+        """Where cases lie while they are worked on."""
+        return CaseStore(Path(self.output), Path(self.output) / "truth")
+
+    @property
+    def file(self) -> Path:
+        """The ledger."""
+        return Path(self.ledger or Path(self.output) / "development.jsonl")
+
+
+def cases_left(config: DevelopmentConfig) -> list[Case]:
+    """Cases of the config that are not in its ledger."""
+    plants = {PAIRINGS[name].plant for name in config.draw.pairings}
+    cases = draw_all(config.draw, {plant: abilities(plant) for plant in plants})
+    done = {entry["case"]["seed"] for entry in entries(config.file)}
+    return [case for case in cases if case.seed not in done]
+
+
+def entries(ledger: Path) -> list[dict[str, Any]]:
+    """Lines of a ledger; none where there is no such file.
+
+    Raises:
+        ValueError: A line is not a ledger's; the message names file and line.
+    """
+    if not ledger.exists():
+        return []
+    found = []
+    for number, line in enumerate(ledger.read_text().splitlines(), 1):
+        try:
+            entry = json.loads(line)
+            if "seed" not in entry["case"] or "hypotheses" not in entry:
+                raise KeyError("seed or hypotheses are missing")
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(
+                f"{ledger}, line {number}: no development case ({error}); take the line out, and "
+                "the case is run again"
+            ) from error
+        found.append(entry)
+    return found
+
+
+def developed(
+    store: CaseStore, cases: Sequence[Case], stretches: int, effects: Sequence[str] = ()
+) -> list[dict[str, Any]]:
+    """Lines of cases that share plant and length; their files are removed again."""
+    store.sealed.mkdir(parents=True, exist_ok=True)
+    seal(store, cases, list(effects), segments=stretches)
+    lines = []
+    for case in cases:
+        begun = time.monotonic()
+        folder = store.inputs(case.id)
+        try:
+            question = asked(folder)
+            ready = opened(question.config, question.recordings, question.baseline)
+            also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
+            line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
+        except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
+            line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
+        seconds = round(time.monotonic() - begun, 1)
+        lines.append({"case": asdict(case), "seconds": seconds, **line})
+        shutil.rmtree(folder)
+        shutil.rmtree(store.held_out(case.id), ignore_errors=True)
+        store.truth(case.id).unlink()
+    return lines
+
+
+def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
+    """What is written of a search."""
+    usual = ready.criteria.usual
+    return _rounded(
+        {
+            "rank": found.rank(case.truth),
+            "first": excess_misfit(found.null, found.null),
+            "usual": [usual.mean, usual.error],
+            "segments": len(ready.problem.segments),
+            "dispersion": found.problem.dispersion,
+            "weak": [line.partition(" hardly")[0] for line in weak(ready.problem.segments)],
+            "hypotheses": [_hypothesis(ready, found, weighed) for weighed in found.weighed],
+        }
+    )
+
+
+def _hypothesis(ready: Opened, found: JointSearch, weighed: Weighed) -> dict[str, Any]:
+    candidate, criteria = weighed.candidate, ready.criteria
+    fit, problem = candidate.fit, found.problem
+    rest = unexplained(problem, found.null.fit.whitened, fit.whitened, 0.05, criteria.usual)
+    loss = problem.noise.loss(candidate.cross_validated.square, problem.dispersion)
+    blocks = torch.zeros(int(criteria.group.max()) + 1, dtype=loss.dtype)
+    covariance = candidate.cross_validated.covariance
+    return {
+        "effects": list(candidate.key),
+        "values": {effect: v for effect, v in fit.values().items()},
+        "z": fit.vector.tolist(),
+        "sd": covariance.diagonal().clamp_min(0.0).sqrt().tolist(),
+        "at_bound": [effect for effect in fit.effects if fit.at_bound(effect)],
+        "held_out": blocks.index_add_(0, criteria.group, loss).tolist(),
+        "penalty": float(fit.penalty()),
+        "excess": excess_misfit(candidate, found.null),
+        "typical": candidate.typical,
+        "unclosed": rest.unclosed,
+        "channel": list(rest.channel.values()),
+        "varies": _varies(ready, found, candidate),
+        "evidence": asdict(weighed.evidence),
+    }
+
+
+def _varies(ready: Opened, found: JointSearch, candidate: Candidate) -> dict[str, list]:
+    """Effect -> condition that its numbers vary with most, excess that this closes, nats."""
+    every = {
+        effect: variation(ready.criteria, found.problem, candidate, found.null, effect)
+        for effect in candidate.effects
+    }
+    return {effect: [v.condition, v.closes, v.nats] for effect, v in every.items()}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, dict):
+        return {key: _rounded(v) for key, v in value.items()}
+    if isinstance(value, list):
+        return [_rounded(v) for v in value]
+    return value

@@ -1,0 +1,87 @@
+"""The factory of development cases, small: recorded, searched, written down, and never twice."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.blind_test.development import DevelopmentConfig, cases_left, entries
+from buggy_rl.blind_test.discrimination import PRICE
+from buggy_rl.blind_test.draw import Settings
+
+ROOT = Path(__file__).parents[2]
+OPTIONS = (
+    "draw.each=true", "draw.nothing=1", "draw.cases=3", "draw.seconds=[12.0]",
+    "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
+    "draw.families=[one]", "draw.spread=[0.08]",
+    "draw.names=[steering_gain,gyro_bias]", "stretches=20",
+    "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+)  # fmt: skip
+
+
+def develop(folder: Path) -> subprocess.CompletedProcess:
+    command = [sys.executable, "scripts/develop.py", "configs/development.yaml"]
+    command += [f"output={folder}", *OPTIONS]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
+    folder = tmp_path_factory.mktemp("development") / "run"
+    return folder, develop(folder)
+
+
+@pytest.mark.timeout(900)
+def test_the_truth_is_the_most_evident_and_nothing_is_where_nothing_is(run):
+    folder, done = run
+    assert done.returncode == 0, done.stderr
+    found = entries(folder / "development.jsonl")
+    assert len(found) == 3
+    for entry in found:
+        truth = sorted(entry["case"]["concealed"])
+        assert entry["case"]["spread"] == 0.08  # nor is the car the one that the library knows
+        best = max(
+            entry["hypotheses"],
+            key=lambda h: h["evidence"]["log_evidence"] - PRICE * len(h["effects"]),
+        )
+        assert best["effects"] == truth
+        assert entry["rank"] == (1 if truth else 0)
+        for effect, values in entry["case"]["concealed"].items():
+            for name, value in values.items():
+                assert best["values"][effect][name] == pytest.approx(value, rel=0.1)
+    assert "too few to tell apart" in done.stdout
+
+
+def test_what_is_logged_is_what_a_calibration_asks_for(run):
+    entry = entries(run[0] / "development.jsonl")[0]
+    assert len(entry["hypotheses"]) > 10
+    for hypothesis in entry["hypotheses"]:
+        assert len(hypothesis["z"]) == len(hypothesis["sd"])
+        assert len(hypothesis["held_out"]) >= 2
+        assert set(hypothesis["varies"]) == set(hypothesis["effects"])
+        assert {"log_evidence", "spread", "variation", "plain"} <= set(hypothesis["evidence"])
+
+
+@pytest.mark.timeout(900)
+def test_what_is_done_is_not_done_again_and_leaves_no_files(run):
+    folder, _ = run
+    ledger = folder / "development.jsonl"
+    before = ledger.read_bytes()
+    assert develop(folder).returncode == 0
+    assert ledger.read_bytes() == before
+    assert not list((folder / "cases").iterdir())
+    assert not list((folder / "truth").glob("*.json"))
+
+
+def test_a_broken_line_is_told_by_its_number(tmp_path):
+    config = DevelopmentConfig(output=str(tmp_path), draw=Settings(cases=3))
+    config.file.write_text(json.dumps({"case": {"seed": 1}, "hypotheses": []}) + "\n{}\n")
+    with pytest.raises(ValueError, match="line 2: no development case"):
+        cases_left(config)
+
+
+def test_nothing_is_calibrated_on_sealed_seeds():
+    with pytest.raises(ValueError, match="sealed seeds"):
+        DevelopmentConfig(output="x", draw=Settings(split="sealed"))

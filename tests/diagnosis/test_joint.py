@@ -1,0 +1,77 @@
+"""Joint search: pairs are found in one go, and the evidence names what was planted."""
+
+import pytest
+import torch
+
+from buggy_rl.diagnosis.joint import FITTED, joint_search, unit_changes
+from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.screening import trials
+from tests.diagnosis.planted import problem_of
+
+PRICE = 3.0  # [nats] of an effect more: odds of 20 to 1 against each
+
+
+def searched(recordings, also=()):
+    problem = problem_of(recordings)
+    return joint_search(problem, Criteria(blocks(problem.segments)), also)
+
+
+@pytest.fixture(scope="module")
+def found(drives):
+    names = ("nothing", "late", "draggy", "two")
+    return {name: searched(drives[name]) for name in names}
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("nothing", ()),
+        ("late", ("steering_dead_time",)),
+        ("draggy", ("viscous_drag",)),
+        ("two", ("steering_gain", "viscous_drag")),
+    ],
+)
+def test_the_most_evident_is_what_was_planted(found, name, expected):
+    def priced(weighed):
+        return weighed.evidence.log_evidence - PRICE * len(weighed.candidate.effects)
+
+    assert max(found[name].weighed, key=priced).candidate.key == expected
+    assert found[name].rank(expected) == (1 if expected else 0)
+
+
+def test_a_right_hypothesis_leaves_noise_and_needs_nothing_beside_it(found):
+    for name, expected in (("late", ("steering_dead_time",)), ("draggy", ("viscous_drag",))):
+        [right] = [w for w in found[name].weighed if w.candidate.key == expected]
+        [null] = [w for w in found[name].weighed if not w.candidate.key]
+        assert right.evidence.spread <= 0.02
+        assert right.evidence.variation <= 0.05
+        assert right.evidence.dispersion < 1.5
+        assert null.evidence.log_evidence < right.evidence.log_evidence - 20
+
+
+def test_so_many_of_each_size_are_fitted_and_what_is_asked_for_too(drives):
+    asked = ("gyro_bias", "steering_dead_time", "steering_offset")
+    more = searched(drives["late"], [asked])
+    sizes = [len(w.candidate.effects) for w in more.weighed]
+    assert asked in {w.candidate.key for w in more.weighed}
+    assert sizes.count(0) == 1
+    assert sizes.count(1) == 5  # as many as the library has
+    assert sizes.count(2) == FITTED[2]
+    assert sizes.count(3) in (FITTED[3], FITTED[3] + 1)
+
+
+def test_unit_changes_are_by_direction_and_of_one_prior_scale(late):
+    problem, _ = late
+    base = problem.rolled_out([problem.library.hypothesis(())], True)[0]
+    rolled = problem.rolled_out(trials(problem, base))
+    owners, changes = unit_changes(base, rolled)
+    assert sorted(owners) == sorted(problem.library.names)
+    assert changes.shape == (*base.whitened.shape, len(owners))
+    bias = next(t for t in rolled if t.effects == ("gyro_bias",))
+    expected = (bias.whitened - base.whitened) / abs(float(bias.vector[0]))
+    # The sensor's bias is linear: any trial gives the same change.
+    cosine = torch.nn.functional.cosine_similarity(
+        changes[..., owners.index("gyro_bias")].flatten(), expected.flatten(), 0
+    )
+    assert abs(float(cosine)) > 0.999

@@ -1,0 +1,125 @@
+"""Sparse search: effects that add up are found together, and nothing is where nothing is."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import lsq_linear
+
+from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.sparse import FARTHEST, Secants, proposals
+
+SEGMENTS, NUMBERS = 12, 60
+NAMES = ("throttle_gain", "steering_gain", "payload", "viscous_drag", "gyro_bias", "sensor_yaw")
+SIZE = 1.5  # [prior scales] of every trial
+
+
+def problem(dispersion=1.0):
+    whitening = torch.eye(NUMBERS, dtype=torch.float64).expand(SEGMENTS, NUMBERS, NUMBERS)
+    noise = NoiseModel(whitening, torch.ones(6))
+    library = Library(NAMES)
+    return Problem(None, None, noise, library, dispersion)  # type: ignore[arg-type]
+
+
+def made(seed, mixture, size=20.0, noise=1.0):
+    """A base whose residual is minus a mixture of the trials' moves, and the trials."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def normal(*shape):
+        return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+    at = problem()
+    moves = size / NUMBERS**0.5 * normal(len(NAMES), SEGMENTS, NUMBERS)
+    residual = noise * normal(SEGMENTS, NUMBERS)
+    for name, share in mixture.items():
+        residual = residual - share * moves[NAMES.index(name)]
+    clock = at.library.hypothesis(())
+    base = Fit((), clock.coordinates, clock.vector, residual, normal(SEGMENTS, NUMBERS, 1))
+    trials = []
+    for name, move in zip(NAMES, moves, strict=True):
+        start = at.library.hypothesis((name,))
+        vector = start.vector.clone()
+        vector[0] = SIZE
+        trials.append(Fit((name,), start.coordinates, vector, residual + move))
+    return at, base, trials
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "mixture",
+    [
+        {"payload": 0.8},
+        {"payload": 0.8, "gyro_bias": 0.5},
+        {"payload": 0.8, "gyro_bias": 0.5, "steering_gain": 1.2},
+    ],
+)
+def test_effects_that_act_together_are_found_together(seed, mixture):
+    at, base, trials = made(seed, mixture)
+    found = proposals(Secants.of(at, base, trials), 3, price=5.0)
+    assert found[0].key == tuple(sorted(mixture))
+    for name, share in mixture.items():
+        number = at.library.numbers(name)[0].name
+        assert found[0].start.named()[name, number] == pytest.approx(share * SIZE, rel=0.1)
+
+
+def test_where_there_is_noise_only_no_set_gains_more_than_chance():
+    at, base, trials = made(7, {})
+    secants = Secants.of(at, base, trials)
+    nothing = float(at.noise.loss(base.square).sum())
+    best = min(proposals(secants, 3, price=0.0), key=lambda p: p.loss)
+    # Twice the gain of three coefficients and a clock is chi-squared of 4: 20 is one in 2000,
+    # times 20 sets of three.
+    assert nothing - best.loss < 15
+
+
+def test_every_set_is_proposed_once_and_its_loss_falls_with_what_is_added():
+    at, base, trials = made(1, {"payload": 0.8, "gyro_bias": 0.5})
+    found = proposals(Secants.of(at, base, trials), 2, price=3.0)
+    keys = [p.key for p in found]
+    assert len(set(keys)) == len(keys) == 6 + 15
+    loss = {p.key: p.loss for p in found}
+    for key in keys:
+        for one in key if len(key) == 2 else ():
+            assert loss[key] <= loss[(one,)] + 1e-6
+    assert [p.loss + 3.0 * len(p.key) for p in found] == sorted(
+        p.loss + 3.0 * len(p.key) for p in found
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_coefficients_are_those_of_bounded_least_squares(seed):
+    # Two of them against the truth's sign, or beyond what a trial may be stretched to.
+    _, base, trials = made(seed, {"payload": -0.8, "gyro_bias": 2.5, "sensor_yaw": 0.5}, noise=0.1)
+    wide = problem(dispersion=1e6)  # the loss is quadratic, and the prior counts for as much less
+    secants = Secants.of(wide, base, trials)
+    members = torch.tensor([[NAMES.index(n) for n in ("payload", "gyro_bias", "sensor_yaw")]])
+    _, share, clock = secants.solved(members)
+    columns = [(trials[i].whitened - base.whitened).flatten() for i in members[0].tolist()]
+    columns.append(base.jacobian[..., 0].flatten())
+    root = 1e3 * torch.stack([t.vector[0] / 3.0 for t in trials])[members[0]]
+    prior = torch.diag(torch.cat([root, 1e3 / base.prior]))
+    stacked = torch.cat([torch.stack(columns, -1), prior])
+    target = torch.cat([-base.whitened.flatten(), torch.zeros(4, dtype=torch.float64)])
+    expected = lsq_linear(
+        stacked.numpy(), target.numpy(), ([0, 0, 0, -np.inf], [FARTHEST] * 3 + [np.inf])
+    ).x
+    np.testing.assert_allclose(torch.cat([share[0], clock[0]]).numpy(), expected, atol=1e-3)
+
+
+def test_what_the_base_has_can_be_left_out():
+    at, base, trials = made(2, {"payload": 0.8})
+    start = at.library.hypothesis(("viscous_drag",), [0.6, 0.0])
+    slope = torch.stack([(trials[3].whitened - base.whitened) / SIZE, base.jacobian[..., 0]], -1)
+    residual = base.whitened + 0.6 * slope[..., 0]
+    held = Fit(start.effects, start.coordinates, start.vector, residual, slope)
+    others = [
+        Fit(("viscous_drag", *t.effects), t.coordinates, t.vector,
+            residual + (t.whitened - base.whitened))
+        for t in trials if t.effects != ("viscous_drag",)
+    ]  # fmt: skip
+    secants = Secants.of(at, held, others)
+    without = proposals(secants, 1, 3.0, without=["viscous_drag"])
+    assert without[0].key == ("payload",)
+    assert proposals(secants, 1, 3.0)[0].key == ("payload", "viscous_drag")
+    assert without[0].loss == pytest.approx(proposals(secants, 1, 3.0)[0].loss, abs=15)
