@@ -4,8 +4,8 @@
     python scripts/develop.py configs/development.yaml draw.first=210000 draw.cases=1000 workers=8
 
 One JSON line a case in OUTPUT/development.jsonl. Interrupted, it goes on with the cases that are
-not in that file. Then says how well a right effect in a simulator of another form is told from
-physics that no effect describes, with one sort of it left out at a time.
+not in that file. Then counts how often the true set is fitted, and the most evident, and says how
+well right effects are told from physics that no effect describes, one sort left out at a time.
 """
 
 import json
@@ -20,6 +20,7 @@ def main() -> None:
 
     from tqdm import tqdm
 
+    from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import cases_left, developed, entries
     from buggy_rl.blind_test.discrimination import discrimination
     from buggy_rl.blind_test.sealing import groups
@@ -49,6 +50,7 @@ def main() -> None:
             bar.update(len(lines))
     done = entries(config.file)
     print(f"{config.file}: {len(done)} cases")
+    print(counts(done))
     print(discrimination(done))
 
 
