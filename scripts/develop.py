@@ -49,7 +49,8 @@ def main() -> None:
                 file.writelines(json.dumps(line) + "\n" for line in lines)
             bar.update(len(lines))
     done = entries(config.file)
-    print(f"{config.file}: {len(done)} cases")
+    failed = sum("failed" in entry for entry in done)
+    print(f"{config.file}: {len(done)} cases, {failed} of them failed")
     print(counts(done))
     print(discrimination(done))
 

@@ -58,7 +58,7 @@ def test_so_many_of_each_size_are_fitted_and_what_is_asked_for_too(drives):
     assert sizes.count(0) == 1
     assert sizes.count(1) == 5  # as many as the library has
     assert sizes.count(2) == FITTED[2]
-    assert sizes.count(3) in (FITTED[3], FITTED[3] + 1)
+    assert sizes.count(3) in (FITTED[3], FITTED[3] + 1)  # it may be among the best
 
 
 def test_unit_changes_are_by_direction_and_of_one_prior_scale(late):

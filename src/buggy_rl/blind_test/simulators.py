@@ -6,7 +6,6 @@ A simulator that is not shipped is fitted to, or trained on, drives of the uncha
 import random
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +58,7 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
         content["options"] = content.get("options", {}) | COARSE[content["engine"]]
     if case.nuisance.startswith("parameters"):
         share = float(case.nuisance.rpartition("_")[2]) / 100
-        content["parameters"] = content.get("parameters", {}) | off(content, share, case.seed)
+        content["parameters"] = off(content, share, case.seed)
     return content
 
 
@@ -91,8 +90,15 @@ def prepare(case: Case, folder: Path, scripts: Path) -> Path:
     drives = folder / (f"{prepared_name(case)}_drives" if case.spread else f"{case.plant}_drives")
     if not (drives / f"drive_{DRIVES - 1}.csv").exists():
         seed = case.seed if case.spread else SEED
-        car = Case(seed, case.plant, case.plant, seconds=SECONDS, drives=DRIVES, held_out=0)
-        car = replace(car, spread=case.spread)
+        car = Case(
+            seed,
+            case.plant,
+            case.plant,
+            seconds=SECONDS,
+            drives=DRIVES,
+            held_out=0,
+            spread=case.spread,
+        )
         # Noise behind that of all other drives of the case.
         numbers = {f"drive_{n}": n + (PREPARING if case.spread else 0) for n in range(DRIVES)}
         save_drives(car, moved([car])[0].changed, drives, numbers, changed=False)

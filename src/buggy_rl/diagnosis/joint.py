@@ -1,5 +1,6 @@
 """Joint search: all effects in one batch of rollouts; promising sets are fitted and weighed."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -56,9 +57,9 @@ def joint_search(problem: Problem, criteria: Criteria, also: Sequence[Effects] =
     state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
     state = state.dispersed(rules.expected_left * null.typical)
     rolled = state.problem.rolled_out(trials(state.problem, null.fit))
-    proposed = proposals(Secants.of(state.problem, null.fit, rolled), max(FITTED), price=0.0)
+    proposed = proposals(Secants.of(state.problem, null.fit, rolled), max(FITTED), also)
     starts = [p for size, most in FITTED.items() for p in _of_size(proposed, size)[:most]]
-    starts += [p for p in proposed if p.key in also and p not in starts]
+    starts += [p for p in proposed if p.key in map(_sorted, also) and p not in starts]
     state, _ = tried_too(state, [p.start for p in starts], criteria)
     instants = problem.simulation.instants(problem.segments)
     driven = torch.stack(list(conditions(problem.segments, instants).values()), -1)
@@ -69,6 +70,10 @@ def joint_search(problem: Problem, criteria: Criteria, also: Sequence[Effects] =
         weighed.append(Weighed(candidate, evidence(candidate.fit, changes[..., others], driven)))
     weighed.sort(key=lambda w: -w.evidence.log_evidence)
     return JointSearch(state.problem, state.null, weighed, proposed)
+
+
+def _sorted(effects: Effects) -> Effects:
+    return tuple(sorted(effects))
 
 
 def _of_size(proposed: Sequence[Proposal], size: int) -> list[Proposal]:
@@ -88,7 +93,8 @@ def unit_changes(base: Fit, rolled: Sequence[Fit]) -> tuple[list[str], Tensor]:
         own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
         vector = trial.vector[own]
         size = float(vector.norm())
-        direction = tuple(round(abs(z) / size, 6) for z in vector.tolist())
+        side = math.copysign(size, next(z for z in vector.tolist() if z))
+        direction = tuple(round(z / side, 6) for z in vector.tolist())  # both ways are one
         key = trial.effects[-1], direction
         if key not in smallest or size < smallest[key][0]:
             smallest[key] = size, (trial.whitened - base.whitened) / size

@@ -54,22 +54,21 @@ class Secants:
         columns = torch.cat([base.whitened.unsqueeze(-1), moves, base.jacobian], -1)
         return cls(problem, base, trials, columns.mT @ columns)
 
-    def solved(self, members: Tensor, fixed: Sequence[int] = ()) -> tuple[Tensor, Tensor, Tensor]:
+    def solved(self, members: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Least loss of each set of trials, and its coefficients.
 
         r = r_base + sum a_t m_t + J b,  0 <= a <= `FARTHEST`, by reweighted least squares.
 
         Args:
             members: [C, k] indices of trials.
-            fixed: Coordinates of the base that are brought to neutral.
 
         Returns:
             Losses [C], a [C, k] and b [C, P].
         """
-        parts = [self._solved(part, fixed) for part in members.split(CHUNK)]
+        parts = [self._solved(part) for part in members.split(CHUNK)]
         return tuple(torch.cat(p) for p in zip(*parts, strict=True))  # type: ignore[return-value]
 
-    def _solved(self, members: Tensor, fixed: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+    def _solved(self, members: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         noise, phi = self.problem.noise, self.problem.dispersion
         count, k = members.shape
         own = len(self.base.coordinates)
@@ -84,9 +83,6 @@ class Secants:
         low = torch.full_like(centre, -torch.inf)
         high = torch.full_like(centre, torch.inf)
         low[:, :k], high[:, :k] = 0.0, FARTHEST
-        for index in fixed:
-            low[:, k + index] = high[:, k + index] = -self.base.vector[index]
-        held, value = low == high, torch.where(low == high, low, torch.zeros_like(low))
         square = left.expand(count, -1)
         solution = torch.zeros_like(centre)
         for _ in range(REWEIGHTED):
@@ -94,7 +90,7 @@ class Secants:
             hessian = torch.einsum("cnrs,cn->crs", gram, weight)
             score = torch.einsum("cnr,cn->cr", along, weight) - precision * centre
             hessian = hessian + torch.diag_embed(precision)
-            now, at = held, value
+            now, at = torch.zeros_like(centre, dtype=torch.bool), torch.zeros_like(centre)
             for _ in range(2):
                 stiff = torch.where(now, FIXED, 0.0)
                 full = hessian + torch.diag_embed(stiff)
@@ -127,71 +123,60 @@ class Secants:
         return precision, centre
 
 
-def proposals(
-    secants: Secants, most: int, price: float, without: Sequence[str] = ()
-) -> list[Proposal]:
+def proposals(secants: Secants, most: int, also: Sequence[Sequence[str]] = ()) -> list[Proposal]:
     """The best sets of at most `most` more effects, the most promising first.
 
     Args:
         secants: Of trials about a base.
         most: Effects that are added at most.
-        price: Of an effect [nats].
-        without: Effects of the base that are left out.
+        also: Sets that are proposed too, whether they are promising or not.
     """
-    base, problem = secants.base, secants.problem
-    fixed = [i for i, c in enumerate(base.coordinates) if c.effect in without]
     names = [trial.effects[-1] for trial in secants.trials]
     number = {name: i for i, name in enumerate(dict.fromkeys(names))}
     effect = torch.tensor([number[name] for name in names])
-    best: dict[frozenset[str], tuple[float, Proposal]] = {}
-    kept = frozenset(base.effects) - set(without)
-    members = torch.arange(len(names)).unsqueeze(1)
+    every = torch.arange(len(names))
+    best: dict[frozenset[str], Proposal] = {}
+    members = every.unsqueeze(1)
     for size in range(1, most + 1):
-        loss, share, moved = secants.solved(members, fixed)
-        order = loss.argsort()
-        chosen = []
-        for row in order[: 20 * BEAM].tolist():
-            key = kept | {names[t] for t in members[row].tolist()}
-            if key in best:
-                continue
-            start = _start(
-                problem, base, secants.trials, members[row], share[row], moved[row], kept
-            )
-            cost = float(loss[row])
-            best[key] = cost + price * len(key), Proposal(start, cost)
+        chosen = _best(secants, members, best, BEAM)
+        if size < most:
+            grown = [members[chosen].repeat_interleave(len(every), 0), every.repeat(len(chosen))]
+            members = torch.cat([grown[0], grown[1].unsqueeze(1)], 1)
+            members = members[~(effect[members[:, :-1]] == effect[members[:, -1:]]).any(1)]
+    for names_of in also:
+        own = [every[effect == number[name]] for name in names_of]
+        if own:
+            _best(secants, torch.cartesian_prod(*own).reshape(-1, len(own)), best, 1)
+    return sorted(best.values(), key=lambda proposal: proposal.loss)
+
+
+def _best(
+    secants: Secants, members: Tensor, best: dict[frozenset[str], Proposal], most: int
+) -> list[int]:
+    """Rows of the best sets that are not in `best` yet, each of its own effects; enters them."""
+    loss, share, moved = secants.solved(members)
+    chosen: list[int] = []
+    for row in loss.argsort().tolist():
+        key = frozenset(secants.trials[t].effects[-1] for t in members[row].tolist())
+        if key not in best:
+            start = _start(secants, members[row], share[row], moved[row])
+            best[key] = Proposal(start, float(loss[row]))
             chosen.append(row)
-            if len(chosen) == BEAM:
-                break
-        if size == most:
+        if len(chosen) == most:
             break
-        head = members[chosen]  # (B, k)
-        more = torch.arange(len(names))
-        grown = torch.cat(
-            [
-                head.repeat_interleave(len(more), 0),
-                more.repeat(len(head)).unsqueeze(1),
-            ],
-            1,
-        )
-        clash = (effect[grown[:, :-1]] == effect[grown[:, -1:]]).any(1)
-        members = grown[~clash]
-    return [p for _, p in sorted(best.values(), key=lambda item: item[0])]
+    return chosen
 
 
-def _start(problem, base, trials, members, share, moved, kept) -> Hypothesis:
-    known = {
-        key: z + float(b)
-        for (key, z), b in zip(base.named().items(), moved.tolist(), strict=True)
-        if key[0] in kept or not key[0]
-    }
-    effects = [e for e in base.effects if e in kept]
+def _start(secants: Secants, members: Tensor, share: Tensor, moved: Tensor) -> Hypothesis:
+    """The base with the members, each at its share of its trial."""
+    base, library = secants.base, secants.problem.library
+    values = zip(base.named().items(), moved.tolist(), strict=True)
+    known = {key: z + b for (key, z), b in values}
+    effects = list(base.effects)
     for t, a in zip(members.tolist(), share.tolist(), strict=True):
-        trial = trials[t]
+        trial = secants.trials[t]
         effects.append(trial.effects[-1])
-        known |= {
-            (c.effect, c.parameter.name): a * z
-            for c, z in zip(trial.coordinates, trial.vector.tolist(), strict=True)
-            if c.effect == trial.effects[-1]
-        }
-    start = problem.library.at(effects, known)
+        own = {key: a * z for key, z in trial.named().items() if key[0] == trial.effects[-1]}
+        known |= own
+    start = library.at(effects, known)
     return start.at(start.vector)

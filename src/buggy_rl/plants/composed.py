@@ -3,7 +3,7 @@
     signal of the drive -> memory -> shape -> times a size -> where it acts
 
     x = s(pose, velocity, action) / typical;  T dy/dt = x - y (lag, heat), or y follows x with play;
-    added = size f(y), f one of x, |x|, x |x|, tanh 3x, 1.7 max(|x| - 0.4, 0) sign x
+    added = size f(y), f one of x, |x|, x |x|, tanh 3x, sign x max(|x| - 0.4, 0) / 0.6
 
 A `Sort` is one combination. Combinations that an effect of the library has, or nearly has, are left
 out (`known`): a push against the speed is drag, whatever its shape.
@@ -42,7 +42,7 @@ TYPICAL = {  # values at which a signal counts as 1: those of brisk driving in a
     "steering_rate": 5.0,  # [1/s]
     "time": 30.0,  # [s]
 }
-ROUND = 2 * math.pi / 0.35  # [rad/m] a signal of the way repeats after 0.35 m: two turns of a wheel
+ROUND = 2 * math.pi / 0.35  # [rad/m] a signal of the way repeats after 0.35 m; chosen
 PLACES = 2 * math.pi / 3.0  # [rad/m] one of the place after 3 m
 PLAY = 0.25  # [-] half width of the play of a memory
 THRESHOLD = 0.4  # [-]
