@@ -4,14 +4,17 @@
     python scripts/develop.py configs/development.yaml draw.first=210000 draw.cases=1000 workers=8
 
 One JSON line a case in OUTPUT/development.jsonl. Interrupted, it goes on with the cases that are
-not in that file. Then counts how often the true set is fitted, and the most evident, and says how
-well right effects are told from physics that no effect describes, one sort left out at a time.
+not in that file. Then counts how often the search comes to the true set, and says how well right
+effects are told from physics that no effect describes, one sort left out at a time.
+`scripts/calibrate.py` fits the probabilities of answers to these lines.
 """
 
 import json
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
+
+PART = 8  # cases whose lines are written together: so many an interruption loses at most
 
 
 def main() -> None:
@@ -42,7 +45,10 @@ def main() -> None:
         for _ in in_processes(prepare, own, config.workers):
             bar.update()
     config.file.parent.mkdir(parents=True, exist_ok=True)
-    work = [(store, group, config.stretches, config.effects) for group in groups(left)]
+    # By seed: a run that is stopped has cases of every plant and pairing.
+    parts = (group[i : i + PART] for group in groups(left) for i in range(0, len(group), PART))
+    ordered = sorted(parts, key=lambda group: group[0].seed)
+    work = [(store, group, config.stretches, config.effects) for group in ordered]
     with tqdm(desc="searching", total=len(left), unit="case") as bar:
         for lines in in_processes(developed, work, config.workers):
             with open(config.file, "a") as file:

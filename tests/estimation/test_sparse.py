@@ -113,4 +113,42 @@ def test_a_set_that_is_asked_for_is_proposed_however_poor(monkeypatch):
     poor = ("gyro_bias", "sensor_yaw", "steering_gain")
     secants = Secants.of(at, base, trials)
     assert poor not in {p.key for p in proposals(secants, 2)}
-    assert poor in {p.key for p in proposals(secants, 2, [poor])}
+    assert poor in {p.key for p in proposals(secants, 2, also=[poor])}
+
+
+def swapped(seed):
+    """A base with a wrong effect in it, what it leaves, and the rollout without that effect."""
+    at, base, trials = made(seed, {"payload": 0.8, "gyro_bias": 0.5})
+    wrong = next(t for t in trials if t.effects == ("sensor_yaw",))
+    move = wrong.whitened - base.whitened
+    start = at.library.hypothesis(("sensor_yaw",))
+    vector = torch.tensor([SIZE, 0.0], dtype=torch.float64)
+    jacobian = torch.cat([move.unsqueeze(-1) / SIZE, base.jacobian], -1)
+    centre = Fit(("sensor_yaw",), start.coordinates, vector, wrong.whitened, jacobian)
+    more = []
+    for trial in trials:
+        if trial.effects != ("sensor_yaw",):
+            both = at.library.at(("sensor_yaw", *trial.effects), centre.named() | trial.named())
+            more.append(Fit(both.effects, both.coordinates, both.vector, trial.whitened + move))
+    return at, base, centre, more
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_effect_is_taken_out_and_right_ones_put_in_at_once(seed):
+    at, base, centre, more = swapped(seed)
+    secants = Secants.of(at, centre, more, [base])
+    found = proposals(secants, 4, added=2, removed=1)
+    best = min(found, key=lambda p: p.loss + PRICE * len(p.key))
+    assert best.key == ("gyro_bias", "payload")
+    assert best.start.named()["payload", "mass_ratio"] == pytest.approx(0.8 * SIZE, rel=0.1)
+    # From the base without the wrong effect the same set has the same loss.
+    alone = proposals(Secants.of(at, base, made(seed, {"payload": 0.8, "gyro_bias": 0.5})[2]), 2)
+    same = next(p for p in alone if p.key == best.key)
+    assert best.loss == pytest.approx(same.loss, abs=1e-6)
+
+
+def test_nothing_is_taken_out_that_may_not_be():
+    at, base, centre, more = swapped(0)
+    found = proposals(Secants.of(at, centre, more, [base]), 3, added=2)
+    assert all("sensor_yaw" in p.key for p in found)
+    assert ("sensor_yaw",) not in {p.key for p in found}  # the base itself is no proposal

@@ -13,24 +13,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import MISSING
 
 from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
 from buggy_rl.blind_test.sealing import CaseStore, seal
-from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.case import Case as Opened
-from buggy_rl.diagnosis.constancy import variation
 from buggy_rl.diagnosis.excitation import weak
-from buggy_rl.diagnosis.joint import JointSearch, Weighed, joint_search
+from buggy_rl.diagnosis.joint import JointSearch, joint_search
+from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import opened
-from buggy_rl.diagnosis.unexplained import unexplained
 from buggy_rl.effects import EFFECTS
 from buggy_rl.plants import abilities
-
-DIGITS = 5  # of every number that is written
 
 
 @dataclass(frozen=True)
@@ -122,58 +117,6 @@ def developed(
 
 def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
     """What is written of a search."""
-    usual = ready.criteria.usual
-    return _rounded(
-        {
-            "rank": found.rank(case.truth),
-            "first": excess_misfit(found.null, found.null),
-            "usual": [usual.mean, usual.error],
-            "segments": len(ready.problem.segments),
-            "dispersion": found.problem.dispersion,
-            "weak": [line.partition(" hardly")[0] for line in weak(ready.problem.segments)],
-            "hypotheses": [_hypothesis(ready, found, weighed) for weighed in found.weighed],
-        }
-    )
-
-
-def _hypothesis(ready: Opened, found: JointSearch, weighed: Weighed) -> dict[str, Any]:
-    candidate, criteria = weighed.candidate, ready.criteria
-    fit, problem = candidate.fit, found.problem
-    rest = unexplained(problem, found.null.fit.whitened, fit.whitened, 0.05, criteria.usual)
-    loss = problem.noise.loss(candidate.cross_validated.square, problem.dispersion)
-    blocks = torch.zeros(int(criteria.group.max()) + 1, dtype=loss.dtype)
-    covariance = candidate.cross_validated.covariance
-    return {
-        "effects": list(candidate.key),
-        "values": {effect: v for effect, v in fit.values().items()},
-        "z": fit.vector.tolist(),
-        "sd": covariance.diagonal().clamp_min(0.0).sqrt().tolist(),
-        "at_bound": [effect for effect in fit.effects if fit.at_bound(effect)],
-        "held_out": blocks.index_add_(0, criteria.group, loss).tolist(),
-        "penalty": float(fit.penalty()),
-        "excess": excess_misfit(candidate, found.null),
-        "typical": candidate.typical,
-        "unclosed": rest.unclosed,
-        "channel": list(rest.channel.values()),
-        "varies": _varies(ready, found, candidate),
-        "evidence": asdict(weighed.evidence),
-    }
-
-
-def _varies(ready: Opened, found: JointSearch, candidate: Candidate) -> dict[str, list]:
-    """Effect -> condition that its numbers vary with most, excess that this closes, nats."""
-    every = {
-        effect: variation(ready.criteria, found.problem, candidate, found.null, effect)
-        for effect in candidate.effects
-    }
-    return {effect: [v.condition, v.closes, v.nats] for effect, v in every.items()}
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
-    if isinstance(value, dict):
-        return {key: _rounded(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [_rounded(v) for v in value]
-    return value
+    driven = [line.partition(" hardly")[0] for line in weak(ready.problem.segments)]
+    seen = observed(ready.criteria, found)
+    return {"rank": found.rank(case.truth), "weak": driven, **seen}

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.localisation import Located
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.unexplained import Unexplained
 from buggy_rl.effects import effect_class
 
@@ -65,6 +66,8 @@ class Alternative:
     """By which it is worse than the selected one."""
     excess: float
     """Excess misfit on what was held out."""
+    log_evidence: float | None = None
+    """Of a joint search [nats]."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,8 @@ class Answer:
     tried: list[Alternative] = field(default_factory=list)
     """The closest ones, best first."""
     notes: list[str] = field(default_factory=list)
+    posterior: Posterior | None = None
+    """Of a joint search."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -138,8 +143,15 @@ class Answer:
                 },
                 "effects": [_named(e) for e in self.effects],
                 "tried": [
-                    {"causes": t.effects, "nats": t.nats, "excess": t.excess} for t in self.tried
+                    {
+                        "causes": t.effects,
+                        "nats": t.nats,
+                        "excess": t.excess,
+                        "log_evidence": t.log_evidence,
+                    }
+                    for t in self.tried
                 ],
+                "posterior": _posterior(self.posterior),
                 "unexplained": {
                     "share": self.remaining.share,
                     "depends_on": self.remaining.depends_on,
@@ -254,6 +266,18 @@ def _named(e: NamedEffect) -> dict[str, Any]:
         "confused_with": [{"name": n, "confidence": c} for n, c in e.confused_with.items()],
         "at_bound": list(e.at_bound),
         "varies_with": e.varies_with,
+    }
+
+
+def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:
+    """Probabilities of nothing, unknown and all sets, the most probable first; they sum to 1."""
+    if posterior is None:
+        return None
+    ranked = sorted(posterior.sets.items(), key=lambda item: -item[1])
+    return {
+        "nothing": posterior.nothing,
+        "unknown": posterior.unknown,
+        "sets": [{"effects": effects, "probability": p} for effects, p in ranked if effects],
     }
 
 

@@ -9,6 +9,7 @@ import torch
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit, substitutes
 from buggy_rl.diagnosis.config import SelectionConfig
 from buggy_rl.diagnosis.constancy import Variation
+from buggy_rl.diagnosis.posterior import LISTED, Posterior
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.misfit import CAP
 
@@ -68,6 +69,16 @@ def confidences(
             {n: p for n, p in listed if p > rules.least_probability and n},
             doubts.varies[effect].condition if same < rules.misspecified else "",
         )
+    return result
+
+
+def posterior_confidences(found: SearchResult, posterior: Posterior) -> dict[str, Confidence]:
+    """Of each effect of the best hypothesis, by the posterior of all sets."""
+    result = {}
+    for effect in found.best.effects:
+        others = posterior.in_place_of(effect)
+        listed = {other: p for other, p in others.items() if p >= LISTED}
+        result[effect] = Confidence(min(1.0, posterior.of(effect)), listed)
     return result
 
 

@@ -1,6 +1,7 @@
 """What is asked of a diagnosis, and every threshold by which it selects and judges."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from omegaconf import MISSING
 
@@ -113,4 +114,7 @@ class DiagnosisConfig:
     threads: int = 1
     """On which MuJoCo steps its environments. PyTorch has one: on two, steps as small as these
     take twice as long."""
+    method: Literal["stepwise", "joint"] = "stepwise"
+    """How hypotheses are searched and judged: one effect after the other by `selection`, or sets
+    of effects at once by calibrated probabilities (docs/evidence.md)."""
     selection: SelectionConfig = field(default_factory=SelectionConfig)

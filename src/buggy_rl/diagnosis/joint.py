@@ -1,22 +1,42 @@
-"""Joint search: all effects in one batch of rollouts; promising sets are fitted and weighed."""
+"""Joint search: sets of effects proposed together by linear algebra, fitted, and looked at anew.
+
+1. Fit the simulator as given; roll out every effect at its trial sizes, all in one batch.
+2. Propose sets by the superposition of their secants; fit and cross-validate the best of each size.
+3. Re-linearise noise and secants about the leading set; propose what adds, removes or swaps effects
+   of it; fit. Until the leading set stays.
+"""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.constancy import conditions
-from buggy_rl.diagnosis.search import State, tried_too
+from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.search import (
+    Progress,
+    State,
+    renoised,
+    restarted,
+    restarts,
+    tried_too,
+)
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.evidence import Evidence, evidence
 from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.screening import trials
 from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
-FITTED = {1: 6, 2: 6, 3: 4}  # effects of a set -> sets of that size that are fitted
+FITTED = {1: 6, 2: 6, 3: 4}  # effects of a set -> sets of that size that are fitted at first
+AROUND = 3  # sets of each size that are fitted about the leading one
+ROUNDS = 3  # times that the leading set is looked at anew, at most
+MOST = 4  # effects of a set
+PRICE = 12.0  # [nats] of an effect more, on what was held out, while the search goes on
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +45,8 @@ class Weighed:
 
     candidate: Candidate
     evidence: Evidence
+    asked: bool = False
+    """Fitted since it was asked for, and for nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +59,20 @@ class JointSearch:
     weighed: list[Weighed]
     """The most evident first; the simulator as given among them."""
     proposed: list[Proposal]
-    """All sets, by the loss of their superposition."""
+    """All sets, by the loss of their superposition about the simulator as given."""
+
+    def result(self, posterior: Posterior) -> SearchResult:
+        """With the most probable answer as the best; nothing, where that is most probable."""
+        tried = {w.candidate.key: w.candidate for w in self.weighed}
+        best = tried[() if posterior.says == "nothing" else posterior.best]
+        return SearchResult(
+            best,
+            tried,
+            self.problem.noise,
+            max(1.0, best.typical),
+            posterior,
+            {w.candidate.key: w.evidence.log_evidence for w in self.weighed},
+        )
 
     def rank(self, effects: Effects) -> int:
         """Place of a set among the proposed ones of its size, from 1; 0 where it is not."""
@@ -45,31 +80,99 @@ class JointSearch:
         return same.index(effects) + 1 if effects in same else 0
 
 
-def joint_search(problem: Problem, criteria: Criteria, also: Sequence[Effects] = ()) -> JointSearch:
+def joint_search(
+    problem: Problem,
+    criteria: Criteria,
+    also: Sequence[Effects] = (),
+    progress: Progress = lambda _: None,
+) -> JointSearch:
     """Finds sets of effects by the superposition of their secants, fits and weighs the best.
 
     Args:
         problem: Simulator and segments.
         criteria: Blocks and iterations.
         also: Sets that are fitted whether they are promising or not.
+        progress: Told what is being done.
     """
-    rules = criteria.rules
     state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
-    state = state.dispersed(rules.expected_left * null.typical)
+    state = state.dispersed(criteria.rules.expected_left * null.typical)
+    progress(f"rolling out {len(problem.library.names)} effects")
     rolled = state.problem.rolled_out(trials(state.problem, null.fit))
-    proposed = proposals(Secants.of(state.problem, null.fit, rolled), max(FITTED), also)
+    first = Secants.of(state.problem, null.fit, rolled)
+    proposed = proposals(first, max(FITTED), also=also)
     starts = [p for size, most in FITTED.items() for p in _of_size(proposed, size)[:most]]
-    starts += [p for p in proposed if p.key in map(_sorted, also) and p not in starts]
-    state, _ = tried_too(state, [p.start for p in starts], criteria)
+    progress(f"fitting {len(starts)} hypotheses")
+    state, _ = tried_too(state, [p.start for p in starts], criteria, null)
+    state = _settled(state, criteria, progress)
+    found = set(state.tried)
+    asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
+    state, _ = tried_too(state, [p.start for p in asked], criteria)
+    progress(f"weighing {len(state.tried)} hypotheses")
+    weighed = _weighed(state, null, rolled, problem, found)
+    return JointSearch(state.problem, state.null, weighed, proposed)
+
+
+def _settled(state: State, criteria: Criteria, progress: Progress) -> State:
+    """Looks about the leading set until it stays, or `ROUNDS` times."""
+    seen: set[Effects] = set()
+    for _ in range(ROUNDS):
+        best = leading(state)
+        if best.key in seen:
+            break
+        seen.add(best.key)
+        progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
+        state = _about(renoised(state, best, criteria), best.key, criteria)
+    return state.dispersed(leading(state).typical)
+
+
+def leading(state: State) -> Candidate:
+    """The best so far: held-out loss, and a price for each effect."""
+    return min(state.tried.values(), key=lambda c: state.loss(c) + PRICE * len(c.effects))
+
+
+def _about(state: State, key: Effects, criteria: Criteria) -> State:
+    """Fits a set further, what is left of it without each of its effects, and sets near it.
+
+    All in one batch: a rollout of few environments takes as long as one of many.
+    """
+    state = state.dispersed(criteria.rules.expected_left * state.tried[key].typical)
+    problem, base = state.problem, state.tried[key].fit
+    shaken = restarts(base, criteria.rules.restarts)
+    less = [
+        problem.library.at([e for e in base.effects if e != out], base.named())
+        for out in base.effects
+    ]
+    rolled = problem.rolled_out([*shaken, *less, *trials(problem, base)])
+    first, last = len(shaken), len(shaken) + len(less)
+    secants = Secants.of(problem, base, rolled[last:], rolled[first:last])
+    near = proposals(secants, MOST, added=2, removed=min(2, len(less)))
+    starts: list[Hypothesis] = [base, restarted(problem, base, rolled[:first])]
+    starts += [h for h in less if tuple(sorted(h.effects)) not in state.tried]
+    known = {*state.tried, *(tuple(sorted(h.effects)) for h in starts)}
+    for size in range(1, MOST + 1):
+        new = [p.start for p in _of_size(near, size) if p.key not in known]
+        starts += new[: AROUND if abs(size - len(less)) < 2 else 1]
+    return tried_too(state, starts, criteria)[0]
+
+
+def _weighed(
+    state: State, null: Candidate, rolled: Sequence[Fit], problem: Problem, found: set[Effects]
+) -> list[Weighed]:
+    """The evidence of all that was fitted, under the noise model that the search came to."""
+    change = state.problem.noise.change_from(problem.noise)
+    anew = [
+        replace(fit, whitened=torch.einsum("nij,nj->ni", change, fit.whitened), jacobian=None)
+        for fit in (null.fit, *rolled)
+    ]
+    owners, changes = unit_changes(anew[0], anew[1:])
     instants = problem.simulation.instants(problem.segments)
     driven = torch.stack(list(conditions(problem.segments, instants).values()), -1)
-    owners, changes = unit_changes(null.fit, rolled)
     weighed = []
     for candidate in state.tried.values():
         others = [i for i, owner in enumerate(owners) if owner not in candidate.effects]
-        weighed.append(Weighed(candidate, evidence(candidate.fit, changes[..., others], driven)))
-    weighed.sort(key=lambda w: -w.evidence.log_evidence)
-    return JointSearch(state.problem, state.null, weighed, proposed)
+        own = evidence(candidate.fit, changes[..., others], driven)
+        weighed.append(Weighed(candidate, own, candidate.key not in found))
+    return sorted(weighed, key=lambda w: -w.evidence.log_evidence)
 
 
 def _sorted(effects: Effects) -> Effects:

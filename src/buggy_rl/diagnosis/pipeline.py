@@ -12,6 +12,9 @@ from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.integration import Step, fine_enough
+from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.posterior import posterior
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
     check_clock,
@@ -89,7 +92,7 @@ def diagnose(
         notes += more
         short = check_blocks(case.problem.segments)
         notes += _checked(case, config.simulator)
-        done = _diagnosed(case, stages, "", progress)
+        done = _diagnosed(config, case, stages, "", progress)
         done = replace(done, correction=correction, step=step.options)
         unknown = done.answer.remaining.share > config.selection.unknown_share
         if case.problem.library.parameters and not baseline and unknown:
@@ -180,11 +183,23 @@ def _checked(case: Case, name: str) -> list[str]:
     return check_residuals(residuals, segments, instants, case.names, name)
 
 
+def _searched(config: DiagnosisConfig, case: Case, progress: Progress) -> SearchResult:
+    if config.method == "stepwise":
+        return search(case.problem, case.criteria, progress)
+    found = joint_search(case.problem, case.criteria, progress=progress)
+    return found.result(posterior(observed(case.criteria, found)))
+
+
 def _diagnosed(
-    case: Case, stages: Stages, stage: str, progress: Progress, wrong: Sequence = ()
+    config: DiagnosisConfig,
+    case: Case,
+    stages: Stages,
+    stage: str,
+    progress: Progress,
+    wrong: Sequence = (),
 ) -> Diagnosis:
     """Searches and answers, or takes what was kept under the stage's name."""
-    found = stages.done(f"{stage}search", lambda: search(case.problem, case.criteria, progress))
+    found = stages.done(f"{stage}search", lambda: _searched(config, case, progress))
     case = replace(case, problem=found.problem(case.problem))
     said = stages.done(f"{stage}answer", lambda: answered(case, found, progress, wrong))
     return Diagnosis(case, found, said)
@@ -207,7 +222,7 @@ def _retuned_first(
     library = Library(done.case.problem.library.effects, declared, own=False)
     case = prepared(simulation, done.case.recordings, library, config)
     case = replace(case, retuned_from=given)
-    again = _diagnosed(case, stages, "second_", progress, tuned.wrong)
+    again = _diagnosed(config, case, stages, "second_", progress, tuned.wrong)
     if not again.answer.proof.better_than(done.answer.proof):
         return done
     return replace(again, tuned=tuned.values, step=done.step)

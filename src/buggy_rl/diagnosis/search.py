@@ -202,15 +202,24 @@ def local_restart(problem: Problem, fit: Fit, offsets: Sequence[float]) -> Fit:
     Half a sample of clock and half of a dead time are smoother than a whole one, and a throttle
     within the motor's deadband does nothing: fits rest in valleys and on steps.
     """
+    return restarted(problem, fit, problem.rolled_out(restarts(fit, offsets)))
+
+
+def restarts(fit: Fit, offsets: Sequence[float]) -> list[Hypothesis]:
+    """A fit with a right clock, and with one of its numbers moved by each of the offsets."""
     vectors = [fit.vector.clone()]
-    vectors[0][-1] = 0.0  # a right clock
+    vectors[0][-1] = 0.0
     for index in range(len(fit.vector) - 1):
         for offset in offsets:
             vectors.append(fit.vector.clone())
             vectors[-1][index] += offset
-    trials = _at(problem, fit, vectors)
-    found = min(trials, key=problem.cost)
-    return found if problem.cost(found) < problem.cost(fit) else trials[0]
+    return [fit.at(vector) for vector in vectors]
+
+
+def restarted(problem: Problem, fit: Fit, rolled: Sequence[Fit]) -> Fit:
+    """The best of the rollouts of `restarts` if it is better than the fit, else the first."""
+    found = min(rolled, key=problem.cost)
+    return found if problem.cost(found) < problem.cost(fit) else rolled[0]
 
 
 def warm_started(

@@ -1,9 +1,10 @@
 """What a search came to: every hypothesis that was fitted, under one noise model."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.noise_model import NoiseModel
 
@@ -22,6 +23,10 @@ class SearchResult:
     tried: Mapping[Effects, Candidate]
     noise: NoiseModel
     dispersion: float
+    posterior: Posterior | None = None
+    """Of a joint search."""
+    log_evidence: Mapping[Effects, float] = field(default_factory=dict)
+    """Of a joint search: of each hypothesis [nats]."""
 
     @property
     def null(self) -> Candidate:

@@ -16,16 +16,23 @@ from buggy_rl.diagnosis.answer import (
 )
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import Confidence, Doubts, confidences, soundness
+from buggy_rl.diagnosis.confidence import (
+    Confidence,
+    Doubts,
+    confidences,
+    posterior_confidences,
+    soundness,
+)
 from buggy_rl.diagnosis.constancy import variation
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import suggestions
 from buggy_rl.diagnosis.localisation import locate
+from buggy_rl.diagnosis.posterior import LISTED
 from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import unexplained
 from buggy_rl.diagnosis.validation import Errors, folds, validated
-from buggy_rl.diagnosis.verdict import verdict_of
+from buggy_rl.diagnosis.verdict import verdict_by, verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
@@ -58,15 +65,20 @@ def answered(
     after = found.best.fit.whitened
     rest = unexplained(problem, before, after, rules.depends_share, criteria.usual)
     given = before.square().mean(-1)
-    sure = confidences(found, _doubts(case, found, given, rest.unclosed), rules)
+    sure = _sure(case, found, given, rest.unclosed)
     progress("proving it on what was held out")
     proof = _proof(case, found, given)
     named = [_named(case, found, e, sure[e]) for e in found.best.effects]
     named += _retuned(case, found, given, wrong, rest.unclosed)
     named.sort(key=lambda n: -n.held_out_gain)
+    excess = excess_misfit(found.null, found.null)
+    verdict = verdict_of(excess, rest, named, criteria)
+    if found.posterior is not None:
+        named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
+        verdict = verdict_by(found.posterior, named)
     progress("looking for what to drive next")
     return Answer(
-        verdict=verdict_of(excess_misfit(found.null, found.null), rest, named, criteria),
+        verdict=verdict,
         located=located,
         effects=named,
         remaining=rest,
@@ -74,7 +86,15 @@ def answered(
         weak=weak(problem.segments),
         suggest=suggestions(problem, found.best, _undecided(found, named), rules.deciding_nats),
         tried=_tried(found),
+        posterior=found.posterior,
     )
+
+
+def _sure(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> dict[str, Confidence]:
+    """How sure each effect of the best hypothesis is."""
+    if found.posterior is not None:
+        return posterior_confidences(found, found.posterior)
+    return confidences(found, _doubts(case, found, given, unclosed), case.criteria.rules)
 
 
 def _doubts(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> Doubts:
@@ -152,7 +172,12 @@ def interval(parameter: EffectParameter, z: float, sd: float) -> tuple[float, fl
 def _tried(found: SearchResult) -> list[Alternative]:
     own = found.loss(found.best)
     alternatives = [
-        Alternative(effects, found.loss(c) - own, excess_misfit(c, found.null))
+        Alternative(
+            effects,
+            found.loss(c) - own,
+            excess_misfit(c, found.null),
+            found.log_evidence.get(effects),
+        )
         for effects, c in found.tried.items()
     ]
     return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from buggy_rl.diagnosis.answer import NamedEffect, Verdict
+from buggy_rl.diagnosis.posterior import EVEN, Posterior
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.diagnosis.unexplained import Unexplained
 
@@ -30,6 +31,17 @@ def verdict_of(
     if all(n.varies_with for n in named):
         return "unknown_physics"  # whatever it is, these names only resemble it
     if unsure or sum(named[0].confused_with.values()) > rules.rivalled:
+        return "cannot_tell"
+    if all(n.kind == "parameter" for n in named):
+        return "wrong_parameters"
+    return "missing_physics"
+
+
+def verdict_by(posterior: Posterior, named: Sequence[NamedEffect]) -> Verdict:
+    """The verdict by what is most probable; effects that are named, the most probable first."""
+    if posterior.says != "effects":
+        return "no_mismatch" if posterior.says == "nothing" else "unknown_physics"
+    if not named or named[0].confidence < EVEN:
         return "cannot_tell"
     if all(n.kind == "parameter" for n in named):
         return "wrong_parameters"

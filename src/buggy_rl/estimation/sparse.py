@@ -1,12 +1,14 @@
-"""Sparse search by linear algebra: which sets of trials would close a residual together.
+"""Sparse search by linear algebra: which sets of effects would close a residual together.
 
-Each trial is a rollout of the base with one effect more; its secant is the change of the whitened
-residuals. To first order effects add up, so one batch of rollouts tells of every pair and triple
-what would remain. What is found is a place to start a fit, not an answer.
+Each trial is a rollout of the base with one effect more, each removal one with an effect less; the
+secant of either is the change of the whitened residuals. To first order the changes add up, so one
+batch of rollouts tells of every set what would remain. What is found is a place to start a fit, not
+an answer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import torch
 from torch import Tensor
@@ -16,8 +18,8 @@ from buggy_rl.estimation.hypothesis import Hypothesis
 
 FARTHEST = 1.5  # [-] times its trial size that an effect may have
 REWEIGHTED = 4  # times that heavy-tailed weights are computed anew
-BEAM = 200  # sets of one size that are extended
-CHUNK = 20_000  # sets that are solved at once, to bound memory
+BEAM = 200  # sets of one size that are extended; numerical
+CHUNK = 8_000  # sets that are solved at once, to bound memory
 FIXED = 1e12  # [-] precision of a coefficient that is held at its bound
 
 
@@ -37,49 +39,61 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Secants:
-    """Superposition of the secants of trials about a base."""
+    """Superposition of the secants of trials, and of removals, about a base."""
 
     problem: Problem
     base: Fit
     trials: Sequence[Fit]
     """Rollouts of the base with one more effect each, the last of its effects."""
+    removals: Sequence[Fit]
+    """Rollouts of the base without one of its effects, one for each of them, in their order."""
     gram: Tensor
-    """[N, M, M] products of (residual, T moves, P derivatives of the base) of each segment."""
+    """[N, M, M] products of (residual, P derivatives, R removals, T trials) of each segment."""
 
     @classmethod
-    def of(cls, problem: Problem, base: Fit, trials: Sequence[Fit]) -> "Secants":
-        """From rollouts of the trials; the base has its derivatives."""
+    def of(
+        cls, problem: Problem, base: Fit, trials: Sequence[Fit], removals: Sequence[Fit] = ()
+    ) -> "Secants":
+        """From rollouts of trials and removals; the base has its derivatives."""
         assert base.jacobian is not None
-        moves = torch.stack([t.whitened - base.whitened for t in trials], -1)  # (N, D, T)
-        columns = torch.cat([base.whitened.unsqueeze(-1), moves, base.jacobian], -1)
-        return cls(problem, base, trials, columns.mT @ columns)
+        moves = [fit.whitened - base.whitened for fit in (*removals, *trials)]
+        columns = [base.whitened.unsqueeze(-1), base.jacobian, torch.stack(moves, -1)]
+        wide = torch.cat(columns, -1)  # (N, D, M)
+        return cls(problem, base, trials, removals, wide.mT @ wide)
 
-    def solved(self, members: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def solved(self, members: Tensor, removed: Sequence[int] = ()) -> tuple[Tensor, Tensor, Tensor]:
         """Least loss of each set of trials, and its coefficients.
 
-        r = r_base + sum a_t m_t + J b,  0 <= a <= `FARTHEST`, by reweighted least squares.
+        r = r_base + sum d_removed + sum a_t m_t + J b,  0 <= a <= `FARTHEST`, by reweighted least
+        squares.
 
         Args:
             members: [C, k] indices of trials.
+            removed: Effects of the base, by index, that are taken out.
 
         Returns:
-            Losses [C], a [C, k] and b [C, P].
+            Losses [C], a [C, k] and b [C, P] of the coordinates of `kept(removed)`.
         """
-        parts = [self._solved(part) for part in members.split(CHUNK)]
+        parts = [self._solved(part, removed) for part in members.split(CHUNK)]
         return tuple(torch.cat(p) for p in zip(*parts, strict=True))  # type: ignore[return-value]
 
-    def _solved(self, members: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def kept(self, removed: Sequence[int]) -> list[int]:
+        """Coordinates of the base that are left without some of its effects, by index."""
+        out = {self.base.effects[i] for i in removed}
+        return [i for i, c in enumerate(self.base.coordinates) if c.effect not in out]
+
+    def _solved(self, members: Tensor, removed: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
         noise, phi = self.problem.noise, self.problem.dispersion
         count, k = members.shape
-        own = len(self.base.coordinates)
-        first = 1 + len(self.trials)
-        columns = torch.cat(
-            [1 + members, torch.arange(first, first + own).expand(count, own)], 1
-        )  # (C, R)
+        size = len(self.base.coordinates)
+        own = torch.tensor([1 + i for i in self.kept(removed)], dtype=torch.long)
+        first = 1 + size + len(self.removals)
+        columns = torch.cat([first + members, own.expand(count, -1)], 1)  # (C, R)
         gram = self.gram[:, columns.unsqueeze(2), columns.unsqueeze(1)].movedim(0, 1)  # (C,N,R,R)
-        along = self.gram[:, 0][:, columns].movedim(0, 1)  # (C, N, R)
-        left = self.gram[:, 0, 0]  # (N,)
-        precision, centre = self._prior(members)
+        origin = [0, *(1 + size + i for i in removed)]
+        along = self.gram[:, origin].sum(1)[:, columns].movedim(0, 1)  # (C, N, R)
+        left = self.gram[:, origin][:, :, origin].sum((1, 2))  # (N,)
+        precision, centre = self._prior(members, removed)
         low = torch.full_like(centre, -torch.inf)
         high = torch.full_like(centre, torch.inf)
         low[:, :k], high[:, :k] = 0.0, FARTHEST
@@ -108,71 +122,106 @@ class Secants:
         loss = loss + 0.5 * (precision * (solution - centre).square()).sum(-1)
         return loss, solution[:, :k], solution[:, k:]
 
-    def _prior(self, members: Tensor) -> tuple[Tensor, Tensor]:
+    def _prior(self, members: Tensor, removed: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Precision and centre [C, k + P] of the coefficients."""
         sizes = []
         for trial in self.trials:
             own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
             sizes.append((trial.vector[own] / trial.prior[own]).square().sum())
-        base = self.base.prior**-2
+        kept = self.kept(removed)
+        base = self.base.prior[kept] ** -2
         precision = torch.cat(
             [torch.stack(sizes)[members], base.expand(len(members), -1)], 1
         ).clamp_min(1e-9)
         centre = torch.zeros_like(precision)
-        centre[:, members.shape[1] :] = -self.base.vector
+        centre[:, members.shape[1] :] = -self.base.vector[kept]
         return precision, centre
 
 
-def proposals(secants: Secants, most: int, also: Sequence[Sequence[str]] = ()) -> list[Proposal]:
-    """The best sets of at most `most` more effects, the most promising first.
+def proposals(
+    secants: Secants,
+    most: int,
+    added: int = 3,
+    removed: int = 0,
+    also: Sequence[Sequence[str]] = (),
+) -> list[Proposal]:
+    """The best sets of effects about a base, the most promising first.
 
     Args:
-        secants: Of trials about a base.
-        most: Effects that are added at most.
-        also: Sets that are proposed too, whether they are promising or not.
+        secants: Of trials, and of removals, about the base.
+        most: Effects of a set at most.
+        added: Effects that are added to the base at most.
+        removed: Effects of the base that are taken out at most.
+        also: Sets added to the whole base that are proposed too, promising or not.
     """
     names = [trial.effects[-1] for trial in secants.trials]
     number = {name: i for i, name in enumerate(dict.fromkeys(names))}
     effect = torch.tensor([number[name] for name in names])
-    every = torch.arange(len(names))
     best: dict[frozenset[str], Proposal] = {}
-    members = every.unsqueeze(1)
-    for size in range(1, most + 1):
-        chosen = _best(secants, members, best, BEAM)
-        if size < most:
-            grown = [members[chosen].repeat_interleave(len(every), 0), every.repeat(len(chosen))]
-            members = torch.cat([grown[0], grown[1].unsqueeze(1)], 1)
-            members = members[~(effect[members[:, :-1]] == effect[members[:, -1:]]).any(1)]
+    for out in _choices(len(secants.removals), removed):
+        left = len(secants.base.effects) - len(out)
+        members = torch.zeros(1, 0, dtype=torch.long)
+        for size in range(min(added, most - left) + 1):
+            if size or out:  # the base itself is no proposal
+                chosen = _best(secants, members, out, best, BEAM if not out else BEAM // 4)
+                members = members[chosen]
+            members = _grown(members, effect)
+    every = torch.arange(len(names))
     for names_of in also:
         own = [every[effect == number[name]] for name in names_of]
         if own:
-            _best(secants, torch.cartesian_prod(*own).reshape(-1, len(own)), best, 1)
+            _best(secants, torch.cartesian_prod(*own).reshape(-1, len(own)), (), best, 1)
     return sorted(best.values(), key=lambda proposal: proposal.loss)
 
 
+def _choices(count: int, most: int) -> Iterator[tuple[int, ...]]:
+    """Sets of at most `most` of the base's effects, the empty one first."""
+    for size in range(most + 1):
+        yield from combinations(range(count), size)
+
+
+def _grown(members: Tensor, effect: Tensor) -> Tensor:
+    """Sets [C, k] with one trial more of another effect, [C', k + 1]."""
+    every = torch.arange(len(effect))
+    more = every.repeat(len(members)).unsqueeze(1)
+    grown = torch.cat([members.repeat_interleave(len(every), 0), more], 1)
+    return grown[~(effect[grown[:, :-1]] == effect[grown[:, -1:]]).any(1)]
+
+
 def _best(
-    secants: Secants, members: Tensor, best: dict[frozenset[str], Proposal], most: int
+    secants: Secants,
+    members: Tensor,
+    removed: Sequence[int],
+    best: dict[frozenset[str], Proposal],
+    most: int,
 ) -> list[int]:
-    """Rows of the best sets that are not in `best` yet, each of its own effects; enters them."""
-    loss, share, moved = secants.solved(members)
+    """Rows of the best sets, each of its own effects; enters those that are new or better."""
+    loss, share, moved = secants.solved(members, removed)
+    kept = {e for i, e in enumerate(secants.base.effects) if i not in removed}
     chosen: list[int] = []
+    seen = set()
     for row in loss.argsort().tolist():
-        key = frozenset(secants.trials[t].effects[-1] for t in members[row].tolist())
-        if key not in best:
-            start = _start(secants, members[row], share[row], moved[row])
-            best[key] = Proposal(start, float(loss[row]))
+        key = frozenset(kept | {secants.trials[t].effects[-1] for t in members[row].tolist()})
+        if key not in seen:
+            seen.add(key)
             chosen.append(row)
+            if key not in best or float(loss[row]) < best[key].loss:
+                start = _start(secants, members[row], removed, share[row], moved[row])
+                best[key] = Proposal(start, float(loss[row]))
         if len(chosen) == most:
             break
     return chosen
 
 
-def _start(secants: Secants, members: Tensor, share: Tensor, moved: Tensor) -> Hypothesis:
-    """The base with the members, each at its share of its trial."""
+def _start(
+    secants: Secants, members: Tensor, removed: Sequence[int], share: Tensor, moved: Tensor
+) -> Hypothesis:
+    """What is left of the base, with the members, each at its share of its trial."""
     base, library = secants.base, secants.problem.library
-    values = zip(base.named().items(), moved.tolist(), strict=True)
+    kept, numbers = secants.kept(removed), list(base.named().items())
+    values = zip((numbers[i] for i in kept), moved.tolist(), strict=True)
     known = {key: z + b for (key, z), b in values}
-    effects = list(base.effects)
+    effects = [e for i, e in enumerate(base.effects) if i not in removed]
     for t, a in zip(members.tolist(), share.tolist(), strict=True):
         trial = secants.trials[t]
         effects.append(trial.effects[-1])

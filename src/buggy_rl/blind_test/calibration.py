@@ -1,0 +1,177 @@
+"""Weights of the posterior, fitted to development cases of which the truth is known.
+
+A case counts with the logarithm of the probability that its truth is given: the concealed set,
+nothing, or `unknown` where what is concealed is no effect. A set that the search did not come to
+cannot be given, and the case does not count; in `judged` it does. Weights are shrunk by a Gaussian
+prior on standardised features, as wide as predicts left-out groups best.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from omegaconf import MISSING
+from torch import Tensor
+
+from buggy_rl.blind_test.sizes import UNKNOWN_SIZES
+from buggy_rl.diagnosis.evidence_features import fitted, of_case, of_hypotheses
+from buggy_rl.diagnosis.posterior import Calibration, Posterior, posterior
+from buggy_rl.plants.composed import Sort, is_composed
+
+RIDGES = (0.3, 1.0, 3.0, 10.0, 30.0)  # precisions of the weights' prior that are tried
+FOLDS = 8  # groups are left out by as many parts
+SHUT = -1e9  # score of a hypothesis that a case does not have
+
+Entry = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class CalibrateConfig:
+    """Which ledgers the weights are fitted to."""
+
+    ledgers: list[str] = MISSING
+    """Files that scripts/develop.py wrote."""
+    write: bool = False
+    """Whether the weights replace those that the package ships."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Features of cases, side by side."""
+
+    hypotheses: Tensor
+    """[n, H, F]; cases of fewer hypotheses are filled with zeros,"""
+    shut: Tensor
+    """[n, H + 1] and those have this added to their score."""
+    case: Tensor
+    """[n, G]"""
+    target: Tensor
+    """[n] index of the truth, H for unknown; -1 where the search did not come to it."""
+    names: tuple[Sequence[str], Sequence[str]]
+
+    def __getitem__(self, rows: Tensor) -> "Table":
+        return Table(
+            self.hypotheses[rows], self.shut[rows], self.case[rows], self.target[rows], self.names
+        )
+
+
+def unknown(entry: Entry) -> bool:
+    """What is concealed is no effect of the library."""
+    return any(is_composed(e) or e in UNKNOWN_SIZES for e in entry["case"]["concealed"])
+
+
+def truth(entry: Entry) -> tuple[str, ...]:
+    """What is concealed, sorted."""
+    return tuple(sorted(entry["case"]["concealed"]))
+
+
+def group(entry: Entry) -> str:
+    """What is left out together: a kind of unknown physics, or cases of one pairing."""
+    if not unknown(entry):
+        case = entry["case"]
+        return f"{case['plant']}, {case['simulator']}, {case['baseline']}, {case['seed'] % 4}"
+    [sort] = truth(entry)
+    return Sort.named(sort).where if is_composed(sort) else sort
+
+
+def table(entries: Sequence[Entry]) -> Table:
+    """Of a ledger's cases."""
+    own, cases = [of_hypotheses(e) for e in entries], [of_case(e) for e in entries]
+    names = list(own[0][0]), list(cases[0])
+    most = max(map(len, own))
+    hypotheses = torch.zeros(len(entries), most, len(names[0]), dtype=torch.float64)
+    shut = torch.full((len(entries), most + 1), SHUT, dtype=torch.float64)
+    shut[:, -1] = 0.0
+    target = torch.full((len(entries),), -1)
+    for row, (entry, features) in enumerate(zip(entries, own, strict=True)):
+        hypotheses[row, : len(features)] = torch.tensor([[*f.values()] for f in features]).double()
+        shut[row, : len(features)] = 0.0
+        keys = [tuple(h["effects"]) for h in fitted(entry)]
+        if unknown(entry):
+            target[row] = most
+        elif truth(entry) in keys:
+            target[row] = keys.index(truth(entry))
+    return Table(
+        hypotheses, shut, torch.tensor([[*c.values()] for c in cases]).double(), target, names
+    )
+
+
+def weights(of: Table, ridge: float) -> tuple[Tensor, Tensor]:
+    """Weights [F] and [G] by penalised maximum likelihood."""
+    known = of[of.target >= 0]
+    inside = known.shut[:, :-1] == 0
+    sd = known.hypotheses[inside].std(0).clamp_min(1e-6)
+    spread = known.case.std(0)
+    spread = torch.where(spread < 1e-9, torch.ones_like(spread), spread)
+    w = torch.zeros(len(sd), dtype=torch.float64, requires_grad=True)
+    v = torch.zeros(len(spread), dtype=torch.float64, requires_grad=True)
+    optimiser = torch.optim.LBFGS([w, v], max_iter=500, line_search_fn="strong_wolfe")
+
+    def closure() -> Tensor:
+        optimiser.zero_grad()
+        loss = -_log_likelihood(known, w / sd, v / spread).sum()
+        loss = loss + 0.5 * ridge * (w.square().sum() + v.square().sum())
+        loss.backward()
+        return loss
+
+    optimiser.step(closure)
+    return (w / sd).detach(), (v / spread).detach()
+
+
+def _log_likelihood(of: Table, w: Tensor, v: Tensor) -> Tensor:
+    """Log probability [n] of each truth."""
+    scores = torch.cat([of.hypotheses @ w, (of.case @ v).unsqueeze(1)], 1) + of.shut
+    return torch.log_softmax(scores, 1).gather(1, of.target.unsqueeze(1)).squeeze(1)
+
+
+def folds(entries: Sequence[Entry]) -> Tensor:
+    """Part [n] of each case; a group is in one part."""
+    names = sorted({group(e) for e in entries})
+    part = {name: number % FOLDS for number, name in enumerate(names)}
+    return torch.tensor([part[group(e)] for e in entries])
+
+
+def left_out(entries: Sequence[Entry], ridge: float) -> tuple[list[Posterior], float]:
+    """Posterior of each case by weights from other groups; mean log probability of truths."""
+    of, part = table(entries), folds(entries)
+    found: list[Posterior] = [Posterior({}, 1.0)] * len(entries)
+    total = 0.0
+    for number in range(FOLDS):
+        out = part == number
+        w, v = weights(of[~out], ridge)
+        calibration = _calibration(of, w, v)
+        for row in out.nonzero().flatten().tolist():
+            found[row] = posterior(entries[row], calibration)
+        scored = of[out & (of.target >= 0)]
+        total += float(_log_likelihood(scored, w, v).sum())
+    return found, total / max(1, int((of.target >= 0).sum()))
+
+
+def calibrated(entries: Sequence[Entry]) -> tuple[Calibration, float]:
+    """Weights from all cases, and the ridge that predicts left-out groups best."""
+    ridge = max(RIDGES, key=lambda r: left_out(entries, r)[1])
+    of = table(entries)
+    return _calibration(of, *weights(of, ridge)), ridge
+
+
+def _calibration(of: Table, w: Tensor, v: Tensor) -> Calibration:
+    hypothesis, case = (
+        {name: float(f"{x:.4g}") for name, x in zip(names, values.tolist(), strict=True)}
+        for names, values in zip(of.names, (w, v), strict=True)
+    )
+    return Calibration(hypothesis, case)
+
+
+def content(calibration: Calibration, ledgers: Sequence[Path], cases: int, ridge: float) -> str:
+    """The calibration as a file, with what it was made from."""
+    made = {
+        "ledgers": {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in ledgers},
+        "cases": cases,
+        "ridge": ridge,
+    }
+    head = "# Written by scripts/calibrate.py; not to be edited by hand.\n"
+    return head + yaml.safe_dump({"made_from": made, **asdict(calibration)}, sort_keys=False)

@@ -1,0 +1,98 @@
+"""What a posterior names, counted over development cases."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from buggy_rl.blind_test.calibration import truth, unknown
+from buggy_rl.blind_test.statistics import Figure, calibration_error, share
+from buggy_rl.diagnosis.evidence_features import fitted, loss
+from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior
+
+Entry = Mapping[str, Any]
+Said = Sequence[tuple[Entry, Posterior]]
+
+
+def lowest_loss(entry: Entry) -> Posterior:
+    """All on the hypothesis with the lowest held-out loss: what is named without calibration."""
+    best = min(fitted(entry), key=loss)
+    return Posterior({tuple(best["effects"]): 1.0}, 0.0)
+
+
+def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Posterior]]) -> str:
+    """A table in Markdown, a column for each method: share, interval and number of cases."""
+    lines = [f"| | {' | '.join(methods)} |", f"|---|{'---|' * len(methods)}"]
+    columns = [_figures(list(zip(entries, found, strict=True))) for found in methods.values()]
+    for name in columns[0]:
+        lines.append(f"| {name} | {' | '.join(column[name] for column in columns)} |")
+    return "\n".join(lines)
+
+
+def _figures(said: Said) -> dict[str, str]:
+    of = {n: [s for s in said if not unknown(s[0]) and len(truth(s[0])) == n] for n in range(4)}
+    outside = [s for s in said if unknown(s[0])]
+    claims = [c for entry, p in said for c in listed(entry, p)]
+    figures = {
+        "one effect: first name right": _share(of[1], _first_right),
+        "one effect: and nothing else said": _share(of[1], _exact),
+        "two effects: exact set": _share(of[2], _exact),
+        "three effects: exact set": _share(of[3], _exact),
+        "true set fitted (one, two, three)": _share(of[1] + of[2] + of[3], _came_to),
+        "nothing: a name above 0.5": _share(of[0], _says_a_name),
+        "no effect describes it: a name above 0.5": _share(outside, _says_a_name),
+        "no effect describes it: called unknown": _share(outside, _says_unknown),
+        "no effect describes it: called nothing": _share(outside, _says_nothing),
+    }
+    squares = [(p - right) ** 2 for p, right in claims]
+    return {
+        **{name: _cell(figure) for name, figure in figures.items()},
+        "Brier score of all listed names": f"{sum(squares) / max(1, len(squares)):.3f}",
+        "expected calibration error": f"{calibration_error(claims):.3f} ({len(claims)} names)",
+    }
+
+
+def listed(entry: Entry, p: Posterior) -> list[tuple[float, bool]]:
+    """Probability of each effect that has any, and whether it is concealed."""
+    effects = sorted({e for effects in p.sets for e in effects})
+    sure = {e: min(p.of(e), 1.0) for e in effects}
+    return [(s, e in truth(entry)) for e, s in sure.items() if s >= LISTED]
+
+
+def _came_to(entry: Entry, p: Posterior) -> bool:
+    del p
+    return truth(entry) in {tuple(h["effects"]) for h in fitted(entry)}
+
+
+def _first_right(entry: Entry, p: Posterior) -> bool:
+    effects = {e for effects in p.sets for e in effects}
+    first = max(effects, key=p.of, default="")
+    return (first,) == truth(entry) and p.says != "unknown"
+
+
+def _exact(entry: Entry, p: Posterior) -> bool:
+    return p.best == truth(entry) and p.says == "effects"
+
+
+def _says_a_name(entry: Entry, p: Posterior) -> bool:
+    del entry
+    return any(p.of(e) > EVEN for effects in p.sets for e in effects)
+
+
+def _says_unknown(entry: Entry, p: Posterior) -> bool:
+    del entry
+    return p.says == "unknown"
+
+
+def _says_nothing(entry: Entry, p: Posterior) -> bool:
+    del entry
+    return p.says == "nothing"
+
+
+def _share(said: Said, hit: Callable[[Entry, Posterior], bool]) -> Figure:
+    return share([hit(entry, p) for entry, p in said])
+
+
+def _cell(figure: Figure) -> str:
+    if not figure.count:
+        return "no cases"
+    interval = f"{100 * figure.low:.0f} to {100 * figure.high:.0f}"
+    return f"{100 * figure.value:.0f} % ({interval}) of {figure.count}"

@@ -1,0 +1,102 @@
+"""Posterior probability of each set of effects, of nothing, and of what no effect describes.
+
+    p(h) = exp(w . f(h)) / Z,  p(unknown) = exp(v . g) / Z,  Z = sum_h exp(w . f(h)) + exp(v . g)
+
+f are features of a hypothesis, g of the case (`evidence_features`); w and v are fitted to
+development cases, of which the truth is known, by `scripts/calibrate.py`: a conditional logit
+(McFadden 1974). The empty set is the hypothesis that nothing is missing.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import torch
+import yaml
+
+from buggy_rl.diagnosis.candidate import Effects
+from buggy_rl.diagnosis.evidence_features import Observed, fitted, of_case, of_hypotheses
+
+EVEN = 0.5  # [-] probability from which a name is rather right than wrong
+LISTED = 0.02  # [-] from which it is listed
+SHIPPED = Path(__file__).with_name("calibration.yaml")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Weights of the features; what `scripts/calibrate.py` writes."""
+
+    hypothesis: Mapping[str, float]
+    """Feature of a hypothesis -> weight."""
+    unknown: Mapping[str, float]
+    """Feature of a case -> weight for physics that no effect describes."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities that sum to 1."""
+
+    sets: Mapping[Effects, float]
+    """Set of effects, sorted -> probability; the empty one is nothing."""
+    unknown: float
+    """That no effect describes what is missing."""
+
+    @property
+    def nothing(self) -> float:
+        """That nothing is missing."""
+        return self.sets.get((), 0.0)
+
+    @property
+    def says(self) -> Literal["nothing", "unknown", "effects"]:
+        """What is most probable: nothing, what no effect describes, or some set of effects."""
+        named = max(0.0, 1.0 - self.nothing - self.unknown)
+        if self.nothing >= max(self.unknown, named):
+            return "nothing"
+        return "unknown" if self.unknown >= named else "effects"
+
+    @property
+    def best(self) -> Effects:
+        """The most probable set that is not empty; empty where none was fitted."""
+        named = {effects: p for effects, p in self.sets.items() if effects}
+        return max(named, key=lambda effects: named[effects], default=())
+
+    def of(self, effect: str) -> float:
+        """That an effect is missing, alone or beside others."""
+        return sum(p for effects, p in self.sets.items() if effect in effects)
+
+    def in_place_of(self, effect: str) -> dict[str, float]:
+        """Other effects outside the best set -> probability of sets with them and without it."""
+        others: dict[str, float] = {}
+        for effects, p in self.sets.items():
+            if effect not in effects:
+                for other in {*effects} - {*self.best}:
+                    others[other] = others.get(other, 0.0) + p
+        return dict(sorted(others.items(), key=lambda item: -item[1]))
+
+
+def posterior(case: Observed, calibration: Calibration | None = None) -> Posterior:
+    """Of what was observed of a search, by the shipped calibration unless another is given."""
+    calibration = calibration or shipped()
+    scores = [_score(f, calibration.hypothesis) for f in of_hypotheses(case)]
+    scores.append(_score(of_case(case), calibration.unknown))
+    *shares, unknown = torch.softmax(torch.tensor(scores, dtype=torch.float64), 0).tolist()
+    keys: Sequence[Effects] = [tuple(h["effects"]) for h in fitted(case)]
+    return Posterior(dict(zip(keys, shares, strict=True)), unknown)
+
+
+def _score(features: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    return sum(weight * features[name] for name, weight in weights.items())
+
+
+@cache
+def shipped() -> Calibration:
+    """What the package comes with."""
+    return load_calibration(SHIPPED)
+
+
+def load_calibration(file: Path) -> Calibration:
+    """Reads what `scripts/calibrate.py` wrote."""
+    content = yaml.safe_load(file.read_text())
+    return Calibration(content["hypothesis"], content["unknown"])

@@ -1,0 +1,144 @@
+"""Calibration: weights that are known are found, and groups that are left out are left out."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import yaml
+
+from buggy_rl.blind_test.calibration import (
+    calibrated,
+    content,
+    folds,
+    group,
+    left_out,
+    table,
+    truth,
+    unknown,
+    weights,
+)
+from buggy_rl.blind_test.named import counted, listed, lowest_loss
+from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.plants.composed import SORTS
+from tests.diagnosis.observations import case, hypothesis
+
+PLANTS = ("reference", "mujoco", "commonroad")
+
+
+def entry(seed, concealed, hypotheses, first=1.0):
+    told = {"seed": seed, "plant": PLANTS[seed % 3], "simulator": "reference", "baseline": False}
+    return case(hypotheses, first) | {"case": told | {"concealed": {c: {} for c in concealed}}}
+
+
+def drawn(seed, chance):
+    """A case with one effect, nothing or unknown physics, of which loss and excess tell."""
+    kind = ("payload", "nothing", "unknown")[seed % 3]
+    first = 0.02 if kind == "nothing" else 1.0
+    left = {"payload": 0.03, "nothing": 0.02, "unknown": 0.6}[kind] * np.exp(chance.normal(0, 0.3))
+    none = 50 + 100 * first
+    gained = 100 * (first - left) if kind != "nothing" else chance.exponential(2.0)
+    hypotheses = [
+        hypothesis((), [none / 2] * 2, first),
+        hypothesis(("payload",), [(none - gained) / 2] * 2, left),
+        hypothesis(("wind",), [(none - 0.9 * gained) / 2] * 2, left + 0.1 * (first - left)),
+    ]
+    concealed = {"payload": ["payload"], "nothing": [], "unknown": [SORTS[seed % len(SORTS)]]}
+    return entry(seed, concealed[kind], hypotheses, first)
+
+
+@pytest.fixture(scope="module")
+def cases():
+    chance = np.random.default_rng(0)
+    return [drawn(seed, chance) for seed in range(120)]
+
+
+def test_left_out_cases_are_answered_rightly_where_something_tells(cases):
+    found, mean = left_out(cases, 1.0)
+    assert mean > -0.35  # a third for each of three kinds would be -1.1
+    right = [
+        p.says == "unknown" if unknown(e) else (p.best if p.says == "effects" else ()) == truth(e)
+        for e, p in zip(cases, found, strict=True)
+    ]
+    assert np.mean(right) > 0.95
+
+
+def test_where_nothing_tells_right_from_wrong_nothing_is_learnt():
+    chance = np.random.default_rng(1)
+    blind = []
+    for seed in range(90):
+        concealed = [["payload"], ["wind"]][int(chance.integers(2))]
+        same = [hypothesis((e,), [20.0, 20.0], 0.1) for e in ("payload", "wind")]
+        blind.append(entry(seed, concealed, [hypothesis((), [60.0, 60.0], 1.0), *same]))
+    found, _ = left_out(blind, 1.0)
+    sure = [p.of("payload") for p in found]
+    assert max(sure) < 0.6
+    assert min(sure) > 0.4
+
+
+def test_a_truth_that_was_not_fitted_cannot_be_learnt_from_and_counts_as_missed(cases):
+    absent = entry(3, ["yaw_damping"], cases[0]["hypotheses"])
+    assert table([absent]).target.tolist() == [-1]
+    assert "0 % (0 to 79) of 1" in counted([absent], {"": [posterior_of(absent)]})
+    with_it = [*cases, absent]
+    for one, other in zip(weights(table(cases), 1.0), weights(table(with_it), 1.0), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+
+
+def posterior_of(e):
+    return Posterior({tuple(h["effects"]): 1 / len(e["hypotheses"]) for h in e["hypotheses"]}, 0.0)
+
+
+def test_a_group_is_left_out_as_a_whole(cases):
+    part = folds(cases).tolist()
+    of_group: dict[str, set[int]] = {}
+    for e, number in zip(cases, part, strict=True):
+        of_group.setdefault(group(e), set()).add(number)
+    assert all(len(parts) == 1 for parts in of_group.values())
+    assert len(of_group) > 8
+    assert len({*part}) == 8
+
+
+def test_the_file_says_what_it_was_made_from_and_gives_the_same_answers(cases, tmp_path):
+    ledger = tmp_path / "ledger.jsonl"
+    ledger.write_text("x")
+    calibration, ridge = calibrated(cases)
+    read = yaml.safe_load(content(calibration, [ledger], len(cases), ridge))
+    assert read["made_from"]["ledgers"] == {"ledger.jsonl": hashlib.sha256(b"x").hexdigest()}
+    assert read["made_from"]["cases"] == 120
+    assert read["hypothesis"] == dict(calibration.hypothesis)
+    assert posterior(cases[0], calibration).best == ("payload",)
+
+
+def test_what_is_named_is_counted_by_hand():
+    none, one, two = (
+        hypothesis(e, [10.0, 10.0], 0.5) for e in ((), ("payload",), ("payload", "wind"))
+    )
+    right = entry(0, ["payload"], [none, one, two])
+    nothing = entry(1, [], [none, one])
+    outside = entry(2, [SORTS[0]], [none, one])
+    said = [
+        Posterior({(): 0.1, ("payload",): 0.7, ("payload", "wind"): 0.2}, 0.0),
+        Posterior({(): 0.4, ("payload",): 0.6}, 0.0),
+        Posterior({(): 0.1, ("payload",): 0.2}, 0.7),
+    ]
+    table = counted([right, nothing, outside], {"posterior": said})
+    rows = {
+        "one effect: first name right": "100 %",
+        "one effect: and nothing else said": "100 %",
+        "nothing: a name above 0.5": "100 %",
+        "no effect describes it: a name above 0.5": "0 %",
+        "no effect describes it: called unknown": "100 %",
+        "no effect describes it: called nothing": "0 %",
+    }
+    for name, figure in rows.items():
+        assert f"| {name} | {figure}" in table
+    assert listed(right, said[0]) == [(pytest.approx(0.9), True), (pytest.approx(0.2), False)]
+    # 0.1^2, 0.2^2, 0.6^2 and 0.2^2 of four names.
+    assert "| Brier score of all listed names | 0.113 |" in table
+
+
+def test_the_lowest_loss_is_named_without_a_doubt():
+    better = hypothesis(("payload",), [5.0, 10.0], 0.1)
+    found = lowest_loss(entry(0, [], [hypothesis((), [10.0, 10.0], 0.5), better]))
+    assert found.best == ("payload",)
+    assert found.of("payload") == 1

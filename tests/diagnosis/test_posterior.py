@@ -1,0 +1,101 @@
+"""Posterior: probabilities that sum to one, and what they say."""
+
+import math
+
+import pytest
+
+from buggy_rl.diagnosis.evidence_features import beyond, leading, of_case, of_hypotheses
+from buggy_rl.diagnosis.posterior import Calibration, Posterior, load_calibration, posterior
+from tests.diagnosis.observations import case, hypothesis
+
+NOTHING = hypothesis((), [50.0, 60.0], 1.0)
+DRAG = hypothesis(("viscous_drag",), [20.0, 25.0], 0.02)
+BOTH = hypothesis(("gyro_bias", "viscous_drag"), [19.5, 25.0], 0.02)
+OTHER = hypothesis(("wind",), [22.0, 26.0], 0.05)
+BY_LOSS = Calibration({"nats": 1.0, "effects": 3.0}, {"one": -20.0})
+
+
+def test_probabilities_are_a_softmax_of_weighted_features_and_sum_to_one():
+    found = posterior(case([NOTHING, DRAG, BOTH, OTHER]), BY_LOSS)
+    assert sum(found.sets.values()) + found.unknown == pytest.approx(1.0)
+    # Losses 110, 45, 44.5 and 48 nats, 3 more for each effect.
+    odds = found.sets["viscous_drag",] / found.sets["gyro_bias", "viscous_drag"]
+    assert odds == pytest.approx(math.exp(2.5))
+    assert found.sets["viscous_drag",] / found.sets["wind",] == pytest.approx(math.exp(3.0))
+    assert found.best == ("viscous_drag",)
+    assert found.says == "effects"
+
+
+def test_an_effect_is_as_probable_as_all_sets_that_have_it():
+    found = Posterior({(): 0.1, ("a",): 0.4, ("a", "b"): 0.2, ("c",): 0.2}, 0.1)
+    assert found.of("a") == pytest.approx(0.6)
+    assert found.of("b") == pytest.approx(0.2)
+    assert found.of("d") == 0
+    assert found.in_place_of("a") == {"c": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("nothing", "unknown", "says"),
+    [(0.5, 0.2, "nothing"), (0.2, 0.5, "unknown"), (0.2, 0.2, "effects"), (0.4, 0.3, "nothing")],
+)
+def test_what_is_most_probable_is_said(nothing, unknown, says):
+    left = 1 - nothing - unknown
+    assert Posterior({(): nothing, ("a",): left / 2, ("b",): left / 2}, unknown).says == says
+
+
+def test_what_was_asked_for_is_no_answer():
+    asked = hypothesis(("payload",), [1.0, 1.0], 0.0, asked=True)
+    found = posterior(case([NOTHING, DRAG, asked]), BY_LOSS)
+    assert ("payload",) not in found.sets
+
+
+def test_features_speak_for_the_hypothesis_that_predicts_better():
+    nothing, drag, both, other = of_hypotheses(case([NOTHING, DRAG, BOTH, OTHER]))
+    assert drag["nats"] == pytest.approx(-0.5)
+    assert both["nats"] == 0
+    assert drag["left"] > other["left"] > nothing["left"]
+    assert drag["blocks"] == 0  # the leading one is no worse than itself
+    assert other["blocks"] < 0
+    assert nothing["blocks"] < other["blocks"]
+    assert (nothing["effects"], drag["effects"], both["effects"]) == (0, -1, -2)
+    assert nothing["nothing"] == 1 - drag["nothing"] == 1
+
+
+def test_what_varies_lies_at_a_bound_or_helps_on_the_baseline_speaks_against_it():
+    worse = DRAG | {
+        "varies": {"viscous_drag": ["vx", 0.3, 20.0]},
+        "at_bound": ["viscous_drag"],
+        "on_baseline": 0.8,  # 32 of the 65 nats that it gains here
+    }
+    same, changed = (of_hypotheses(case([NOTHING, h]))[1] for h in (DRAG, worse))
+    assert (same["varies"], same["at_bound"], same["on_baseline"]) == (0, 0, 0)
+    assert changed["varies"] < -1
+    assert changed["at_bound"] == -1
+    assert changed["on_baseline"] == pytest.approx(-32 / 65)
+    alike = {k for k in same if same[k] == changed[k]}
+    assert alike == set(same) - {"varies", "at_bound", "on_baseline"}
+
+
+def test_the_leading_hypothesis_has_an_effect_more_only_if_that_is_worth_its_price():
+    assert leading([NOTHING, DRAG, BOTH]) is DRAG
+    assert leading([NOTHING, DRAG, BOTH | {"held_out": [10.0, 15.0]}])["effects"] == BOTH["effects"]
+
+
+def test_excess_is_counted_beyond_what_is_usual():
+    assert beyond(0.5, (0.0, 0.0)) == 0.5
+    assert beyond(0.5, (0.6, 0.0)) == 0
+    assert beyond(0.5, (0.5, 0.1)) == pytest.approx(0.1 / math.sqrt(2 * math.pi))
+    assert beyond(2.0, (0.5, 0.1)) == pytest.approx(1.5)
+
+
+def test_what_the_best_leaves_speaks_for_unknown_physics():
+    closed = of_case(case([NOTHING, DRAG]))
+    left = of_case(case([NOTHING, DRAG | {"excess": 0.5}]))
+    assert left["share"] > closed["share"]
+    assert left["first"] == closed["first"]
+
+
+def test_a_calibration_is_read_from_its_file(tmp_path):
+    file = tmp_path / "calibration.yaml"
+    file.write_text("hypothesis: {nats: 1.0}\nunknown: {one: -2.0}\nmade_from: {cases: 3}\n")
+    assert load_calibration(file) == Calibration({"nats": 1.0}, {"one": -2.0})
