@@ -2,11 +2,13 @@
 
     python scripts/calibrate.py ledgers=[docs/development/cases.jsonl]
     python scripts/calibrate.py ledgers=[runs/development/development.jsonl] write=true
+    python scripts/calibrate.py ledgers=[docs/development/fresh.jsonl] apply=true
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
 weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
-ledgers, their hashes and the number of cases they are from.
+ledgers, their hashes and the number of cases they are from. With `apply=true` those weights are
+counted on other cases, and nothing is fitted.
 """
 
 from pathlib import Path
@@ -20,19 +22,25 @@ def main() -> None:
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
     from buggy_rl.blind_test.development import entries
-    from buggy_rl.blind_test.named import counted, lowest_loss
-    from buggy_rl.diagnosis.posterior import SHIPPED
+    from buggy_rl.blind_test.named import Claimed, counted, lowest_loss
+    from buggy_rl.diagnosis.posterior import SHIPPED, posterior
     from buggy_rl.files import write_atomically
 
     files = [Path(file) for file in config.ledgers]
     cases = [e for file in files for e in entries(file) if "failed" not in e]
-    calibration, ridge = calibrated(cases)
-    found, mean = left_out(cases, ridge)
-    print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
-    print(counted(cases, {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}))
-    if config.write:
-        write_atomically(SHIPPED, content(calibration, files, len(cases), ridge))
-        print(f"\n{SHIPPED.name}: written")
+    if config.apply:
+        found = [posterior(e) for e in cases]
+        print(f"{len(cases)} cases, weights of {SHIPPED.name}\n")
+    else:
+        calibration, ridge = calibrated(cases)
+        found, mean = left_out(cases, ridge)
+        print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
+        if config.write:
+            write_atomically(SHIPPED, content(calibration, files, len(cases), ridge))
+    methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
+    if all("stepwise" in e for e in cases):
+        methods["stepwise"] = [Claimed(**e["stepwise"]) for e in cases]
+    print(counted(cases, methods))
 
 
 if __name__ == "__main__":

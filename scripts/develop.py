@@ -48,7 +48,7 @@ def main() -> None:
     # By seed: a run that is stopped has cases of every plant and pairing.
     parts = (group[i : i + PART] for group in groups(left) for i in range(0, len(group), PART))
     ordered = sorted(parts, key=lambda group: group[0].seed)
-    work = [(store, group, config.stretches, config.effects) for group in ordered]
+    work = [(config, group) for group in ordered]
     with tqdm(desc="searching", total=len(left), unit="case") as bar:
         for lines in in_processes(developed, work, config.workers):
             with open(config.file, "a") as file:

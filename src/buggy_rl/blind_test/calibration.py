@@ -35,6 +35,8 @@ class CalibrateConfig:
 
     ledgers: list[str] = MISSING
     """Files that scripts/develop.py wrote."""
+    apply: bool = False
+    """Counts what the weights that the package ships give, and fits none."""
     write: bool = False
     """Whether the weights replace those that the package ships."""
 

@@ -9,7 +9,7 @@ import json
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.joint import JointSearch, joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import opened
+from buggy_rl.diagnosis.search import search
+from buggy_rl.diagnosis.statement import judged
 from buggy_rl.effects import EFFECTS
 from buggy_rl.plants import abilities
 
@@ -41,6 +43,8 @@ class DevelopmentConfig:
     """Effects to choose from; empty for the whole library."""
     workers: int = 2
     """Groups of cases at a time."""
+    stepwise: bool = False
+    """Whether each case is diagnosed by `method=stepwise` too, to compare with."""
     ledger: str = ""
     """File of the lines; empty for OUTPUT/development.jsonl. A case in it is not run again."""
 
@@ -90,12 +94,11 @@ def entries(ledger: Path) -> list[dict[str, Any]]:
     return found
 
 
-def developed(
-    store: CaseStore, cases: Sequence[Case], stretches: int, effects: Sequence[str] = ()
-) -> list[dict[str, Any]]:
+def developed(config: DevelopmentConfig, cases: Sequence[Case]) -> list[dict[str, Any]]:
     """Lines of cases that share plant and length; their files are removed again."""
+    store, effects = config.store, config.effects
     store.sealed.mkdir(parents=True, exist_ok=True)
-    seal(store, cases, list(effects), segments=stretches)
+    seal(store, cases, list(effects), segments=config.stretches)
     lines = []
     for case in cases:
         begun = time.monotonic()
@@ -105,6 +108,8 @@ def developed(
             ready = opened(question.config, question.recordings, question.baseline)
             also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
             line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
+            if config.stepwise:
+                line["stepwise"] = by_steps(ready)
         except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
             line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
         seconds = round(time.monotonic() - begun, 1)
@@ -120,3 +125,11 @@ def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
     driven = [line.partition(" hardly")[0] for line in weak(ready.problem.segments)]
     seen = observed(ready.criteria, found)
     return {"rank": found.rank(case.truth), "weak": driven, **seen}
+
+
+def by_steps(ready: Opened) -> dict[str, Any]:
+    """What `method=stepwise` says: the verdict, and the confidence of each effect that it names."""
+    found = search(ready.problem, ready.criteria)
+    case = replace(ready, problem=found.problem(ready.problem))
+    said = judged(case, found)
+    return {"verdict": said.verdict, "named": {n.name: n.confidence for n in said.named}}

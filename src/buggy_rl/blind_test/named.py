@@ -1,15 +1,70 @@
 """What a posterior names, counted over development cases."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from buggy_rl.blind_test.calibration import truth, unknown
 from buggy_rl.blind_test.statistics import Figure, calibration_error, share
+from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
 from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior
 
 Entry = Mapping[str, Any]
-Said = Sequence[tuple[Entry, Posterior]]
+VERDICTS = {"no_mismatch": "nothing", "unknown_physics": "unknown", "cannot_tell": "cannot tell"}
+
+
+class Answered(Protocol):
+    """What is counted of an answer; a `Posterior` is one."""
+
+    @property
+    def sets(self) -> Mapping[Effects, float]:
+        """Sets of effects that are mentioned."""
+        ...
+
+    @property
+    def best(self) -> Effects:
+        """The set that is named."""
+        ...
+
+    @property
+    def says(self) -> str:
+        """nothing, unknown, or effects."""
+        ...
+
+    def of(self, effect: str) -> float:
+        """Probability that an effect is missing."""
+        ...
+
+
+Said = Sequence[tuple[Entry, Answered]]
+
+
+@dataclass(frozen=True)
+class Claimed:
+    """The answer of `method=stepwise`, of which only verdict and confidences are known."""
+
+    verdict: str
+    named: Mapping[str, float]
+
+    @property
+    def best(self) -> Effects:
+        """All that is named."""
+        return tuple(sorted(self.named))
+
+    @property
+    def sets(self) -> Mapping[Effects, float]:
+        """The one set."""
+        return {self.best: 1.0}
+
+    @property
+    def says(self) -> str:
+        """By the verdict."""
+        return VERDICTS.get(self.verdict, "effects")
+
+    def of(self, effect: str) -> float:
+        """Its confidence."""
+        return self.named.get(effect, 0.0)
 
 
 def lowest_loss(entry: Entry) -> Posterior:
@@ -18,7 +73,7 @@ def lowest_loss(entry: Entry) -> Posterior:
     return Posterior({tuple(best["effects"]): 1.0}, 0.0)
 
 
-def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Posterior]]) -> str:
+def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Answered]]) -> str:
     """A table in Markdown, a column for each method: share, interval and number of cases."""
     lines = [f"| | {' | '.join(methods)} |", f"|---|{'---|' * len(methods)}"]
     columns = [_figures(list(zip(entries, found, strict=True))) for found in methods.values()]
@@ -50,44 +105,44 @@ def _figures(said: Said) -> dict[str, str]:
     }
 
 
-def listed(entry: Entry, p: Posterior) -> list[tuple[float, bool]]:
+def listed(entry: Entry, p: Answered) -> list[tuple[float, bool]]:
     """Probability of each effect that has any, and whether it is concealed."""
     effects = sorted({e for effects in p.sets for e in effects})
     sure = {e: min(p.of(e), 1.0) for e in effects}
     return [(s, e in truth(entry)) for e, s in sure.items() if s >= LISTED]
 
 
-def _came_to(entry: Entry, p: Posterior) -> bool:
+def _came_to(entry: Entry, p: Answered) -> bool:
     del p
     return truth(entry) in {tuple(h["effects"]) for h in fitted(entry)}
 
 
-def _first_right(entry: Entry, p: Posterior) -> bool:
+def _first_right(entry: Entry, p: Answered) -> bool:
     effects = {e for effects in p.sets for e in effects}
     first = max(effects, key=p.of, default="")
-    return (first,) == truth(entry) and p.says != "unknown"
+    return (first,) == truth(entry) and p.says not in ("nothing", "unknown")
 
 
-def _exact(entry: Entry, p: Posterior) -> bool:
+def _exact(entry: Entry, p: Answered) -> bool:
     return p.best == truth(entry) and p.says == "effects"
 
 
-def _says_a_name(entry: Entry, p: Posterior) -> bool:
+def _says_a_name(entry: Entry, p: Answered) -> bool:
     del entry
     return any(p.of(e) > EVEN for effects in p.sets for e in effects)
 
 
-def _says_unknown(entry: Entry, p: Posterior) -> bool:
+def _says_unknown(entry: Entry, p: Answered) -> bool:
     del entry
     return p.says == "unknown"
 
 
-def _says_nothing(entry: Entry, p: Posterior) -> bool:
+def _says_nothing(entry: Entry, p: Answered) -> bool:
     del entry
     return p.says == "nothing"
 
 
-def _share(said: Said, hit: Callable[[Entry, Posterior], bool]) -> Figure:
+def _share(said: Said, hit: Callable[[Entry, Answered], bool]) -> Figure:
     return share([hit(entry, p) for entry, p in said])
 
 

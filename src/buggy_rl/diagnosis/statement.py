@@ -1,7 +1,7 @@
 """The answer: what is said of what the search found, and what speaks for it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from torch import Tensor
 
@@ -12,6 +12,7 @@ from buggy_rl.diagnosis.answer import (
     NamedEffect,
     Proof,
     Value,
+    Verdict,
     sentence,
 )
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
@@ -30,7 +31,7 @@ from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.posterior import LISTED
 from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.diagnosis.unexplained import unexplained
+from buggy_rl.diagnosis.unexplained import Unexplained, unexplained
 from buggy_rl.diagnosis.validation import Errors, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_by, verdict_of
 from buggy_rl.effects import effect_class
@@ -40,6 +41,15 @@ from buggy_rl.estimation.misfit import NOTHING, misfit
 
 WRITTEN = 24  # hypotheses that are written down
 MOST_ALTERNATIVES = 4  # that a manoeuvre is looked for to decide between
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is named, how surely, and what kind of answer that is."""
+
+    named: list[NamedEffect]
+    verdict: Verdict
+    rest: Unexplained
 
 
 def answered(
@@ -56,38 +66,50 @@ def answered(
         progress: Told what is being done.
         wrong: Parameters that the simulator was re-tuned by.
     """
-    problem, criteria, rules = case.problem, case.criteria, case.criteria.rules
+    problem, rules = case.problem, case.criteria.rules
     progress("locating the error")
     located = locate(case.given, problem.segments, problem.noise.sd, case.names)
-    before = found.null.fit.whitened
-    if case.retuned_from is not None:
-        before = problem.noise.whiten(case.given.residuals(problem.segments))[0]
-    after = found.best.fit.whitened
-    rest = unexplained(problem, before, after, rules.depends_share, criteria.usual)
-    given = before.square().mean(-1)
-    sure = _sure(case, found, given, rest.unclosed)
+    said = judged(case, found, wrong)
     progress("proving it on what was held out")
-    proof = _proof(case, found, given)
-    named = [_named(case, found, e, sure[e]) for e in found.best.effects]
-    named += _retuned(case, found, given, wrong, rest.unclosed)
-    named.sort(key=lambda n: -n.held_out_gain)
-    excess = excess_misfit(found.null, found.null)
-    verdict = verdict_of(excess, rest, named, criteria)
-    if found.posterior is not None:
-        named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
-        verdict = verdict_by(found.posterior, named)
+    proof = _proof(case, found, _as_given(case, found).square().mean(-1))
     progress("looking for what to drive next")
+    undecided = _undecided(found, said.named)
     return Answer(
-        verdict=verdict,
+        verdict=said.verdict,
         located=located,
-        effects=named,
-        remaining=rest,
+        effects=said.named,
+        remaining=said.rest,
         proof=proof,
         weak=weak(problem.segments),
-        suggest=suggestions(problem, found.best, _undecided(found, named), rules.deciding_nats),
+        suggest=suggestions(problem, found.best, undecided, rules.deciding_nats),
         tried=_tried(found),
         posterior=found.posterior,
     )
+
+
+def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -> Judged:
+    """What is named, without proof of it; the arguments are those of `answered`."""
+    problem, criteria = case.problem, case.criteria
+    before, after = _as_given(case, found), found.best.fit.whitened
+    share = criteria.rules.depends_share
+    rest = unexplained(problem, before, after, share, criteria.usual)
+    given = before.square().mean(-1)
+    sure = _sure(case, found, given, rest.unclosed)
+    named = [_named(case, found, e, sure[e]) for e in found.best.effects]
+    named += _retuned(case, found, given, wrong, rest.unclosed)
+    named.sort(key=lambda n: -n.held_out_gain)
+    if found.posterior is None:
+        excess = excess_misfit(found.null, found.null)
+        return Judged(named, verdict_of(excess, rest, named, criteria), rest)
+    named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
+    return Judged(named, verdict_by(found.posterior, named), rest)
+
+
+def _as_given(case: Case, found: SearchResult) -> Tensor:
+    """Whitened residuals [N, D] of the simulator as it was given."""
+    if case.retuned_from is None:
+        return found.null.fit.whitened
+    return case.problem.noise.whiten(case.given.residuals(case.problem.segments))[0]
 
 
 def _sure(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> dict[str, Confidence]:
