@@ -106,8 +106,12 @@ class Path:
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:
-    """[R] lengths of vectors [R, 2], in their own precision."""
-    return np.sqrt(vectors[:, 0] * vectors[:, 0] + vectors[:, 1] * vectors[:, 1])
+    """[R] lengths of vectors [R, 2], float32, rounded as PyTorch's `norm` with fused multiply-add.
+
+    A tangent that differs in its last bit closes one waypoint in a million a step apart.
+    """
+    x, y = vectors[:, 0], vectors[:, 1].astype(np.float64)
+    return np.sqrt(((x * x).astype(np.float64) + y * y).astype(np.float32))
 
 
 def load_path(file: str) -> Path:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from buggy_rl import __version__
 from buggy_rl.car.path import Path as CarPath
 from buggy_rl.car.path import path_lines
 from buggy_rl.car.policy_file import SCHEMA
@@ -44,7 +44,7 @@ def settings(policy: Policy, about: dict[str, Any], file: Path, task: dict[str, 
     config = policy.config
     return {
         "schema": SCHEMA,
-        "buggy_rl": __version__,
+        "buggy_rl": version("buggy_rl"),
         "training": _training(about, file),
         **task,
         "network": {
