@@ -37,8 +37,8 @@ print(json.dumps([policy.step(pose, tuple(velocity)) for pose, velocity in rows]
 def write_policy(root, layers=None, scaling=(), **settings):
     """Writes ROOT.json and ROOT.npz; the network returns its first two numbers by default."""
     content = {**SETTINGS, **settings}
-    size = sum({"velocity": 3, "waypoints": 4, "target_speed": 1}.get(key, 2)
-               for key in content["observation"]["inputs"]) * content["observation"]["rows"]  # fmt: skip
+    row, sizes = content["observation"], {"velocity": 3, "waypoints": 4, "target_speed": 1}
+    size = row["rows"] * sum(sizes.get(key, 2) for key in row["inputs"])
     layers = [(np.eye(2, size), np.zeros(2))] if layers is None else layers
     arrays = dict(zip(("mean", "sd"), scaling, strict=False))
     for index, (weight, bias) in enumerate(layers):

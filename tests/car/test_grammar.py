@@ -1,4 +1,4 @@
-"""The runtime is Python 3.6: its grammar, its standard library, annotations that it can evaluate."""
+"""The runtime is Python 3.6: its grammar, its standard library, annotations too."""
 
 import ast
 from pathlib import Path
@@ -9,13 +9,13 @@ CAR = Path(__file__).parents[2] / "src" / "buggy_rl" / "car"
 FILES = [CAR.parent / "__init__.py", *sorted(CAR.rglob("*.py"))]
 
 NEWER_MODULES = {  # standard library of 3.7 and later
-    "dataclasses", "contextvars", "importlib.resources", "importlib.metadata", "graphlib", "zoneinfo",
-    "tomllib", "multiprocessing.shared_memory",
+    "dataclasses", "contextvars", "importlib.resources", "importlib.metadata", "graphlib",
+    "zoneinfo", "tomllib", "multiprocessing.shared_memory",
 }  # fmt: skip
 NEWER_NAMES = {  # module -> what came after 3.6
     "typing": {
-        "Protocol", "Literal", "Final", "TypedDict", "runtime_checkable", "final", "Annotated", "Self",
-        "ForwardRef", "SupportsIndex", "get_origin", "get_args", "TypeAlias",
+        "Protocol", "Literal", "Final", "TypedDict", "runtime_checkable", "final", "Annotated",
+        "Self", "ForwardRef", "SupportsIndex", "get_origin", "get_args", "TypeAlias",
         "ParamSpec", "NotRequired", "Required", "override", "assert_never", "OrderedDict",
     },
     "contextlib": {"nullcontext", "aclosing", "AsyncExitStack", "asynccontextmanager", "chdir"},
@@ -141,7 +141,7 @@ def test_a_newer_feature_is_found(line):
     "line",
     [
         "x: int = 1\ny = f'{x:.2f}'",
-        "from typing import NamedTuple, Optional\nclass A(NamedTuple):\n    a: Optional[int] = None",
+        "from typing import NamedTuple, List\nclass A(NamedTuple):\n    a: List[int] = []",
         "import math\nmath.hypot(1, 2)",
         "flags = A | B\nlist(x)[0]",
     ],
