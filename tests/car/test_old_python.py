@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def car(tmp_path_factory):
     rng = np.random.default_rng(0)
     sizes = [75, 64, 64, 2]
     layers = [(rng.normal(0, 1.4 / n**0.5, (m, n)), rng.normal(0, 0.1, m))
-              for n, m in zip(sizes, sizes[1:], strict=False)]  # fmt: skip
+              for n, m in pairwise(sizes)]  # fmt: skip
     scaling = (rng.normal(size=75).astype(np.float32), np.full(75, 0.7, np.float32))
     root = write_policy(folder / "policy", layers, scaling, **STACK)
     (folder / "path.csv").write_text("x,y\n" + "".join(f"{0.2 * i},{0.01 * i * i}\n"
@@ -88,11 +89,8 @@ def test_in_an_old_python_every_file_is_imported(car):
         pytest.skip("BUGGY_RL_OLD_PYTHON names no interpreter with numpy")
     folder, _ = car
     names = [f"buggy_rl.car.{file.stem}" for file in (SOURCE / "car").glob("[!_]*.py")]
-    command = [
-        old,
-        "-c",
-        "import importlib, sys; [importlib.import_module(n) for n in sys.argv[1:]]",
-    ]
+    program = "import importlib, sys; [importlib.import_module(n) for n in sys.argv[1:]]"
+    command = [old, "-c", program]
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     done = subprocess.run(
         [*command, *names], cwd=folder, env=environment, capture_output=True, text=True

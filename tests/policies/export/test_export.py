@@ -135,7 +135,7 @@ def test_it_is_left_out_on_request_and_still_compared(tmp_path):
         "left_out"
     ]
     doubling = policy_file(tmp_path / "b", stack(command=(f"{HERE}:Doubling", {})))
-    with pytest.raises(ParityError, match="throttle|steering"):
+    with pytest.raises(ParityError, match=r"throttle|steering"):
         list(export(config(doubling, tmp_path / "b" / "policy", training_only=["command"])))
 
 
