@@ -25,7 +25,7 @@ def main() -> None:
     from buggy_rl.files import write_json
     from buggy_rl.policies import live_drive
     from buggy_rl.policies.drive_note import DriveNote, note_file
-    from buggy_rl.policies.pacing import Deadlines
+    from buggy_rl.car.deadlines import Deadlines
     from buggy_rl.recordings.recorder import Recorder
     from buggy_rl.vehicle import CONTROL_PERIOD
     from buggy_rl.viz.viewer.cockpit import Cockpit

@@ -1,6 +1,7 @@
 """Names of drivers -> the drivers; a driver's module is imported when it is named."""
 
 import importlib
+from typing import Any, Dict, Mapping
 
 SENSORS = {
     "simulated": "buggy_rl.car.simulated:SimulatedSensor",
@@ -17,24 +18,23 @@ PILOTS = {
 }
 
 
-def make_device(drivers, about, place):
-    # type: (Mapping[str, str], Mapping[str, Any], str) -> Any
+def make_device(drivers: Mapping[str, str], about: Mapping[str, Any], place: str) -> Any:
     """The driver that a section of the config names by `kind`.
 
     Args:
         drivers: `SENSORS`, `ACTUATORS` or `PILOTS`.
-        about: `kind` and the driver's own settings. The driver is called with them: its class has
-            `from_dict(settings)`, which checks them.
+        about: `kind`, one of the names or MODULE:CLASS of a driver of your own, and the driver's
+            own settings, which its class method `from_dict(settings)` checks.
         place: What messages call the section.
 
     Raises:
         ValueError: The kind is unknown or a setting is invalid.
         OSError: The device cannot be opened.
     """
-    settings = dict(about)  # type: Dict[str, Any]
+    settings: Dict[str, Any] = dict(about)
     kind = settings.pop("kind", None)
-    if kind not in drivers:
+    if kind not in drivers and ":" not in str(kind):
         known = ", ".join(sorted(drivers))
-        raise ValueError(f"{place}.kind={kind!r}: must be one of {known}")
-    module, _, name = drivers[kind].partition(":")
+        raise ValueError(f"{place}.kind={kind!r}: must be one of {known}, or MODULE:CLASS")
+    module, _, name = drivers.get(kind, kind).partition(":")
     return getattr(importlib.import_module(module), name).from_dict(settings)

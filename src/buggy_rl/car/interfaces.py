@@ -1,6 +1,6 @@
 """What the runtime asks of a sensor, of an actuator and of a person; drivers derive from these."""
 
-from typing import NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 NO_DRIVE = -1.0  # throttle: no drive, the car coasts
 NEUTRAL = (NO_DRIVE, 0.0)  # throttle and steering: no drive, wheels straight ahead
@@ -25,6 +25,8 @@ class Reading(NamedTuple):
 class Sensor:
     """Measures the motion of the car; a driver reads its device in a thread of its own."""
 
+    _given: Optional[Reading] = None
+
     def latest(self) -> Optional[Reading]:
         """The last reading, or None before the first; it never blocks.
 
@@ -32,6 +34,18 @@ class Sensor:
         it. An unplugged device goes on returning its last reading.
         """
         raise NotImplementedError
+
+    def readings(self) -> List[Reading]:
+        """All readings since the last call, oldest first; it never blocks.
+
+        Here the last one, if it is new. A driver that keeps the others overrides this: a frame that
+        comes twice in a period of the loop is otherwise missing in the recording.
+        """
+        reading = self.latest()
+        if reading is None or reading is self._given:
+            return []
+        self._given = reading
+        return [reading]
 
     def close(self) -> None:
         """Lets go of the device; a second call does nothing."""
@@ -81,6 +95,9 @@ class Pilot:
         False where nothing is heard of the device any more.
         """
         raise NotImplementedError
+
+    def show(self, armed: bool, message: str) -> None:
+        """Tells the person that the car was armed or disarmed, and why; called at each change."""
 
     def close(self) -> None:
         """Lets go of the device; a second call does nothing."""

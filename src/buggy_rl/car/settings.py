@@ -1,7 +1,7 @@
 """Sections of a config file -> NamedTuples; every error names key, value and what is expected."""
 
 import math
-from typing import Any, Mapping, Tuple, Type, TypeVar, Union
+from typing import Any, Dict, Mapping, Tuple, Type, TypeVar, Union
 
 Section = TypeVar("Section", bound=tuple)
 Allowed = Union[Tuple[float, float], Tuple[str, ...]]
@@ -25,7 +25,7 @@ def section(
     Raises:
         ValueError: A key is unknown or missing, or a value has a wrong type or range.
     """
-    fields, defaults = kind._fields, kind._field_defaults
+    fields, defaults = kind._fields, kind._field_defaults  # type: ignore[attr-defined]
     if not isinstance(content, Mapping):
         raise ValueError(f"{place}={content!r}: must be an object with keys and values")
     for key in content:
@@ -35,14 +35,13 @@ def section(
     for key in fields:
         if key not in content and key not in defaults:
             raise ValueError(f"{place}.{key} is missing; state it")
-    values = {}  # type: Dict[str, Any]
+    values: Dict[str, Any] = {}
     for key, value in content.items():
         values[key] = _checked(value, defaults.get(key), place + "." + key, allowed.get(key))
     return kind(**values)
 
 
-def _checked(value, default, name, allowed):
-    # type: (Any, Any, str, Any) -> Any
+def _checked(value: Any, default: Any, name: str, allowed: Any) -> Any:
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ValueError(f"{name}={value!r}: must be true or false")
@@ -61,8 +60,7 @@ def _checked(value, default, name, allowed):
     return value
 
 
-def _number(value, default, name):
-    # type: (Any, Union[int, float], str) -> Union[int, float]
+def _number(value: Any, default: Any, name: str) -> Any:
     whole = isinstance(default, int)
     right = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
     if not right or not math.isfinite(value):
