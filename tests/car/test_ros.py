@@ -41,15 +41,13 @@ def vector(x=0.0, y=0.0, z=0.0):
     return T["geometry_msgs/msg/Vector3"](x, y, z)
 
 
-def odometry(
-    x=1.0, y=-2.0, q=(0.0, 0.0, 0.0, 1.0), linear=(3.0, 0.5), turn=0.7, variance=1e-3, **at
-):
+def odometry(x=1.0, y=-2.0, q=(0.0, 0.0, 0.0, 1.0), variance=1e-3, **at):
     covariance = np.zeros(36)
     covariance[0] = covariance[7] = variance
     pose = T["geometry_msgs/msg/Pose"](
         T["geometry_msgs/msg/Point"](x, y, 0.1), T["geometry_msgs/msg/Quaternion"](*q)
     )
-    twist = T["geometry_msgs/msg/Twist"](vector(*linear), vector(z=turn))
+    twist = T["geometry_msgs/msg/Twist"](vector(3.0, 0.5), vector(z=0.7))
     message = T["nav_msgs/msg/Odometry"](
         header(**at),
         "base_link",
@@ -110,9 +108,8 @@ def test_an_uncertain_pose_has_no_confidence(variance):
     ],
 )
 def test_a_command_is_an_angle_and_a_speed_or_an_acceleration(throttle, steering, kind, expected):
-    car = Ackermann(
-        lock_left=0.3, lock_right=0.4, throttle=kind, top_speed=4.0, top_acceleration=2.0
-    )
+    numbers = {"lock_left": 0.3, "lock_right": 0.4, "top_speed": 4.0, "top_acceleration": 2.0}
+    car = Ackermann(throttle=kind, **numbers)
     assert ackermann_of(throttle, steering, car) == pytest.approx(expected)
     message = drive_message()
     fill_drive(message, throttle, steering, car)
@@ -215,7 +212,7 @@ def test_commands_are_published_and_neutral_is_no_speed_and_straight_wheels(ros)
 
 def test_without_ros_the_error_says_what_to_source(monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    with pytest.raises(ImportError, match="needs ROS 2 .Humble or later. .*setup.bash"):
+    with pytest.raises(ImportError, match=r"needs ROS 2 .Humble or later. .*setup\.bash"):
         OdometrySensor()
 
 
