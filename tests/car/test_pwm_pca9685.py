@@ -175,6 +175,26 @@ def test_closed_it_writes_no_more(board):
         actuator.write(0.0, 0.0)
 
 
+def test_the_heartbeat_changes_with_each_command_that_the_board_took(board, tmp_path):
+    line = tmp_path / "value"
+    actuator = PCA9685(Wiring(heartbeat=str(line)), board)
+    seen = []
+    for _ in range(4):
+        actuator.write(-1.0, 0.0)
+        seen.append(line.read_text())
+    assert seen in (["0", "1", "0", "1"], ["1", "0", "1", "0"])
+    board.broken = True
+    with pytest.raises(OSError, match="Remote I/O"):
+        actuator.write(-1.0, 0.0)
+    assert line.read_text() == seen[-1]  # the timer runs out, the board's outputs go off
+    actuator.close()
+
+
+def test_a_heartbeat_without_its_gpio_is_an_error(board, tmp_path):
+    with pytest.raises(OSError, match="no/value"):
+        PCA9685(Wiring(heartbeat=str(tmp_path / "no" / "value")), board)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

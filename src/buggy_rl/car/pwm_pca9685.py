@@ -46,6 +46,9 @@ class Wiring(NamedTuple):
     """Largest servo value of the steering away from 0.5: where the linkage ends."""
     steering_direction: int = 1
     """-1 for a servo that turns the wheels to the right above 0.5."""
+    heartbeat: str = ""
+    """File of a GPIO's value, such as /sys/class/gpio/gpio216/value, that changes with each command
+    written: it feeds the timer on the board's output-enable pin (docs/car.md). Empty for none."""
 
 
 RANGES = {
@@ -101,7 +104,7 @@ class PCA9685(Actuator):
     Raises:
         ValueError: A direction is 0, or both channels are the same.
         ImportError: Neither smbus2 nor smbus is installed.
-        OSError: The board does not answer, or does not take its frequency.
+        OSError: The board does not answer or does not take its frequency, or there is no such GPIO.
     """
 
     def __init__(self, wiring: Optional[Wiring] = None, bus: Any = None) -> None:
@@ -114,6 +117,8 @@ class PCA9685(Actuator):
             )
         self._prescale = prescale(w.frequency, w.oscillator)
         self._bus: Any = _opened(w.bus) if bus is None else bus
+        self._heartbeat = open(w.heartbeat, "w") if w.heartbeat else None  # noqa: SIM115
+        self._beat = False
         self._start()
 
     @classmethod
@@ -126,11 +131,19 @@ class PCA9685(Actuator):
             raise ValueError(f"actuator: throttle {throttle}, steering {steering}: not in [-1, 1]")
         self._pulse(self.wiring.throttle_channel, throttle_servo(throttle, self.wiring))
         self._pulse(self.wiring.steering_channel, steering_servo(steering, self.wiring))
+        if self._heartbeat is not None:  # only after the board has taken both
+            self._beat = not self._beat
+            self._heartbeat.seek(0)
+            self._heartbeat.write("1" if self._beat else "0")
+            self._heartbeat.flush()
 
     def close(self) -> None:
         if self._bus is not None:
             self._bus.close()
             self._bus = None
+        if self._heartbeat is not None:
+            self._heartbeat.close()
+            self._heartbeat = None
 
     def _start(self) -> None:
         """Sets the frequency, which the board takes only asleep, and neutral; wakes it up."""
