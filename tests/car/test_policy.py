@@ -135,6 +135,24 @@ def test_the_last_command_is_observed_and_forgotten_at_a_reset(policy):
     assert made.step(REST, REST) == (-0.5, 0.25)
 
 
+def test_what_acted_instead_is_observed_and_filtered_from(policy):
+    made = policy(
+        observation={"inputs": ["last_action"], "rows": 1},
+        commands=[{"name": "last_action"}, {"name": "rate_limit", "largest": [0.2, 0.1]}],
+        layers=[(np.eye(2), [0.5, 0.0])],
+    )
+    command = made.step(REST, REST)
+    assert command == pytest.approx((-0.8, 0.0))  # asked -1 + 0.5, a step of 0.2 allowed
+    made.acted(command)
+    assert made.observation.values.tolist() == [-1.0, 0.0]
+    # Its own command changes nothing: what is observed is what was asked, -0.5.
+    assert made.step(REST, REST) == pytest.approx((-0.6, 0.0))
+    assert made.observation.values[0] == pytest.approx(-0.5)
+    made.acted((-0.9, 0.3))  # a cap, or a person
+    assert made.step(REST, REST) == pytest.approx((-0.7, 0.3))  # asked -0.4, 0.3
+    assert made.observation.values.tolist() == pytest.approx([-0.9, 0.3])
+
+
 def test_history_begins_full_of_the_first_observation_and_is_oldest_first(policy):
     made = policy(observation={"inputs": ["target_speed"], "rows": 3}, commands=[],
                   target_speed={"low": 0.0, "high": 2.0}, layers=[(np.eye(2, 3), [0, 0])],

@@ -22,7 +22,8 @@ class Driver:
     """A policy on a path, begun anew at each arming.
 
     Args:
-        policy: With `reset(path)`, `step(pose, velocity)` and `ended`.
+        policy: With `control_period`, `reset(path)`, `step(pose, velocity)`, `acted(command)` and
+            `ended`.
         course: Its path.
     """
 
@@ -39,6 +40,22 @@ class Driver:
     def step(self, reading: Reading) -> Command:
         """The command for a reading."""
         return self.policy.step(reading.pose, reading.velocity)
+
+    def acted(self, command: Command) -> None:
+        """Says what the wheels got where this driver was asked, after limits and people."""
+        self.policy.acted(command)
+
+    def refuse_other_than(self, period: float) -> None:
+        """Checks the control period [s] of the loop.
+
+        Raises:
+            ValueError: The policy has another one.
+        """
+        own = self.policy.control_period
+        if abs(period - own) > 1e-9:
+            raise ValueError(
+                f"car.period={period:g} s, but the policy was made for {own:g} s: make them equal"
+            )
 
     @property
     def ended(self) -> str:

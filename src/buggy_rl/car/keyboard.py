@@ -88,7 +88,8 @@ class Keyboard(Pilot):
         return self._before is not None and not self._human.silent
 
     def show(self, armed: bool, message: str) -> None:
-        sys.stderr.write(f"\r\n{'ARMED' if armed else 'stopped'}: {message}\r\n{HELP}\r\n")
+        if not armed:
+            sys.stderr.write(HELP + "\n")
 
     def close(self) -> None:
         if self._before is not None:

@@ -34,10 +34,15 @@ class Loop:
         parts: What it works with.
         period: Control period [s].
         say: Tells a person why the car is armed or not, at each change.
+
+    Raises:
+        ValueError: The policy has another control period.
     """
 
     def __init__(self, parts: Parts, period: float, say: Callable[[str], None]) -> None:
         self.parts, self.period = parts, period
+        if parts.driver is not None:
+            parts.driver.refuse_other_than(period)
         self.steps, self.missed, self.armings = 0, 0, 0
         self.times, self.delays = LoopTimes(), LoopTimes()
         self._history = CommandHistory()
@@ -103,6 +108,8 @@ class Loop:
         policy = self._policy() if drivable and was_armed else None
         hold, hardware = parts.pilot.hold_to_drive, parts.watchdog.trouble
         decision = supervisor.decide(now, self.period, hold, own, policy, hardware)
+        if policy is not None and parts.driver is not None:
+            parts.driver.acted(decision.command)
         if supervisor.armed and not was_armed:
             self._begin(now)
         return decision

@@ -15,7 +15,7 @@ from typing import Any, Dict, Optional, Sequence
 import numpy as np
 
 from buggy_rl.car.commands import bounded, make_command_filter
-from buggy_rl.car.interfaces import Command
+from buggy_rl.car.interfaces import NEUTRAL, Command
 from buggy_rl.car.network import Network
 from buggy_rl.car.observation import Observation
 from buggy_rl.car.path import Path
@@ -57,6 +57,7 @@ class Policy:
         self._memories = {part.key: part for part in self._commands}
         self._velocity: Velocity = (0.0, 0.0, 0.0)
         self._begun, self._has_path = False, False
+        self._given: Command = NEUTRAL  # the command that was returned last
 
     @classmethod
     def load(cls, file: str) -> "Policy":
@@ -82,6 +83,7 @@ class Policy:
         for part in (*self._sensing, *self._commands, self.observation):
             part.reset()
         self.ended, self._begun, self._has_path = "", False, True
+        self._given = NEUTRAL
 
     def step(self, pose: Sequence[float], velocity: Velocity) -> Command:
         """The command for the control period that begins now.
@@ -112,7 +114,18 @@ class Policy:
         command = bounded((float(mean[0]), float(mean[1])))
         for part in self._commands:
             command = part.filtered(command)
+        self._given = command
         return command
+
+    def acted(self, command: Command) -> None:
+        """Says what the wheels got in this step, after limits and people.
+
+        Where that is not what `step` returned, the filters of the command and the last command
+        that is observed go on from it, as in training, where nothing stands behind them.
+        """
+        if command != self._given:
+            for part in self._commands:
+                part.now = command
 
     def _follow(self, x: np.float32, y: np.float32, yaw: np.float32) -> None:
         """Closes waypoints and says whether the path is left or completed."""

@@ -60,6 +60,7 @@ class Pursuit:
         self.config = config
         self._points = np.zeros((1, 2))
         self._closed, self._at, self._time = False, -1, 0.0
+        self.control_period = config.dt
         self.ended = ""
         """Why the drive is over, at the end of an open path."""
 
@@ -85,6 +86,9 @@ class Pursuit:
         speed = max(CREEP, c.speed * (1 + c.weave * swing))
         drive = c.drive_at_rest + c.drive_per_speed * speed + 0.3 * (speed - velocity[0])
         return 2 * max(0.0, min(1.0, drive)) - 1, max(-1.0, min(1.0, steering))
+
+    def acted(self, command: Command) -> None:
+        """Does nothing: pure pursuit remembers no command."""
 
     def _seen(self, pose: Sequence[float]) -> Tuple[float, float]:
         """The point that is steered for, in the body frame [m]."""
