@@ -50,10 +50,10 @@ STACKS = {
 def exported(tmp_path_factory):
     """An export of a task, with the pair of files in a folder."""
 
-    def make(stack_name, steps=120, **config):
+    def make(stack_name, steps=80, **config):
         folder = tmp_path_factory.mktemp("policy")
         file = policy_file(folder, stack(**STACKS[stack_name]), hidden=[32, 32], **config)
-        export = Export(ExportConfig(str(file), str(folder / "car"), random_steps=120))
+        export = Export(ExportConfig(str(file), str(folder / "car"), random_steps=80))
         export.compared = {
             name: replace(course, steps=min(course.steps, steps))
             for name, course in export.compared.items()
@@ -74,14 +74,14 @@ def test_runtime_and_training_agree_over_drives_and_on_random_inputs(exported, s
     export, content = exported(stack_name)
     results = dict(export.comparisons(Runtime(content)))
     assert set(results) == {"lap", "infinity", "random inputs"}
-    assert results["random inputs"]["steps"] == results["lap"]["steps"] == 120
+    assert results["random inputs"]["steps"] == results["lap"]["steps"] == 80
     for result in results.values():
         assert result["observation"] < 1e-5
         assert result["command"] < 1e-5
 
 
 def test_they_agree_to_the_end_of_a_drive(exported):
-    export, content = exported("everything", steps=1000)
+    export, content = exported("everything", steps=600)
     (where, result), *_ = export.comparisons(Runtime(content))
     assert (where, result["command"] < 1e-5) == ("lap", True)
     assert result["steps"] > 500
