@@ -10,6 +10,7 @@ import time
 from collections import deque
 from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Tuple
 
+from buggy_rl.car.device_clock import DeviceClock
 from buggy_rl.car.interfaces import Reading, Sensor
 from buggy_rl.car.settings import section
 
@@ -87,7 +88,7 @@ def _triple(vector: Any) -> Triple:
 
 
 class T265(Sensor):
-    """The camera, at 200 Hz; a reading is stamped when it arrives.
+    """The camera, at 200 Hz; its stamps are brought to the monotonic clock.
 
     Args:
         mount: Where the camera is on the car.
@@ -100,7 +101,7 @@ class T265(Sensor):
 
     def __init__(self, mount: Optional[Mount] = None, library: Any = None) -> None:
         self._mount = mount or Mount()
-        self._lock = threading.Lock()
+        self._lock, self._clock = threading.Lock(), DeviceClock()
         self._last: Optional[Reading] = None
         self._waiting: Deque[Reading] = deque(maxlen=KEPT)
         self._library = _imported() if library is None else library
@@ -142,7 +143,8 @@ class T265(Sensor):
         pose = frame.as_pose_frame()
         if not pose:
             return  # another stream's frame
-        reading = to_reading(pose.get_pose_data(), now, self._mount)
+        stamp = self._clock.time(1e-3 * pose.get_timestamp(), now)  # of the frame: [ms]
+        reading = to_reading(pose.get_pose_data(), stamp, self._mount)
         with self._lock:
             self._last = reading
             self._waiting.append(reading)

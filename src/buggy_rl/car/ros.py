@@ -14,6 +14,7 @@ import threading
 import time
 from typing import Any, List, Mapping, Optional
 
+from buggy_rl.car.device_clock import DeviceClock
 from buggy_rl.car.interfaces import Actuator, Reading, Sensor
 from buggy_rl.car.ros_messages import (
     ACKERMANN_RANGES,
@@ -42,7 +43,7 @@ class OdometrySensor(Sensor):
 
     def __init__(self, about: Optional[Odometry] = None) -> None:
         self._about = about or Odometry()
-        self._lock = threading.Lock()
+        self._lock, self._clock = threading.Lock(), DeviceClock()
         self._last: Optional[Reading] = None
         self._waiting: List[Reading] = []
         self._stamp = -math.inf
@@ -76,7 +77,8 @@ class OdometrySensor(Sensor):
         if stamp <= self._stamp:
             return
         self._stamp = stamp
-        reading = to_reading(message, now, self._about.largest_variance)
+        measured = self._clock.time(stamp, now)
+        reading = to_reading(message, measured, self._about.largest_variance)
         with self._lock:
             self._last = reading
             self._waiting = [*self._waiting[-KEPT:], reading]

@@ -53,19 +53,19 @@ def yaw_of(quaternion: Any) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def to_reading(message: Any, arrival: float, largest_variance: float) -> Reading:
+def to_reading(message: Any, stamp: float, largest_variance: float) -> Reading:
     """A reading of a `nav_msgs/Odometry`, whose twist is in the child frame: the car's body.
 
     Args:
         message: Pose in `header.frame_id`, twist in `child_frame_id`.
-        arrival: On this computer's monotonic clock [s]; the message's own stamp is of a clock that
-            may step.
+        stamp: When it was measured, on this computer's monotonic clock [s]; the message's own stamp
+            is of a clock that may step.
         largest_variance: Of x or y [m^2] for confidence 1; above it 0.
     """
     pose, twist = message.pose.pose, message.twist.twist
     variance = max(message.pose.covariance[0], message.pose.covariance[7])
     return Reading(
-        arrival,
+        stamp,
         (pose.position.x, pose.position.y, yaw_of(pose.orientation)),
         (twist.linear.x, twist.linear.y, twist.angular.z),
         1.0 if variance <= largest_variance else 0.0,  # NaN too is no confidence
