@@ -5,6 +5,7 @@ from typing import List
 
 from buggy_rl.car.config import load_config
 from buggy_rl.car.drive import drive
+from buggy_rl.car.priority import LOOP, take_priority
 
 
 def main(arguments: List[str]) -> int:
@@ -18,6 +19,7 @@ def main(arguments: List[str]) -> int:
         return 0 if arguments[:1] in (["-h"], ["--help"]) else 2
     try:
         config = load_config(arguments[0])
+        take_priority(LOOP)
         summary = drive(config, {"config": arguments[0]}, lambda line: print(line, flush=True))
     except (ValueError, OSError, ImportError) as error:
         print(error, file=sys.stderr)

@@ -10,7 +10,7 @@ from buggy_rl.car.config import CarConfig
 from buggy_rl.car.devices import PILOTS, SENSORS, make_device
 from buggy_rl.car.driver import make_driver
 from buggy_rl.car.loop import Loop, Parts
-from buggy_rl.car.priority import LOOP, take_priority
+from buggy_rl.car.priority import has_priority
 from buggy_rl.car.recorder import DriveRecorder, new_recording
 from buggy_rl.car.stopping import StopSignals
 from buggy_rl.car.supervisor import Supervisor
@@ -57,9 +57,9 @@ class Summary(NamedTuple):
         )
         return [
             f"stopped: {self.stopped}; {last}",
-            f"{self.steps} steps at {priority} priority, {self.missed} deadlines missed ({share:.3%})",
-            f"loop p50, p99, max {times} ms; latest command {1e3 * self.delay_max:.2f} ms after its "
-            "deadline",
+            f"{self.steps} steps at {priority} priority, {self.missed} deadlines missed "
+            f"({share:.3%}); loop p50, p99, max {times} ms; latest command "
+            f"{1e3 * self.delay_max:.2f} ms after its deadline",
             f"armed {self.armings} times; {self.capped} commands capped, {self.slowed} slowed down",
             f"{self.recording}: {self.rows} rows, {self.rows_left_out} readings left out",
         ]
@@ -77,7 +77,6 @@ def drive(config: CarConfig, about: Dict[str, Any], say: Callable[[str], None]) 
         ValueError: A section of the config is wrong.
         OSError: A device, a file or the watchdog cannot be opened.
     """
-    preferred = take_priority(LOOP)
     clock = Clock(config.speed)
     driver, limits = make_driver(config.policy), config.limits
     path, _ = new_recording(config.output)
@@ -102,7 +101,7 @@ def drive(config: CarConfig, about: Dict[str, Any], say: Callable[[str], None]) 
         except Exception as error:
             write_note(path, dict(about, origin=recorder.origin, stopped=repr(error)))
             raise
-    summary = summarised(loop, stopped, preferred, ending.confirmed)
+    summary = summarised(loop, stopped, ending.confirmed)
     write_note(path, dict(about, origin=recorder.origin, ended=wall_time(), **summary._asdict()))
     return summary
 
@@ -119,7 +118,7 @@ class Ending:
         self.confirmed = self._watchdog.close()
 
 
-def summarised(loop: Loop, stopped: str, preferred: bool, confirmed: bool) -> Summary:
+def summarised(loop: Loop, stopped: str, confirmed: bool) -> Summary:
     """The summary of a loop that has ended."""
     recorder, limits, times = loop.parts.recorder, loop.parts.supervisor.limits, loop.times
     return Summary(
@@ -136,7 +135,7 @@ def summarised(loop: Loop, stopped: str, preferred: bool, confirmed: bool) -> Su
         rows_left_out=recorder.left_out,
         capped=limits.capped,
         slowed=limits.slowed,
-        realtime=preferred,
+        realtime=has_priority(),
         neutral_confirmed=confirmed,
     )
 

@@ -25,3 +25,8 @@ def take_priority(priority: int) -> bool:
     except (PermissionError, AttributeError):  # the latter: no Linux
         return False
     return True
+
+
+def has_priority() -> bool:
+    """Whether `take_priority` was allowed in this process."""
+    return hasattr(os, "SCHED_FIFO") and os.sched_getscheduler(0) == os.SCHED_FIFO

@@ -1,6 +1,8 @@
 """The recording of a drive: appended to one file, on the disk within a second, off the loop."""
 
 import collections
+import contextlib
+import math
 import os
 import threading
 from typing import Deque, NamedTuple, Tuple
@@ -26,25 +28,26 @@ class Row(NamedTuple):
     armed: bool
     source: str
 
+    @property
+    def finite(self) -> bool:
+        """The reading has numbers only; a pose that is none says nothing a gap does not."""
+        return all(map(math.isfinite, (*self.reading.pose, *self.reading.velocity)))
+
     def line(self, origin: float) -> str:
-        """The line of the file; times [s] count from `origin`. Infinities are written as NaN."""
+        """The line of the file; times [s] count from `origin`."""
         reading, written = self.reading, self.written
-        motion = (*reading.pose, *reading.velocity)
-        numbers = (*map(_cell, motion), repr(written.throttle), repr(written.steering))
-        stamps = f"{reading.stamp - origin:.6f}", _cell(round(written.stamp - origin, 6))
-        about = (_cell(reading.confidence), str(int(self.armed)), self.source, stamps[1])
-        return ",".join((stamps[0], *numbers, *about)) + "\n"
-
-
-def _cell(value: float) -> str:
-    return repr(float(value)) if abs(value) < float("inf") else "nan"
+        numbers = (*reading.pose, *reading.velocity, written.throttle, written.steering)
+        about = f"{reading.confidence:.2f},{int(self.armed)},{self.source}"
+        command_t = f"{written.stamp - origin:.6f}" if math.isfinite(written.stamp) else ""
+        motion = ",".join(map(repr, numbers))
+        return f"{reading.stamp - origin:.6f},{motion},{about},{command_t}\n"
 
 
 class DriveRecorder:
     """Writes rows in a thread; the loop only leaves them in a queue.
 
-    Rows whose stamp is not after the last one's, or is in the future, are left out and counted:
-    time never runs back in a recording.
+    Left out and counted are rows with a number that is not finite, and those whose stamp is not
+    after the last one's or is in the future: time never runs back in a recording.
 
     Args:
         path: A new .csv.
@@ -73,7 +76,8 @@ class DriveRecorder:
 
     def put(self, row: Row, now: float) -> None:
         """Takes a row at the time `now` [s]; it never waits."""
-        if not self.last_stamp < row.reading.stamp <= now + FUTURE:
+        in_order = self.last_stamp < row.reading.stamp <= now + FUTURE
+        if not in_order or not row.finite:
             self.left_out += 1
             return
         if len(self._waiting) >= MOST_WAITING:
@@ -97,7 +101,7 @@ class DriveRecorder:
                 self._flush()
         except OSError as error:
             self.error = f"{self.path}: {error}"
-        finally:
+        with contextlib.suppress(OSError):  # what a full disk did not take is said by `error`
             self._file.close()
 
     def _flush(self) -> None:

@@ -28,10 +28,12 @@ class Safety(NamedTuple):
     """Granted between the change of yaw and the yaw rate times time [rad]."""
     jump_speed: float = 1.0
     """Granted to a change of vx or vy [m/s]: 10 g over 10 ms."""
+    drift_distance: float = 0.1
+    """Granted to the sum of those differences over 0.2 s [m]: velocities wrong by 0.5 m/s."""
     acceleration: float = 20.0
-    """Widens the three limits with time [m/s^2]; 2 g, twice the grip of rubber."""
-    yaw_acceleration: float = 200.0
-    """Widens the limit of yaw with time [rad/s^2]; full tyre force at both axles."""
+    """Widens the limits with time [m/s^2]; 2 g, twice the grip of rubber."""
+    yaw_acceleration: float = 100.0
+    """Widens the limit of yaw with time [rad/s^2]; half of full tyre force at both axles."""
     throttle_cap: float = 0.0
     """Highest throttle, in [-1, 1]; 0 is half of the drive."""
     throttle_rise: float = 20.0
@@ -68,6 +70,7 @@ RANGES = {
     "jump_distance": (0.005, 1.0),
     "jump_angle": (0.01, 1.0),
     "jump_speed": (0.05, 10.0),
+    "drift_distance": (0.01, 1.0),
     "acceleration": (1.0, 200.0),
     "yaw_acceleration": (10.0, 2000.0),
     "throttle_cap": (-1.0, 1.0),

@@ -15,7 +15,7 @@ READING = struct.Struct("<8d")  # stamp, x, y, yaw, vx, vy, yaw_rate, confidence
 WRITE = struct.Struct("<2d")  # throttle, steering
 TAKEN, REFUSED = b"\0", b"\1"
 KEPT = 200  # readings that wait for the loop; 2 s at 100 Hz
-SLOWEST_ANSWER = 0.02  # [s] to a write; a command at 100 kHz on the bus takes 0.6 ms
+SLOWEST_ANSWER = 0.04  # [s] to a write; a command at 100 kHz on the bus takes 0.6 ms
 
 
 class Address(NamedTuple):

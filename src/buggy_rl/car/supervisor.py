@@ -58,7 +58,7 @@ class Supervisor:
         readings, limits = self.readings, self.safety
         if not self.armed and readings.age(now) > limits.disarm_after:
             readings.reset()
-        readings.judge(now, new, driven=self.limits.last[0] > NO_DRIVE)
+        readings.judge(now, new, armed=self.armed)
         sound = readings.fresh_for(now) >= limits.recovered_after
         if sound:
             self._sound = now

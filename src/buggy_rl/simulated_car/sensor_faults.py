@@ -68,7 +68,7 @@ SENSOR_FAULTS: dict[str, Callable[[Passage], Reading | None]] = {
     "jumping": _jumping,
     "sparse": _sparse,
     "late": _late,
-    "nan": _nan,
+    "not_a_number": _nan,
     "unsure": _unsure,
     "clock_step": _clock_step,
 }

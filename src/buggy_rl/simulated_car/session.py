@@ -65,7 +65,16 @@ def simulated_config(
     }
 
 
-def start_runtime(config: Mapping[str, Any], file: Path) -> subprocess.Popen:
-    """Starts the runtime in a process of its own, as on the car's computer."""
+def start_runtime(
+    config: Mapping[str, Any], file: Path, output: int | None = None
+) -> subprocess.Popen:
+    """Starts the runtime in a process of its own, as on the car's computer.
+
+    Args:
+        config: Of the runtime.
+        file: That it is written to.
+        output: Where its messages go, as of `subprocess`; None for this process's own.
+    """
     write_json(file, dict(config))
-    return subprocess.Popen([sys.executable, "-m", "buggy_rl.car", str(file)])
+    command = [sys.executable, "-m", "buggy_rl.car", str(file)]
+    return subprocess.Popen(command, stdout=output)
