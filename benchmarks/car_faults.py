@@ -15,10 +15,11 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Makes what is left of the campaign and prints the table."""
-    config = from_command_line(__doc__, "benchmarks.car.campaign:CampaignConfig")
+    config = from_command_line(__doc__, "faults.campaign:CampaignConfig")
 
-    from benchmarks.car.campaign import injections, left, summary
     from tqdm import tqdm
+
+    from faults.campaign import injections, left, summary
 
     total = sum(left(config).values())
     with tqdm(total=total, desc="faults", unit="fault") as bar:

@@ -1,12 +1,13 @@
 """The runtime and the simulated car as processes: a drive, faults in it, and its recording."""
 
+import importlib
+import json
+import random
 import signal
 import subprocess
 import time
 
 import pytest
-from benchmarks.car.campaign import missing_time
-from benchmarks.car.injection import FAULTS, Target, reaction
 
 from buggy_rl.recordings.loading import load_recording
 from buggy_rl.simulated_car.config import SimulatedCarConfig
@@ -23,6 +24,14 @@ pytestmark = pytest.mark.timeout(180)
 SLACK = 60.0  # [ms] granted beyond the rules to a machine that is busy with other tests
 
 
+@pytest.fixture(scope="module", autouse=True)
+def faults(request):
+    """The modules of the fault campaign, by name."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(request.config.rootpath / "benchmarks")
+        yield lambda name: importlib.import_module(f"faults.{name}")
+
+
 @pytest.fixture(scope="module")
 def car():
     with SimulatedCar(SimulatedCarConfig(simulator="kinematic")) as running:
@@ -32,8 +41,9 @@ def car():
 class Driven:
     """A runtime on the car, armed again after each fault."""
 
-    def __init__(self, car, folder):
+    def __init__(self, car, folder, faults):
         self.car, self.folder = car, folder
+        self.injection, self.missing_time = faults("injection"), faults("campaign").missing_time
         course = write_course("lap", PathConfig(), folder)
         policy = policy_section("pursuit", course, {"speed": 1.0})
         about = simulated_config(car_config(), car.address, policy, str(folder / "rec"), 60.0)
@@ -52,9 +62,19 @@ class Driven:
 
     def react(self, fault, chance):
         self.wait_for_drive()
-        begin = FAULTS[fault](Target(self.car, self.process, chance))
+        target = self.injection.Target(self.car, self.process, chance)
+        begin = self.injection.FAULTS[fault](target)
         time.sleep(max(0.0, begin + 0.5 - self.car.now))
-        return reaction(begin, self.car.wheels(begin))
+        return self.reaction(begin)
+
+    def reaction(self, begin):
+        """Of the wheels to what began then."""
+        return self.injection.reaction(begin, self.car.wheels(begin))
+
+    def missing(self, end):
+        """Time [s] of the readings before `end` that are in no row."""
+        sent = [stamp for stamp in self.car.sent(self.begin) if stamp < end]
+        return self.missing_time(self.recording, sent)
 
     def end(self, number=signal.SIGTERM):
         self.ended = self.car.now
@@ -71,8 +91,8 @@ def car_config():
 
 
 @pytest.fixture
-def driven(car, tmp_path):
-    made = Driven(car, tmp_path)
+def driven(car, tmp_path, faults):
+    made = Driven(car, tmp_path, faults)
     yield made
     if made.process.poll() is None:
         made.process.kill()
@@ -80,16 +100,13 @@ def driven(car, tmp_path):
 
 
 def test_drive_is_cut_within_150_ms_of_faults_that_the_runtime_survives(driven):
-    import random
-
     chance = random.Random(3)
     for fault in ("silent", "frozen", "not_a_number", "pwm_refused"):
         assert driven.react(fault, chance).cut < 110 + SLACK, fault
     assert driven.end() == 0
     recording = load_recording(driven.recording)
     assert recording.data["pose"].isfinite().all()
-    sent = [s for s in driven.car.sent(driven.begin) if s < driven.ended]
-    assert missing_time(driven.recording, sent) < 1.0
+    assert driven.missing(driven.ended) < 1.0
 
 
 def test_a_killed_loop_leaves_neutral_wheels_and_its_recording(driven):
@@ -99,9 +116,8 @@ def test_a_killed_loop_leaves_neutral_wheels_and_its_recording(driven):
     driven.process.kill()
     driven.process.wait()
     time.sleep(0.3)
-    assert reaction(begin, driven.car.wheels(begin)).neutral < 100 + SLACK
-    sent = [s for s in driven.car.sent(driven.begin) if s < begin]
-    assert missing_time(driven.recording, sent) < 1.0
+    assert driven.reaction(begin).neutral < 100 + SLACK
+    assert driven.missing(begin) < 1.0
     assert len(load_recording(driven.recording)) > 100
 
 
@@ -109,9 +125,7 @@ def test_rows_hold_the_command_that_acted_from_their_stamp_on(driven):
     driven.wait_for_drive()
     time.sleep(1.0)
     assert driven.end() == 0
-    origin = float(
-        driven.recording.with_suffix(".json").read_text().split('"origin": ')[1].split(",")[0]
-    )
+    origin = json.loads(driven.recording.with_suffix(".json").read_text())["origin"]
     lines = driven.recording.read_text().splitlines()[1:]
     rows = [line.split(",") for line in lines]
     acted = {round(t - origin, 3): (a, b) for t, a, b in driven.car.wheels(driven.begin)}

@@ -20,7 +20,7 @@ def main(arguments: List[str]) -> int:
     try:
         config = load_config(arguments[0])
         take_priority(LOOP)
-        summary = drive(config, {"config": arguments[0]}, lambda line: print(line, flush=True))
+        summary = drive(config, {"config": config._asdict()}, lambda line: print(line, flush=True))
     except (ValueError, OSError, ImportError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -3,6 +3,7 @@
 import contextlib
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -60,19 +61,17 @@ def drive_on_car(config: OnCarConfig) -> int:
     from buggy_rl.simulated_car import session
     from buggy_rl.simulated_car.launcher import SimulatedCar
 
-    folder = Path(config.output)
-    is_file = config.course.endswith(".csv")
-    course = (
-        Path(config.course)
-        if is_file
-        else session.write_course(config.course, config.paths, folder)
-    )
-    policy = session.policy_section(config.policy, course, config.pursuit)
-    with SimulatedCar(config.simulated) as car:
-        about = session.simulated_config(
-            config.simulated, car.address, policy, config.output, config.seconds
-        )
-        return _finished(session.start_runtime(about, folder / "car.json"))
+    with tempfile.TemporaryDirectory(prefix="buggy_rl_") as scratch:
+        folder = Path(scratch)  # beside the recordings a path would be taken for one
+        course = Path(config.course)
+        if course.suffix != ".csv":
+            course = session.write_course(config.course, config.paths, folder)
+        policy = session.policy_section(config.policy, course, config.pursuit)
+        with SimulatedCar(config.simulated) as car:
+            about = session.simulated_config(
+                config.simulated, car.address, policy, config.output, config.seconds
+            )
+            return _finished(session.start_runtime(about, folder / "car.json"))
 
 
 def _finished(runtime: subprocess.Popen) -> int:

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import pandas as pd
-from benchmarks.car.injection import ENDS, FAULTS, WATCHED, Reaction, Target, reaction
 from tqdm import tqdm
 
 from buggy_rl.car.interfaces import NO_DRIVE
@@ -29,12 +28,16 @@ from buggy_rl.simulated_car.session import (
 )
 from buggy_rl.task.paths.making import PathConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
+from faults.injection import ENDS, FAULTS, WATCHED, Reaction, Target, reaction
 
 HARDWARE = {"watchdog_killed": 0.1}
 """Fault -> failsafe of the simulated board [s], for faults that only hardware can answer."""
 SLOWEST_START = 30.0  # [s] until the car drives
 DELAY = (0.15, 0.7)  # [s] of driving before a fault
-LAST_DELAY = (1.0, 1.6)  # [s] likewise, where it ends the drive: a recording has 1 s or more
+DELAYS = {
+    "jumping": (1.5, 3.0),  # or a third of the recording is elsewhere, which a reader refuses
+    **dict.fromkeys(ENDS, (1.0, 1.6)),  # it ends the drive, and a recording has 1 s or more
+}
 CELLS = len(COLUMNS) - 1  # commas of a whole line
 SLOWEST_END = 10.0  # [s] of the runtime
 A_DRIVE = 20  # injections in one drive, if the runtime survives them
@@ -152,7 +155,7 @@ def _inject(target: Target, fault: str) -> Reaction:
     """Waits until the car drives, spoils it at a random moment, reads the wheels' log [ms]."""
     while True:
         _wait_for_drive(target)
-        time.sleep(target.chance.uniform(*(LAST_DELAY if fault in ENDS else DELAY)))
+        time.sleep(target.chance.uniform(*DELAYS.get(fault, DELAY)))
         earlier = target.car.now
         if target.car.wheels(earlier)[0][1] <= NO_DRIVE:
             continue  # it coasts just now: nothing could be cut
