@@ -8,12 +8,39 @@ r"""Lets a person drive a simulator in the browser, at 100 Hz in real time, and 
 
 Open the address that is printed. Arrows or WASD drive and steer, space is neutral, C changes the
 camera, Enter starts. The recording is what every script reads; a note of who drove is beside it.
+
+With car= the car's own runtime drives, watched by its safety rules (docs/car.md):
+
+    python scripts/drive.py car=simulated policy=runs/x/car/policy.json course=lap output=runs/car
+    python scripts/drive.py car=simulated simulated.faults.steering_dead_time.dead_time=0.06 \
+        policy=pursuit pursuit.weave=0.5 seconds=45 output=runs/late
+    python scripts/drive.py car=my_car.json
+    python scripts/drive.py car=simulated --help
 """
+
+import sys
 
 from buggy_rl.config import from_command_line, plain, run
 
 
 def main() -> None:
+    """Lets a person drive in the browser, or the runtime on a car."""
+    if any(argument.startswith("car=") for argument in sys.argv[1:]):
+        on_car()
+    else:
+        in_browser()
+
+
+def on_car() -> None:
+    """Starts the runtime, and the simulated car where that is driven."""
+    config = from_command_line(__doc__, "buggy_rl.simulated_car.on_car:OnCarConfig")
+
+    from buggy_rl.simulated_car.on_car import drive_on_car
+
+    sys.exit(drive_on_car(config))
+
+
+def in_browser() -> None:
     """Waits for the driver, counts down, drives, records."""
     config = from_command_line(__doc__, "buggy_rl.policies.live_drive:DriveConfig")
 
@@ -22,10 +49,10 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
+    from buggy_rl.car.deadlines import Deadlines
     from buggy_rl.files import write_json
     from buggy_rl.policies import live_drive
     from buggy_rl.policies.drive_note import DriveNote, note_file
-    from buggy_rl.policies.pacing import Deadlines
     from buggy_rl.recordings.recorder import Recorder
     from buggy_rl.vehicle import CONTROL_PERIOD
     from buggy_rl.viz.viewer.cockpit import Cockpit

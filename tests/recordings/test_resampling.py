@@ -126,3 +126,13 @@ def test_the_control_period_can_be_chosen(make_drive, write):
     grid_is_uniform(recording)
     with pytest.raises(ValueError, match="dt is -1"):
         load_recording("any.csv", dt=-1)
+
+
+def test_a_segment_that_begins_a_microsecond_after_the_grid_has_numbers(make_drive, write):
+    # Stamps are rounded to microseconds, so a start exactly SNAP after a grid time occurs.
+    frame = make_drive(seconds=20)
+    part = (frame.t // 0.5).astype(int)  # parts of 0.5 s, each begun after a gap of 0.1 s
+    frame = frame[frame.t % 0.5 >= 0.1].assign(t=(frame.t + 1e-6 * (part > 0)).round(6))
+    recording = load_recording(write(frame))
+    assert len(recording.data["segment"].unique()) == 40
+    assert recording.data["pose"].isfinite().all()

@@ -5,9 +5,9 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from buggy_rl.car.deadlines import Deadlines
 from buggy_rl.config import from_plain
 from buggy_rl.policies.live_drive import DriveConfig, Row
-from buggy_rl.policies.pacing import Deadlines
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 

@@ -1,20 +1,10 @@
-"""A person's input -> commands at the control period; neutral as soon as nothing is heard."""
+"""A person's commands, as the command line configures them; the driver itself is the car's."""
 
-import json
-import math
-import threading
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
-NO_DRIVE = -1.0  # throttle: no drive
-
-Command = tuple[float, float]
-"""Throttle and steering in [-1, 1]."""
-
-NEUTRAL: Command = (NO_DRIVE, 0.0)
-"""No drive, wheels straight ahead."""
+from buggy_rl.car.human import check_human
+from buggy_rl.car.interfaces import Command
 
 
 @dataclass(frozen=True)
@@ -39,36 +29,7 @@ class HumanConfig:
     """Of a stick about its middle."""
 
     def __post_init__(self) -> None:
-        for name in ("throttle_rise", "throttle_fall", "steering_rise", "steering_fall"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"human.{name}={getattr(self, name):g}: must be above 0")
-        if not 0 < self.silence <= 0.09:
-            raise ValueError(
-                f"human.silence={self.silence:g} s: must be above 0 and at most 0.09, so that the "
-                "car has no drive 0.1 s after the browser went away"
-            )
-        if not -1 < self.top_throttle <= 1:
-            raise ValueError(f"human.top_throttle={self.top_throttle:g}: must be in (-1, 1]")
-        if not 0 < self.lock <= 1:
-            raise ValueError(f"human.lock={self.lock:g}: must be in (0, 1]")
-        if not 0 <= self.dead_zone < 1:
-            raise ValueError(f"human.dead_zone={self.dead_zone:g}: must be in [0, 1)")
-
-
-@dataclass(frozen=True)
-class Controls:
-    """What is held at an instant."""
-
-    source: str = "keyboard"
-    """keyboard, whose keys are ramped, or gamepad, whose sticks are taken as they are."""
-    throttle: float = NO_DRIVE
-    """Of a gamepad the command; of a keyboard 1 while the forward key is held, else -1."""
-    steering: float = 0.0
-    """Of a gamepad the command; of a keyboard 1 to the left, -1 to the right, 0 for neither."""
-    neutral: bool = False
-    """The neutral key: at once, without a ramp."""
-    connected: bool = True
-    """False when the page is left or the gamepad is unplugged."""
+        check_human(self)
 
 
 class Input(Protocol):
@@ -77,93 +38,3 @@ class Input(Protocol):
     def command(self, dt: float) -> Command:
         """The command for the step that begins now and lasts `dt` [s]."""
         ...
-
-
-def read_controls(message: str | bytes) -> Controls:
-    """The controls in a JSON object such as `{"throttle": 1, "steering": 0, "connected": true}`.
-
-    Raises:
-        ValueError: It is no such object, or a number is not in [-1, 1].
-    """
-    content = json.loads(message)
-    known = Controls.__dataclass_fields__
-    if not isinstance(content, dict) or not content.keys() <= known.keys():
-        raise ValueError(f"controls {message!r}: must be an object with some of {', '.join(known)}")
-    controls = replace(Controls(), **content)
-    if controls.source not in ("keyboard", "gamepad"):
-        raise ValueError(f"controls source={controls.source!r}: must be keyboard or gamepad")
-    for name in ("throttle", "steering"):
-        value = getattr(controls, name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1:
-            raise ValueError(f"controls {name}={value!r}: must be a number in [-1, 1]")
-    for name in ("neutral", "connected"):
-        if not isinstance(getattr(controls, name), bool):
-            raise ValueError(f"controls {name}={getattr(controls, name)!r}: must be true or false")
-    return controls
-
-
-class HumanInput:
-    """Commands of the controls last heard; neutral before the first and after a silence.
-
-    A thread may write while another reads.
-
-    Args:
-        config: Ramps and the longest silence.
-        clock: Monotonic time [s].
-    """
-
-    def __init__(
-        self, config: HumanConfig | None = None, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.config = config or HumanConfig()
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._heard = -math.inf
-        self._controls = Controls()
-        self._now: Command = NEUTRAL
-
-    def hear(self, controls: Controls) -> None:
-        """Takes what is held now."""
-        with self._lock:
-            self._controls, self._heard = controls, self._clock()
-
-    @property
-    def silent(self) -> bool:
-        """Nobody is there: nothing was heard, the last message is too old or said goodbye."""
-        with self._lock:
-            late = self._clock() - self._heard > self.config.silence
-            return late or not self._controls.connected
-
-    def command(self, dt: float) -> Command:
-        """The command for the step that begins now and lasts `dt` [s]."""
-        silent, controls = self.silent, self._controls
-        if silent or controls.neutral:
-            self._now = NEUTRAL
-        elif controls.source == "gamepad":
-            steering = without_dead_zone(controls.steering, self.config.dead_zone)
-            self._now = controls.throttle, steering
-        else:
-            self._now = self._ramped(controls, dt)
-        return self._now
-
-    def _ramped(self, controls: Controls, dt: float) -> Command:
-        c, (throttle, steering) = self.config, self._now
-        top = c.top_throttle if controls.throttle > 0 else NO_DRIVE
-        throttle = moved(throttle, top, dt * c.throttle_rise, dt * c.throttle_fall)
-        side = c.lock * controls.steering
-        # On the way back to the middle, the wheels turn faster than away from it.
-        fall = min(abs(steering), dt * c.steering_fall) if steering * side <= 0 else 0.0
-        steering -= math.copysign(fall, steering)
-        rate = c.steering_rise if side else c.steering_fall
-        return throttle, moved(steering, side, dt * rate, dt * rate)
-
-
-def moved(value: float, target: float, rise: float, fall: float) -> float:
-    """`value` on its way to `target`, by at most `rise` upwards or `fall` downwards."""
-    return min(value + rise, target) if target >= value else max(value - fall, target)
-
-
-def without_dead_zone(value: float, dead_zone: float) -> float:
-    """A stick's value in [-1, 1] that is 0 within the dead zone and continuous at its edge."""
-    beyond = max(0.0, abs(value) - dead_zone) / (1 - dead_zone)
-    return math.copysign(beyond, value)

@@ -13,10 +13,11 @@ from torchrl.data import Composite
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.interfaces import NEUTRAL, Command
 from buggy_rl.policies.benchmark_paths import RANDOM_STEPS, STEPS, benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
-from buggy_rl.policies.human import NEUTRAL, Command, HumanConfig, Input
-from buggy_rl.policies.pacing import Deadlines
+from buggy_rl.policies.human import HumanConfig, Input
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths

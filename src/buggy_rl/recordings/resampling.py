@@ -80,7 +80,9 @@ def _snapped(grid: ndarray, stamps: ndarray) -> ndarray:
     right = np.clip(np.searchsorted(stamps, grid), 1, len(stamps) - 1)
     left = stamps[right - 1]
     nearest = np.where(grid - left < stamps[right] - grid, left, stamps[right])
-    return np.where(np.abs(grid - nearest) <= SNAP, nearest, grid)
+    snapped = np.where(np.abs(grid - nearest) <= SNAP, nearest, grid)
+    # By rounding, a grid time that is exactly SNAP before the first stamp may not be snapped to it.
+    return np.clip(snapped, stamps[0], stamps[-1])
 
 
 def _interpolated(stamps: ndarray, values: ndarray, t: ndarray) -> ndarray:

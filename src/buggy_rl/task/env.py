@@ -235,6 +235,15 @@ def in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:
     Raises:
         ValueError: One stands before a place that does not exist.
     """
+    return [transforms[place] for place in places_in_order(transforms)]
+
+
+def places_in_order(transforms: dict[str, TransformConfig]) -> list[str]:
+    """Places of the transforms that are there, from the engine outwards.
+
+    Raises:
+        ValueError: One stands before a place that does not exist.
+    """
     places = [place for place, config in transforms.items() if not config.before]
     for place, config in transforms.items():
         if config.before:
@@ -244,4 +253,4 @@ def in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:
                     f"{', '.join(places)}"
                 )
             places.insert(places.index(config.before), place)
-    return [transforms[place] for place in places if transforms[place].name != "none"]
+    return [place for place in places if transforms[place].name != "none"]

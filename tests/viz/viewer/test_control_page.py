@@ -9,7 +9,8 @@ from urllib.request import urlopen
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from buggy_rl.policies.human import NEUTRAL, HumanConfig, HumanInput
+from buggy_rl.car.human import HumanConfig, HumanInput
+from buggy_rl.car.interfaces import NEUTRAL
 from buggy_rl.viz.viewer.control_page import BUSY, UNSUPPORTED, ControlPage
 from tests.viz.viewer.client import PATIENCE, Keys, connected, reachable, wait_until
 

@@ -7,9 +7,9 @@ import sys
 import pytest
 import torch
 
-from buggy_rl.policies.human import HumanConfig, HumanInput
+from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.human import HumanConfig, HumanInput
 from buggy_rl.policies.live_drive import DriveConfig, ScriptedInput, drive_environment, rows, start
-from buggy_rl.policies.pacing import Deadlines
 from buggy_rl.recordings import load_recordings
 from buggy_rl.viz.viewer.control_page import ControlPage
 from tests.viz.viewer.client import Keys, wait_until

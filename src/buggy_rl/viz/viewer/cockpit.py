@@ -5,10 +5,11 @@ from collections.abc import Callable
 
 from torchrl.envs import EnvBase
 
+from buggy_rl.car.human import HumanInput
+from buggy_rl.car.joystick import JoystickInput
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.drive_note import DriveNote
-from buggy_rl.policies.human import HumanInput, Input
-from buggy_rl.policies.joystick import JoystickInput
+from buggy_rl.policies.human import Input
 from buggy_rl.policies.live_drive import DriveConfig, Row, ScriptedInput
 from buggy_rl.viz.film.rollout import course_of
 from buggy_rl.viz.film.source import label

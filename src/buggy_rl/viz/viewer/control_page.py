@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
-from buggy_rl.policies.human import Controls, HumanInput, read_controls
+from buggy_rl.car.human import Controls, HumanInput, read_controls
 
 HOST = "127.0.0.1"  # nothing outside this machine reaches the page
 TOLD = 0.05  # [s] between two messages to the page

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from buggy_rl.policies.human import (
-    NEUTRAL,
+from buggy_rl.car.human import (
     Controls,
     HumanConfig,
     HumanInput,
@@ -13,6 +12,8 @@ from buggy_rl.policies.human import (
     read_controls,
     without_dead_zone,
 )
+from buggy_rl.car.interfaces import NEUTRAL
+from buggy_rl.policies import human as command_line
 
 DT = 0.01
 
@@ -149,4 +150,10 @@ def test_other_messages_are_refused(message, named):
 )  # fmt: skip
 def test_a_config_that_could_not_drive_is_refused(field, value):
     with pytest.raises(ValueError, match=f"human.{field}="):
-        HumanConfig(**{field: value})
+        HumanInput(HumanConfig(**{field: value}))
+    with pytest.raises(ValueError, match=f"human.{field}="):
+        command_line.HumanConfig(**{field: value})
+
+
+def test_the_command_line_has_the_defaults_of_the_car():
+    assert vars(command_line.HumanConfig()) == HumanConfig()._asdict()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.policies.pacing import Deadlines
+from buggy_rl.car.deadlines import Deadlines
 
 
 class Clock:

@@ -1,7 +1,7 @@
 """A loop in real time, on absolute deadlines."""
 
 import time
-from collections.abc import Callable
+from typing import Callable
 
 FARTHEST = 0.1  # [s] that a loop may be behind and catch up; beyond, time is given up
 
@@ -28,6 +28,8 @@ class Deadlines:
             raise ValueError(f"dt={dt:g} s: must be above 0")
         self.dt, self._clock, self._sleep = dt, clock, sleep
         self._next = clock()
+        self.due = self._next
+        """Deadline of the step that `wait` returned for last [s]."""
         self.overruns = 0
         """Steps that began after the deadline of the one that follows them."""
         self.slipped = 0.0
@@ -40,6 +42,7 @@ class Deadlines:
             self._sleep(-late)
         elif late > self.dt:
             self.overruns += 1
+        self.due = self._next
         if late > FARTHEST:
             self._next += late
             self.slipped += late

@@ -1,0 +1,1 @@
+"""Measurements of the car's runtime against the simulated car."""

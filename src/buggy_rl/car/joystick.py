@@ -1,0 +1,136 @@
+"""A joystick or gamepad plugged into this machine, through pygame where that is installed.
+
+`JoystickInput` is the viewer's driver, `Joystick` the same one with a button to hold, for the car.
+"""
+
+import os
+from typing import Any, Mapping, NamedTuple, Optional
+
+from buggy_rl.car.human import HumanConfig, without_dead_zone
+from buggy_rl.car.interfaces import NEUTRAL, NO_DRIVE, Command, Pilot
+from buggy_rl.car.settings import section
+
+HEADLESS = {"SDL_VIDEODRIVER": "dummy", "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1"}
+PULLED = 0.1  # of the trigger above no drive, from which a person takes over from the policy
+
+
+class Layout(NamedTuple):
+    """Where things are on the pad, as SDL counts them; the defaults are an Xbox pad's."""
+
+    steering_axis: int = 0
+    """Left stick across."""
+    throttle_axis: int = 5
+    """Right trigger."""
+    hold_button: int = 4
+    """Left shoulder: held for the car to drive."""
+    dead_zone: float = 0.08
+    """Of the stick about its middle."""
+
+
+RANGES = {
+    "steering_axis": (0, 15),
+    "throttle_axis": (0, 15),
+    "hold_button": (0, 31),
+    "dead_zone": (0.0, 0.5),
+}
+
+
+class JoystickInput:
+    """Commands of the first joystick: left stick across steers, right trigger drives.
+
+    Neutral while it is unplugged; plugged in again it is used again.
+
+    Args:
+        config: Anything with a `dead_zone`, as `HumanConfig`.
+        layout: Axes and buttons.
+
+    Raises:
+        ValueError: pygame is not installed, or no joystick is plugged in.
+    """
+
+    def __init__(self, config: Any = None, layout: Optional[Layout] = None) -> None:
+        for name, value in HEADLESS.items():
+            os.environ.setdefault(name, value)  # without a screen SDL hears no events otherwise
+        try:
+            import pygame  # pyright: ignore[reportMissingImports]
+        except ImportError:
+            raise ValueError(
+                "a joystick needs pygame: pip install pygame (in the viewer, driver=gamepad goes "
+                "without)"
+            ) from None
+        self.config, self.layout = config or HumanConfig(), layout or Layout()
+        self._pygame = pygame
+        pygame.init()
+        pygame.joystick.init()
+        if not pygame.joystick.get_count():
+            raise ValueError("no joystick is plugged in: plug one in, start again")
+        self._stick = pygame.joystick.Joystick(0)
+        self._moved = False  # SDL reports a trigger as 0, half drive, until it first moves
+
+    def command(self, dt: float) -> Command:
+        """The command for the step that begins now."""
+        del dt
+        if not self.listen():
+            return NEUTRAL
+        layout = self.layout
+        side = max(-1.0, min(1.0, -self._stick.get_axis(layout.steering_axis)))
+        throttle = self._stick.get_axis(layout.throttle_axis) if self._moved else NO_DRIVE
+        return max(-1.0, min(1.0, throttle)), without_dead_zone(side, self.config.dead_zone)
+
+    def listen(self) -> bool:
+        """Takes what happened since the last call; returns whether a joystick is there."""
+        pygame = self._pygame
+        for event in pygame.event.get():
+            if event.type == pygame.JOYAXISMOTION and event.axis == self.layout.throttle_axis:
+                self._moved = True
+            if event.type == pygame.JOYDEVICEREMOVED:
+                self._moved = False
+            if event.type == pygame.JOYDEVICEADDED:
+                self._stick = pygame.joystick.Joystick(0)
+        return bool(pygame.joystick.get_count())
+
+    @property
+    def held(self) -> bool:
+        """The button is held, as far as `listen` has heard."""
+        there = self._pygame.joystick.get_count()
+        return bool(there and self._stick.get_button(self.layout.hold_button))
+
+    def close(self) -> None:
+        """Lets go of all joysticks."""
+        self._pygame.joystick.quit()
+
+
+class Joystick(Pilot):
+    """A person on the car's joystick: holds the button, and takes over by trigger or stick.
+
+    Args:
+        stick: The driver.
+    """
+
+    def __init__(self, stick: JoystickInput) -> None:
+        self._stick = stick
+        self._closed = False
+
+    @classmethod
+    def from_dict(cls, settings: Mapping[str, Any]) -> "Joystick":
+        """Of its settings, those of `Layout`.
+
+        Raises:
+            ValueError: A setting is invalid, pygame is not installed, or no joystick is there.
+        """
+        layout = section(Layout, settings, "pilot", RANGES)
+        return cls(JoystickInput(layout, layout))
+
+    def command(self, dt: float) -> Optional[Command]:
+        throttle, steering = self._stick.command(dt)
+        mine = throttle > NO_DRIVE + PULLED or steering != 0.0
+        return (throttle, steering) if mine else None
+
+    @property
+    def hold_to_drive(self) -> bool:
+        return not self._closed and self._stick.held
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._stick.close()

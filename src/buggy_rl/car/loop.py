@@ -1,0 +1,145 @@
+"""The control loop: reads, decides, commands and records once a period, on absolute deadlines."""
+
+import gc
+from typing import Callable, List, NamedTuple, Optional
+
+from buggy_rl.car.clock import Clock
+from buggy_rl.car.command_history import CommandHistory
+from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.driver import Driver
+from buggy_rl.car.interfaces import Command, Pilot, Reading, Sensor
+from buggy_rl.car.loop_times import LoopTimes
+from buggy_rl.car.recorder import DriveRecorder, Row
+from buggy_rl.car.stopping import StopSignals
+from buggy_rl.car.supervisor import Decision, Supervisor
+from buggy_rl.car.watchdog_link import Watchdog
+
+
+class Parts(NamedTuple):
+    """What the loop works with; `drive` makes and closes them."""
+
+    sensor: Sensor
+    pilot: Pilot
+    watchdog: Watchdog
+    recorder: DriveRecorder
+    supervisor: Supervisor
+    driver: Optional[Driver]
+    clock: Clock
+
+
+class Loop:
+    """One drive.
+
+    Args:
+        parts: What it works with.
+        period: Control period [s].
+        say: Tells a person why the car is armed or not, at each change.
+
+    Raises:
+        ValueError: The policy has another control period.
+    """
+
+    def __init__(self, parts: Parts, period: float, say: Callable[[str], None]) -> None:
+        self.parts, self.period = parts, period
+        if parts.driver is not None:
+            parts.driver.refuse_other_than(period)
+        self.steps, self.missed, self.armings = 0, 0, 0
+        self.times, self.delays = LoopTimes(), LoopTimes()
+        self._history = CommandHistory()
+        self._seen: List[Reading] = []
+        self._before = self._decision = Decision(parts.supervisor.limits.last, "neutral", False)
+        self._first_armed: Optional[float] = None
+        self._shown, self._say = "", say
+
+    def run(self, signals: StopSignals) -> str:
+        """Drives until something ends it; returns what.
+
+        Raises:
+            Exception: Whatever a part raises; the caller ends the watchdog, which stops the car.
+        """
+        clock = self.parts.clock
+        deadlines = Deadlines(self.period, clock.now, clock.sleep)
+        gc.collect()
+        gc.disable()  # a collection pauses the loop for milliseconds; a step makes no cycles
+        try:
+            while True:
+                deadlines.wait()
+                begun = clock.now()
+                stop = signals.caught or self._step(begun)
+                ended = clock.now()
+                self._count(begun, ended, deadlines.due)
+                if stop:
+                    return stop
+        finally:
+            gc.enable()
+
+    def _count(self, begun: float, ended: float, due: float) -> None:
+        self.steps += 1
+        self.times.add(ended - begun)
+        self.delays.add(ended - due)
+        self.missed += ended - due > self.period
+
+    def _step(self, now: float) -> str:
+        """One period; returns why the drive is over, or nothing."""
+        parts = self.parts
+        readings = parts.sensor.readings()
+        self._listen(now)
+        drivable = parts.supervisor.observe(now, readings)
+        decision = self._decide(now, drivable)
+        parts.watchdog.send(now, decision.command)
+        self._show()
+        self._keep(readings, decision)
+        return parts.watchdog.dead or parts.recorder.error or self._over(now)
+
+    def _listen(self, now: float) -> None:
+        """Takes the watchdog's reports, then records the readings that they complete.
+
+        A row is written a step after its reading: by then it is known what acted at its stamp.
+        """
+        for report in self.parts.watchdog.reports():
+            self._history.add(report)
+        for reading in self._seen:
+            acted, last = self._history.at(reading.stamp), self._before
+            self.parts.recorder.put(Row(reading, acted, last.armed, last.source), now)
+
+    def _decide(self, now: float, drivable: bool) -> Decision:
+        parts, supervisor = self.parts, self.parts.supervisor
+        own, was_armed = parts.pilot.command(self.period), supervisor.armed
+        policy = self._policy() if drivable and was_armed else None
+        hold, hardware = parts.pilot.hold_to_drive, parts.watchdog.trouble
+        decision = supervisor.decide(now, self.period, hold, own, policy, hardware)
+        if policy is not None and parts.driver is not None:
+            parts.driver.acted(decision.command)
+        if supervisor.armed and not was_armed:
+            self._begin(now)
+        return decision
+
+    def _policy(self) -> Optional[Command]:
+        driver, reading = self.parts.driver, self.parts.supervisor.readings.good
+        return None if driver is None or reading is None else driver.step(reading)
+
+    def _begin(self, now: float) -> None:
+        """The car was armed: the policy begins with the next step."""
+        self.armings += 1
+        reading = self.parts.supervisor.readings.good
+        if self._first_armed is None:
+            self._first_armed = now
+        if self.parts.driver is not None and reading is not None:
+            self.parts.driver.begin(reading)
+
+    def _show(self) -> None:
+        supervisor = self.parts.supervisor
+        if supervisor.message != self._shown:
+            self._shown = supervisor.message
+            self.parts.pilot.show(supervisor.armed, self._shown)
+            self._say(self._shown)
+
+    def _keep(self, readings: List[Reading], decision: Decision) -> None:
+        """What the next step records: these readings, and the decision that acted before this."""
+        self._seen, self._before, self._decision = readings, self._decision, decision
+
+    def _over(self, now: float) -> str:
+        driver, limit = self.parts.driver, self.parts.supervisor.safety.max_seconds
+        if self._first_armed is not None and now - self._first_armed > limit:
+            return f"{limit:g} s of driving are over"
+        return f"the policy {driver.ended}" if driver is not None and driver.ended else ""

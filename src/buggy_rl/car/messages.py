@@ -1,0 +1,70 @@
+"""What the loop and its watchdog say to one another, as fixed bytes."""
+
+import struct
+from typing import NamedTuple
+
+COMMAND = struct.Struct("<Qdddq")
+REPORT = struct.Struct("<Qdddqq")
+STATES = ("", "no fresh command reached the watchdog", "the actuator does not take commands")
+GOOD, SILENT, FAILING = 0, 1, 2  # indices of `STATES`
+
+
+class CommandMessage(NamedTuple):
+    """From the loop, once a step."""
+
+    sequence: int
+    """Counts up from 1; an older one is ignored."""
+    stamp: float
+    """When the loop decided [s]."""
+    throttle: float
+    steering: float
+    last: int = 0
+    """1: the drive is over; write neutral and exit."""
+
+    def pack(self) -> bytes:
+        """As bytes."""
+        return COMMAND.pack(*self)
+
+
+class Report(NamedTuple):
+    """From the watchdog, after each attempt to write."""
+
+    sequence: int
+    """Of the last command heard."""
+    stamp: float
+    """When the actuator had taken or refused it [s]."""
+    throttle: float
+    """As written, or as it could not be."""
+    steering: float
+    taken: int
+    """1 if the actuator took it, 0 if it did not."""
+    state: int
+    """`GOOD`, or why the wheels are kept neutral: `SILENT` or `FAILING`."""
+
+    def pack(self) -> bytes:
+        """As bytes."""
+        return REPORT.pack(*self)
+
+
+def read_command(message: bytes) -> CommandMessage:
+    """The command in a message.
+
+    Raises:
+        ValueError: It has another length.
+    """
+    return CommandMessage(*_unpacked(COMMAND, message))
+
+
+def read_report(message: bytes) -> Report:
+    """The report in a message.
+
+    Raises:
+        ValueError: It has another length.
+    """
+    return Report(*_unpacked(REPORT, message))
+
+
+def _unpacked(layout: struct.Struct, message: bytes) -> tuple:
+    if len(message) != layout.size:
+        raise ValueError(f"a message of {len(message)} bytes: expected {layout.size}")
+    return layout.unpack(message)

@@ -1,0 +1,74 @@
+"""The observation of a policy: which numbers stand where, and the past ones beside them."""
+
+from typing import Callable, Dict, List, Sequence, Tuple
+
+import numpy as np
+
+Quantities = Tuple[Tuple[str, str], ...]
+"""Name and unit of each number."""
+
+COMMAND_PAIR = (("throttle", "-1..1"), ("steering", "-1..1"))
+INPUTS: Dict[str, Quantities] = {  # what an observation may consist of, beside the waypoints
+    "velocity": (("vx", "m/s"), ("vy", "m/s"), ("yaw_rate", "rad/s")),
+    "measured_velocity": (("vx", "m/s"), ("vy", "m/s"), ("yaw_rate", "rad/s")),
+    "last_action": tuple(("last_" + name, unit) for name, unit in COMMAND_PAIR),
+    "smoothed_action": tuple(("smoothed_" + name, unit) for name, unit in COMMAND_PAIR),
+    "limited_action": tuple(("limited_" + name, unit) for name, unit in COMMAND_PAIR),
+    "target_speed": (("target_speed", "m/s"),),
+    "lateral_error": (("lateral_error", "m"),),
+    "heading_error": (("heading_error", "rad"),),
+}
+
+
+def quantities(inputs: Sequence[str], visible: int) -> Quantities:
+    """Name and unit of every number of an observation made of `inputs`, in their order."""
+    points = [(f"{axis}_{i + 1}", "m") for i in range(visible) for axis in "xy"]
+    every = dict(INPUTS, waypoints=tuple(points))
+    return tuple(quantity for key in inputs for quantity in every[key])
+
+
+class Observation:
+    """One row of numbers, or the last `rows` of them side by side, oldest first.
+
+    Args:
+        inputs: Keys in their order.
+        rows: Observations, the present one included.
+        visible: Waypoints shown.
+    """
+
+    def __init__(self, inputs: Sequence[str], rows: int, visible: int) -> None:
+        size = len(quantities(inputs, visible))
+        self._rows = np.zeros((rows, size), np.float32)
+        self._row = self._rows[-1]
+        self._begun = False
+        self.values = self._rows.reshape(-1)
+        """[rows * size] float32: what the network is given."""
+        self.waypoints = np.zeros((visible, 2), np.float32)
+        """[visible, 2] where the waypoints are to be written: a part of the present row."""
+        self._places: List[Tuple[str, int, int]] = []
+        first = 0
+        for key in inputs:
+            last = first + (2 * visible if key == "waypoints" else len(INPUTS[key]))
+            if key == "waypoints":
+                self.waypoints = self._row[first:last].reshape(visible, 2)
+            else:
+                self._places.append((key, first, last))
+            first = last
+
+    def reset(self) -> None:
+        """The next row is the first: it stands for those before it too."""
+        self._begun = False
+
+    def advance(self) -> None:
+        """Makes the present row the last one; call it before writing."""
+        if len(self._rows) > 1 and self._begun:
+            self._rows[:-1] = self._rows[1:]
+
+    def write(self, value: Callable[[str], Sequence[float]]) -> None:
+        """Fills the present row, whose waypoints are already there, with `value(key)`."""
+        row = self._row
+        for key, first, last in self._places:
+            row[first:last] = value(key)
+        if not self._begun:
+            self._rows[:] = row
+            self._begun = True

@@ -1,0 +1,97 @@
+"""The file pair of an exported policy: numbers in NAME.npz, what they mean in NAME.json."""
+
+import json
+import os
+from typing import Any, Dict, List, NamedTuple, Tuple
+
+import numpy as np
+
+from buggy_rl.car.commands import COMMANDS
+from buggy_rl.car.network import ACTIVATIONS
+from buggy_rl.car.observation import quantities
+from buggy_rl.car.sensing import SENSING
+
+SCHEMA = 1  # of the JSON file
+SUFFIXES = (".json", ".npz")
+
+OUTPUTS = 2  # throttle, steering
+
+
+class PolicyFile(NamedTuple):
+    """What a file pair holds."""
+
+    settings: Dict[str, Any]
+    """The JSON."""
+    arrays: Dict[str, np.ndarray]
+    """weight_0, bias_0, ...; mean and sd of the observation where it is scaled."""
+
+    @property
+    def layers(self) -> List[Tuple[np.ndarray, np.ndarray]]:
+        """Weights [out, in] and biases [out], from the observation on."""
+        count = sum(name.startswith("weight_") for name in self.arrays)
+        return [(self.arrays[f"weight_{i}"], self.arrays[f"bias_{i}"]) for i in range(count)]
+
+
+def stem(file: str) -> str:
+    """The common part of the pair's names."""
+    root, suffix = os.path.splitext(file)
+    return root if suffix in SUFFIXES else file
+
+
+def read_policy(file: str) -> PolicyFile:
+    """Reads a file pair and checks that its parts belong together.
+
+    Args:
+        file: Of either file, or their common part.
+
+    Raises:
+        ValueError: A file is missing, of another schema, or the two do not fit each other.
+    """
+    root = stem(file)
+    for suffix in SUFFIXES:
+        if not os.path.isfile(root + suffix):
+            raise ValueError(
+                f"there is no policy file {root + suffix}: write it with scripts/export_policy.py "
+                "and copy both, .json and .npz"
+            )
+    with open(root + ".json") as stream:
+        settings = json.load(stream)
+    with np.load(root + ".npz", allow_pickle=False) as content:
+        arrays = {name: content[name] for name in content.files}
+    read = PolicyFile(settings, arrays)
+    _check(read, root)
+    return read
+
+
+def _check(read: PolicyFile, root: str) -> None:
+    settings = read.settings
+    if settings.get("schema") != SCHEMA:
+        raise ValueError(
+            "{}.json: schema is {!r}, this runtime reads {}: export the policy again with the "
+            "version that runs on the car".format(root, settings.get("schema"), SCHEMA)
+        )
+    known: Tuple[Tuple[str, Any], ...] = (("sensing", SENSING), ("commands", COMMANDS))
+    for place, kinds in known:
+        for entry in settings[place]:
+            if entry["name"] not in kinds:
+                names = ", ".join(sorted(kinds))
+                raise ValueError(f"{root}.json: {place} {entry['name']!r}; known are {names}")
+    if settings["network"]["activation"] not in ACTIVATIONS:
+        raise ValueError(f"{root}.json: activation {settings['network']['activation']!r}")
+    _check_sizes(read, root)
+
+
+def _check_sizes(read: PolicyFile, root: str) -> None:
+    """Raises ValueError where layers and observation do not fit each other."""
+    settings = read.settings
+    row = quantities(settings["observation"]["inputs"], settings["waypoints"]["visible"])
+    size = len(row) * settings["observation"]["rows"]
+    for index, (weight, bias) in enumerate(read.layers):
+        if weight.shape != (len(bias), size):
+            raise ValueError(
+                f"{root}.npz: weight_{index} is {list(weight.shape)}, expected "
+                f"[{len(bias)}, {size}]: the two files are of different exports"
+            )
+        size = len(bias)
+    if size != OUTPUTS or not read.layers:
+        raise ValueError(f"{root}.npz: the network has {size} outputs, expected throttle, steering")

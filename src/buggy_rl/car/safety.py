@@ -1,0 +1,80 @@
+"""Every limit that stops the car or bounds its commands, with its range."""
+
+from typing import Any, Mapping, NamedTuple
+
+from buggy_rl.car.settings import section
+
+
+class Safety(NamedTuple):
+    """Limits on readings, commands and time."""
+
+    coast_after: float = 0.05
+    """Without a good reading [s]: no drive, steering kept. Five periods of the camera."""
+    disarm_after: float = 0.25
+    """Without recovery [s]: no drive, wheels straight, to be armed again."""
+    recovered_after: float = 0.1
+    """Of good readings without a pause [s] before a coasting car drives on."""
+    least_confidence: float = 0.5
+    """Of the tracker, in [0, 1]; the T265 says 0.33 for low, 0.67 for medium."""
+    farthest: float = 100.0
+    """|x| and |y| of a sound pose [m]."""
+    top_speed: float = 15.0
+    """Of a sound reading [m/s]; 1.5 times the fastest that cars of this class are driven."""
+    top_yaw_rate: float = 25.0
+    """Of a sound reading [rad/s]; 3.5 times a small car's 7 rad/s."""
+    jump_distance: float = 0.05
+    """Granted between the change of position and the velocity times time [m]."""
+    jump_angle: float = 0.1
+    """Granted between the change of yaw and the yaw rate times time [rad]."""
+    jump_speed: float = 1.0
+    """Granted to a change of vx or vy [m/s]: 10 g over 10 ms."""
+    drift_distance: float = 0.1
+    """Granted to the sum of those differences over 0.2 s [m]: velocities wrong by 0.5 m/s."""
+    acceleration: float = 20.0
+    """Widens the limits with time [m/s^2]; 2 g, twice the grip of rubber."""
+    yaw_acceleration: float = 100.0
+    """Widens the limit of yaw with time [rad/s^2]; half of full tyre force at both axles."""
+    throttle_cap: float = 0.0
+    """Highest throttle, in [-1, 1]; 0 is half of the drive."""
+    throttle_rise: float = 20.0
+    """Fastest rise of the throttle [1/s]; it falls at once."""
+    steering_rate: float = 40.0
+    """Fastest change of the steering [1/s]; three times the servo's own."""
+    max_seconds: float = 60.0
+    """Longest drive, from the first arming [s]."""
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Safety":
+        """Limits that differ from the defaults.
+
+        Raises:
+            ValueError: A key is unknown, or a value is outside its range.
+        """
+        made = section(cls, content, "safety", RANGES)
+        if made.disarm_after < made.coast_after:
+            raise ValueError(
+                f"safety.disarm_after={made.disarm_after:g} s: must be at least coast_after "
+                f"{made.coast_after:g} s"
+            )
+        return made
+
+
+RANGES = {
+    "coast_after": (0.01, 0.1),  # [s] beyond, the drive is not cut within 0.15 s
+    "disarm_after": (0.01, 0.5),
+    "recovered_after": (0.02, 2.0),
+    "least_confidence": (0.0, 1.0),
+    "farthest": (0.5, 10000.0),
+    "top_speed": (0.5, 50.0),
+    "top_yaw_rate": (1.0, 100.0),
+    "jump_distance": (0.005, 1.0),
+    "jump_angle": (0.01, 1.0),
+    "jump_speed": (0.05, 10.0),
+    "drift_distance": (0.01, 1.0),
+    "acceleration": (1.0, 200.0),
+    "yaw_acceleration": (10.0, 2000.0),
+    "throttle_cap": (-1.0, 1.0),
+    "throttle_rise": (0.1, 200.0),
+    "steering_rate": (0.1, 200.0),
+    "max_seconds": (0.1, 7200.0),
+}

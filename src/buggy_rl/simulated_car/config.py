@@ -1,0 +1,42 @@
+"""What stands behind the sockets of a simulated car."""
+
+import math
+from dataclasses import dataclass, field
+
+from buggy_rl.recordings.camera import CameraConfig
+
+
+@dataclass(frozen=True)
+class SimulatedCarConfig:
+    """The car, its camera, and how fast its time runs."""
+
+    simulator: str = "reference"
+    """An engine's name, a .yaml, a learned .pt, or file.py:factory."""
+    faults: dict[str, dict[str, float]] = field(default_factory=dict)
+    """What is wrong with a reference car, as faults.EFFECT.PARAMETER=VALUE."""
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    """Errors of the camera; without noise a car that stands looks like a frozen sensor."""
+    seed: int = 0
+    """Of the camera's noise."""
+    speed: float = 1.0
+    """Of time; 4 drives a minute in 15 s where the simulator keeps up."""
+    x: float = 0.0
+    """Where the car starts [m]."""
+    y: float = 0.0
+    """Likewise [m]."""
+    yaw: float = 0.0
+    """Likewise [rad]."""
+    failsafe: float = 0.0
+    """Without a write for so long the board's own hardware makes neutral [s]; 0 has none."""
+    compiled: bool = False
+    """PyTorch compiles the reference car: 10 s to start, then 1 ms a step instead of 4."""
+
+    def __post_init__(self) -> None:
+        if not 0.1 <= self.speed <= 20:
+            raise ValueError(f"speed={self.speed:g}: must be in [0.1, 20]")
+        if not all(map(math.isfinite, (self.x, self.y, self.yaw))):
+            raise ValueError(f"start ({self.x}, {self.y}, {self.yaw}): must be finite")
+        if self.failsafe < 0:
+            raise ValueError(f"failsafe={self.failsafe:g} s: must be 0 or above")
+        if self.camera.lag:
+            raise ValueError("camera.lag: a live camera has none here; use camera.latency")

@@ -1,0 +1,160 @@
+"""The process of a simulated car: `python -m buggy_rl.simulated_car.server CONFIG.json ADDRESS`.
+
+Physics and camera run on a clock of their own; the wheels answer at once, in a thread.
+"""
+
+import json
+import socket
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from buggy_rl.car.clock import Clock
+from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.interfaces import Reading
+from buggy_rl.car.priority import SIMULATION, take_priority
+from buggy_rl.car.simulated import ACTUATOR, CONTROL, REFUSED, SENSOR, TAKEN, WRITE, packed
+from buggy_rl.config import from_plain
+from buggy_rl.simulated_car.config import SimulatedCarConfig
+from buggy_rl.simulated_car.sensor_faults import SensorChannel
+from buggy_rl.simulated_car.wheels import Wheels
+from buggy_rl.vehicle import CONTROL_PERIOD
+
+SENT_KEPT = 12_000  # stamps of readings that arrived as measured; two minutes
+
+
+class Server:
+    """Sockets around a car.
+
+    Args:
+        config: The car.
+        address: File of the socket, which is made.
+    """
+
+    def __init__(self, config: SimulatedCarConfig, address: str) -> None:
+        from buggy_rl.simulated_car.physics import Physics
+
+        self.clock = Clock(config.speed)
+        self.physics = Physics(config)
+        self.wheels = Wheels(self.clock, config.failsafe)
+        self.channel = SensorChannel()
+        self._sent: deque[float] = deque(maxlen=SENT_KEPT)
+        self._sensors: list[socket.socket] = []
+        self.deadlines = Deadlines(CONTROL_PERIOD, self.clock.now, self.clock.sleep)
+        self._over = threading.Event()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.bind(address)
+        self._listener.listen()
+
+    def run(self) -> None:
+        """Drives until it is told to stop."""
+        threading.Thread(target=self._accept, daemon=True).start()
+        self.deadlines = Deadlines(CONTROL_PERIOD, self.clock.now, self.clock.sleep)
+        while not self._over.is_set():
+            self.deadlines.wait()
+            self._measure()
+            self.physics.step(self.wheels.acting())
+
+    def _measure(self) -> None:
+        now, seen = self.clock.now(), self.physics.measured()
+        if seen is None:
+            return
+        reading, sound = self.channel.passed(Reading(now, *seen))
+        if reading is None:
+            return
+        if sound:
+            self._sent.append(reading.stamp)
+        for link in list(self._sensors):
+            try:
+                link.send(packed(reading), socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                continue  # that reader is asleep; a camera does not wait for it either
+            except OSError:
+                self._sensors.remove(link)
+
+    def _accept(self) -> None:
+        while True:
+            link, _ = self._listener.accept()
+            threading.Thread(target=self._serve, args=(link,), daemon=True).start()
+
+    def _serve(self, link: socket.socket) -> None:
+        role = link.recv(64)
+        if role == SENSOR:
+            self._sensors.append(link)
+            return
+        answer = {ACTUATOR: self._write, CONTROL: self._control}.get(role)
+        while answer is not None and (message := _received(link)):
+            try:
+                link.send(answer(message))
+            except OSError:
+                return  # the asker has gone
+        link.close()
+
+    def _write(self, message: bytes) -> bytes:
+        return TAKEN if self.wheels.write(*WRITE.unpack(message)) else REFUSED
+
+    def _control(self, message: bytes) -> bytes:
+        request = json.loads(message)
+        try:
+            return json.dumps(self.requests[request.pop("do")](**request)).encode()
+        except (ValueError, TypeError, KeyError) as error:
+            return json.dumps({"error": str(error)}).encode()
+
+    @property
+    def requests(self) -> dict[str, Callable[..., Any]]:
+        """What can be asked for over a control connection."""
+        return {
+            "fault": self.fault,
+            "wheels": self.wheels.since,
+            "sent": lambda since: [stamp for stamp in list(self._sent) if stamp > since],
+            "state": self.state,
+            "stop": self._over.set,
+        }
+
+    def fault(self, kind: str, seconds: float, size: float = 0.0) -> float:
+        """Begins a fault; returns when [s]."""
+        now = self.clock.now()
+        if kind == "pwm":
+            self.wheels.refuse(now + seconds)
+        else:
+            self.channel.spoil(kind, now + seconds, size)
+        return now
+
+    def state(self) -> dict[str, Any]:
+        """Time, the acting command, and how real time is kept."""
+        deadlines = self.deadlines
+        return {
+            "now": self.clock.now(),
+            "wheels": self.wheels.acting(),
+            "overruns": deadlines.overruns,
+            "slipped": deadlines.slipped,
+        }
+
+
+def _received(link: socket.socket) -> bytes:
+    try:
+        return link.recv(65536)
+    except OSError:
+        return b""
+
+
+def main(arguments: list[str]) -> None:
+    """The process."""
+    import torch
+
+    torch.set_num_threads(1)
+    file, address = arguments
+    config = from_plain(SimulatedCarConfig, json.loads(Path(file).read_text()), file)
+    server = Server(config, address)
+    take_priority(SIMULATION)  # a real car does not wait for the processor either
+    server.run()
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except (ValueError, KeyError, OSError, FloatingPointError) as error:
+        sys.exit(f"simulated car: {error.args[0] if error.args else error}")

@@ -1,0 +1,67 @@
+"""What the fault campaign reads off the log of the wheels, and that it resumes."""
+
+import importlib
+import math
+
+import pytest
+
+DRIVE, COAST, NEUTRAL = (0.2, 0.3), (-1.0, 0.3), (-1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def faults(request):
+    """The modules of the campaign, by name."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(request.config.rootpath / "benchmarks")
+        yield lambda name: importlib.import_module(f"faults.{name}")
+
+
+def log(*entries):
+    """Commands every 10 ms from t = 0.99 on."""
+    return [(0.99 + 0.01 * k, *command) for k, command in enumerate(entries)]
+
+
+@pytest.mark.parametrize(
+    ("entries", "cut", "neutral"),
+    [
+        ([DRIVE, DRIVE, NEUTRAL, NEUTRAL], 10, 10),
+        ([DRIVE, DRIVE, COAST, COAST, NEUTRAL], 10, 30),
+        ([DRIVE, COAST, DRIVE, COAST, NEUTRAL], 20, 30),  # it drove once more
+        ([DRIVE, DRIVE, NEUTRAL, DRIVE], 10, 10),  # armed again afterwards
+        ([NEUTRAL, NEUTRAL], 0, 0),
+        ([DRIVE, DRIVE, COAST], 10, math.inf),
+    ],
+)
+def test_a_reaction_counts_until_the_last_drive_and_until_neutral(faults, entries, cut, neutral):
+    found = faults("injection").reaction(1.0, log(*entries))
+    assert (found.cut, found.neutral) == (pytest.approx(cut), pytest.approx(neutral))
+
+
+def test_wheels_that_never_stop_driving_count_for_ever(faults):
+    assert faults("injection").reaction(1.0, log(DRIVE, DRIVE, DRIVE)).cut == math.inf
+
+
+def test_missing_time_counts_readings_that_arrived_and_are_in_no_whole_row(faults, tmp_path):
+    campaign = faults("campaign")
+    file = tmp_path / "drive_00.csv"
+    rest = "," * campaign.CELLS
+    rows = [f"{0.01 * k:.6f}{rest}" for k in range(10) if k != 4]
+    file.write_text("header\n" + "\n".join(rows) + "\n0.1000")  # the last line is torn
+    file.with_suffix(".json").write_text('{"origin": 50.0}')
+    sent = [50.0 + 0.01 * k for k in range(-3, 11)]  # three before the recording began
+    assert campaign.missing_time(file, sent) == pytest.approx(0.02)
+
+
+def test_it_resumes_where_its_file_ends(faults, tmp_path):
+    campaign = faults("campaign")
+    output = tmp_path / "faults.csv"
+    config = campaign.CampaignConfig(str(output), faults=["silent", "late"], times=3)
+    for number in range(2):
+        campaign._append(output, campaign.Injection("silent", number, 50.0, 250.0, True, 0.0))
+    assert campaign.left(config) == {"silent": 1, "late": 3}
+    assert "| silent | 2 | 50 | 50 | 50 | 250 |" in "\n".join(campaign.summary(output))
+
+
+def test_an_unknown_fault_is_refused(faults):
+    with pytest.raises(ValueError, match="unknown faults"):
+        faults("campaign").CampaignConfig(faults=["deaf"])
