@@ -52,7 +52,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument(
         "--notes", action="store_true", help="also print what was derived and dropped"
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_intermixed_args()
     settings = {"columns": None, "dt": 0.01}
     for word in list(arguments.paths):
         key, equals, value = word.partition("=")

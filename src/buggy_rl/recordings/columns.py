@@ -56,6 +56,14 @@ class Steering:
     left: float = 1.0
     centre: float | None = None
     """None: the mean of left and right."""
+    deadband: float = 0.0
+    """Raw values this near to the centre turn no wheel: they map to 0, and the map is linear from
+    the edge of this dead zone to full lock."""
+
+    @property
+    def middle(self) -> float:
+        """Raw value at the centre."""
+        return (self.left + self.right) / 2 if self.centre is None else self.centre
 
 
 @dataclass(frozen=True)
@@ -135,6 +143,14 @@ class ColumnMap:
         if len({self.steering.left, self.steering.right}) == 1:
             raise ValueError(
                 f"steering: left and right are both {self.steering.left}; they must differ"
+            )
+        reach = min(
+            abs(end - self.steering.middle) for end in (self.steering.left, self.steering.right)
+        )
+        if not 0 <= self.steering.deadband < reach:
+            raise ValueError(
+                f"steering: deadband is {self.steering.deadband}; must be at least 0 and below "
+                f"{reach:g}, the raw value from the centre to the nearer lock"
             )
         if len(self.topics.action_fields) not in (0, 2):
             raise ValueError(f"action_fields is {self.topics.action_fields}; needs two names")
