@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import yaml
+from omegaconf import MISSING
 
 from buggy_rl.config import from_plain
 from buggy_rl.recordings.limits import Limits
@@ -16,6 +17,8 @@ CHANNELS = (
     *("vx", "vy", "yaw_rate", "throttle", "steering"),
 )
 """Channels of a recording, by their columns in the standard table."""
+COMMANDS = "throttle", "steering", "throttle factor"
+"""Channels that hold their value until the next one; a factor belongs to the throttle."""
 
 DEGREE = math.pi / 180  # [rad]
 UNITS: dict[str, dict[str, float]] = {
@@ -90,6 +93,16 @@ class Mount:
 
 
 @dataclass(frozen=True)
+class SourceTable:
+    """One of several tables of a drive."""
+
+    file: str = MISSING
+    """In the folder of the drive, e.g. `pose.csv`; names then read `pose.x`."""
+    time: dict[str, str] = field(default_factory=dict)
+    """Columns of the stamp and their units, which add up: `{sec: s, nanosec: ns}`."""
+
+
+@dataclass(frozen=True)
 class Topics:
     """Topics of a bag; None selects the only topic of a suitable type."""
 
@@ -125,6 +138,8 @@ class ColumnMap:
     time_from_first: bool = False
     """Count t from the first row, e.g. for stamps that count from 1970."""
     topics: Topics = field(default_factory=Topics)
+    tables: list[SourceTable] = field(default_factory=list)
+    """Tables of a drive that is a folder of several; rows are those of the first."""
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -133,6 +148,10 @@ class ColumnMap:
         for channel, unit in self.units.items():
             known = UNITS.get(QUANTITY.get(channel, ""), {})
             _refuse_unknown([unit], known, f"unit of {channel}")
+        for table in self.tables:
+            _refuse_unknown(table.time.values(), UNITS["t"], f"tables: time of {table.file}")
+            if not table.time:
+                raise ValueError(f"tables: {table.file} has no time; write time: {{column: s}}")
         for channel, sign in self.signs.items():
             if sign not in (-1, 1):
                 raise ValueError(f"signs: {channel} is {sign}; write 1 or -1")

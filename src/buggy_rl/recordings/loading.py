@@ -52,7 +52,7 @@ def load_recordings(
     """
     mapping = _checked(columns, dt)
     recordings, refusals = [], []
-    for found in progress(list(_find(paths))):
+    for found in progress(list(_find(paths, mapping))):
         try:
             if isinstance(found, RecordingError):
                 raise found
@@ -88,11 +88,11 @@ def _checked(columns: Columns, dt: float) -> ColumnMap:
     return columns if isinstance(columns, ColumnMap) else load_columns(columns)
 
 
-def _find(paths: str | Path | Sequence[str | Path]) -> Iterator[Found]:
+def _find(paths: str | Path | Sequence[str | Path], columns: ColumnMap) -> Iterator[Found]:
     """Recordings of paths, folders and patterns, each once; an error where there is none."""
     seen = set()
     for path in [paths] if isinstance(paths, (str, Path)) else paths:
-        found = _expand(str(path))
+        found = _expand(str(path), columns)
         if not found:
             message = "none found; expected .csv, .parquet, .bag, a folder of .npy or a ROS 2 bag"
             yield RecordingError(str(path), message)
@@ -102,7 +102,7 @@ def _find(paths: str | Path | Sequence[str | Path]) -> Iterator[Found]:
                 yield recording
 
 
-def _expand(path: str) -> list[Path]:
+def _expand(path: str, columns: ColumnMap) -> list[Path]:
     """The recordings of one argument."""
     if Path(path).exists() or not glob.has_magic(path):
         matches = [Path(path)]
@@ -111,12 +111,12 @@ def _expand(path: str) -> list[Path]:
         matches = [match for match in matches if match.is_dir() or is_recording(match)]
     found = []
     for match in matches:
-        found += recordings_below(match) if match.is_dir() else [match]
+        found += recordings_below(match, columns) if match.is_dir() else [match]
     return found
 
 
 def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
-    raw = map_columns(read(path, columns.topics), columns)
+    raw = map_columns(read(path, columns), columns)
     for check in CHECKS:
         check(raw, columns.limits)
     arrays = resample(raw, columns, dt)
