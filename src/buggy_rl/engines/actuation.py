@@ -19,6 +19,7 @@ from torchrl.data import TensorSpec
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.parameters import Parameter
+from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 
 COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest first
@@ -59,12 +60,19 @@ ACTUATION = (
 )
 
 
-def declare(preset: str, rows: Sequence[tuple]) -> list[Parameter]:
-    """Parameters with the values of a preset.
+def declare(
+    preset: str,
+    rows: Sequence[tuple],
+    dimensions: VehicleDimensions | None = None,
+    speed_ratio: float | None = None,
+) -> list[Parameter]:
+    """Parameters with the values of a preset, or those of another car that is similar to it.
 
     Args:
         preset: A file in `presets/`, without its ending.
-        rows: Name, lower bound, upper bound, unit and meaning of each.
+        rows: Name, lower bound, upper bound, unit and meaning of each; bounds are the buggy's.
+        dimensions: Of the other car.
+        speed_ratio: Of its speeds to the buggy's; see `Similarity`.
 
     Raises:
         ValueError: There is no such preset, or it leaves a parameter out.
@@ -78,10 +86,36 @@ def declare(preset: str, rows: Sequence[tuple]) -> list[Parameter]:
     missing = [row[0] for row in rows if row[0] not in values]
     if missing:
         raise ValueError(f"preset {preset!r} leaves out {', '.join(missing)}: add them to {file}")
-    return [
-        Parameter(name, float(values[name]), lower, upper, unit, meaning)
-        for name, lower, upper, unit, meaning in rows
-    ]
+    values = {row[0]: float(values[row[0]]) for row in rows}
+    if dimensions is None:
+        return [Parameter(row[0], values[row[0]], *row[1:]) for row in rows]
+    return _similar(values, rows, dimensions, speed_ratio)
+
+
+def _similar(
+    values: Mapping[str, float],
+    rows: Sequence[tuple],
+    car: VehicleDimensions,
+    speed_ratio: float | None,
+) -> list[Parameter]:
+    """Bounds scaled from the buggy, values from the preset's car; dimensions are the car's own."""
+    wheelbase = values["cg_to_front_axle"] + values["cg_to_rear_axle"]
+    preset = VehicleDimensions(wheelbase=round(wheelbase, 6), mass=values["mass"])
+    to_buggy = Similarity.between(car, speed=speed_ratio)
+    speed = to_buggy.speed / Similarity.between(preset).speed
+    to_preset = Similarity.between(car, preset, speed)
+    own = {
+        "mass": car.mass,
+        "yaw_inertia": car.yaw_inertia,
+        "cg_to_front_axle": car.cg_to_front_axle,
+        "cg_to_rear_axle": round(car.cg_to_rear_axle, 9),
+        "sensor_x": car.sensor_to_cg,
+    }
+    result = []
+    for name, lower, upper, unit, meaning in rows:
+        value, bound = own.get(name, to_preset.of(unit) * values[name]), to_buggy.of(unit)
+        result.append(Parameter(name, value, bound * lower, bound * upper, unit, meaning))
+    return result
 
 
 def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
@@ -215,6 +249,8 @@ class ActuatedEngine(Engine):
     Args:
         preset: Parameter set: `buggy`, `dart` or `dart_lag`.
         substeps: Integration steps in a control period.
+        dimensions: Of another car, or what is known of it; ranges and values are scaled to it.
+        speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
         args, common: As for `Engine`; `parameters` differ from the preset's.
 
     Raises:
@@ -225,10 +261,22 @@ class ActuatedEngine(Engine):
     own_parameters: tuple = ()
     """Rows like those of `ACTUATION`, of a subclass's further parameters."""
 
-    def __init__(self, *args: Any, preset: str = "buggy", substeps: int = 2, **common: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        preset: str = "buggy",
+        substeps: int = 2,
+        dimensions: VehicleDimensions | Mapping[str, float] | None = None,
+        speed_ratio: float | None = None,
+        **common: Any,
+    ) -> None:
         if substeps < 1:
             raise ValueError(f"substeps is {substeps}: at least 1 is needed")
-        declared = declare(preset, (*self.own_parameters, *ACTUATION))
+        if dimensions is not None and not isinstance(dimensions, VehicleDimensions):
+            dimensions = similar_dimensions(dimensions)
+        self.dimensions, self.speed_ratio = dimensions, speed_ratio
+        rows = (*self.own_parameters, *ACTUATION)
+        declared = declare(preset, rows, dimensions, speed_ratio)
         super().__init__(*args, declared=declared, **common)
         self.preset, self.substeps = preset, substeps
         self._remembered = math.ceil(LONGEST_DEAD_TIME / self.dt)  # past commands kept
@@ -242,6 +290,13 @@ class ActuatedEngine(Engine):
     def vehicle(self) -> VehicleDimensions:
         front, rear, ahead = self._named("cg_to_front_axle", "cg_to_rear_axle", "sensor_x").values()
         return replace(super().vehicle(), wheelbase=round(front + rear, 6), sensor_to_cg=ahead)
+
+    def _nominal(self) -> VehicleDimensions:
+        return self.dimensions or super()._nominal()
+
+    @property
+    def similarity(self) -> Similarity:
+        return Similarity.between(self._nominal(), speed=self.speed_ratio)
 
     @property
     def half_step(self) -> dict[str, Any]:
@@ -309,7 +364,9 @@ class ActuatedEngine(Engine):
         return side_by_side(self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
 
     def _options(self) -> dict[str, Any]:
-        return {"preset": self.preset, "substeps": self.substeps}
+        options: dict[str, Any] = {"preset": self.preset, "substeps": self.substeps}
+        car = {"dimensions": self.dimensions, "speed_ratio": self.speed_ratio}
+        return options | {name: value for name, value in car.items() if value is not None}
 
 
 def side_by_side(first: Tensor, second: Tensor) -> Tensor:
