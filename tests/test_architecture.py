@@ -33,6 +33,7 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "task.paths": GROUND,
     "task.transforms": GROUND | {"task.paths"},
     "task": SIMULATION,
+    "inspection": SIMULATION | {"viz"},
     "policies": SIMULATION,
     "estimation": SIMULATION,
     "identification": SIMULATION | {"estimation"},

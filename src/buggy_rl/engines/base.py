@@ -179,7 +179,9 @@ class Engine(EnvBase):
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         """The same engine for another batch size."""
         values = {name: parameter.value for name, parameter in self.declared.items()}
-        options = self._options() | ({"ranges": self._ranges} if self._ranges else {})
+        options: dict[str, Any] = self._options()
+        if self._ranges:
+            options = {**options, "ranges": self._ranges}
         return type(self)(batch_size, self.device, values, self.dt, **options)
 
     def with_parameters(self, values: TensorDictBase) -> Self:

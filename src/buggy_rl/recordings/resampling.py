@@ -111,7 +111,7 @@ def _below_top_speed(
     speed, most = np.linalg.norm(part["velocity"][:, :2], axis=-1), columns.limits.top_speed
     if speed.max() <= most:
         return [part]
-    slow = ~maximum_filter1d(speed > most, grid.window)
+    slow = np.asarray(maximum_filter1d(speed > most, grid.window)) == 0
     t, at = part["t"][:, 0], int(np.argmax(speed))
     raw.note_column(
         "x",
