@@ -135,14 +135,24 @@ class CarFile:
             engine: single_track, kinematic or mujoco.
 
         Raises:
-            ValueError: The engine cannot drive these wheels.
+            ValueError: The engine cannot drive these wheels, or take this command.
         """
         if engine == "mujoco" and self.drive != "rear":
             raise ValueError(
                 f"car {self.name} drives its {self.drive} wheels, engine mujoco the rear ones "
                 "only: use single_track, or neglect it by drive: rear in the car's file"
             )
-        options = {"dimensions": asdict(self.vehicle), "speed_ratio": self.similarity.speed}
+        options: dict[str, Any] = {
+            "dimensions": asdict(self.vehicle),
+            "speed_ratio": self.similarity.speed,
+        }
+        if self.command.kind == "speed":
+            if engine == "mujoco":
+                raise ValueError(
+                    f"car {self.name} takes a speed, engine mujoco a throttle only: use "
+                    "single_track"
+                )
+            options["command"] = "speed"
         return {"options": options, "parameters": self._parameters(engine)}
 
     def _parameters(self, engine: str) -> dict[str, float]:
@@ -153,8 +163,10 @@ class CarFile:
         # Full lock is angle * tanh(steepness): `road_wheel_angle` of the bicycle engines.
         angles = {f"{side}_angle": angle / math.tanh(STEEPNESS) for side, angle in known.items()}
         steepness = {f"{side}_steepness": STEEPNESS for side in known}
-        share = {"front_drive_share": FRONT_SHARE[self.drive]} if engine == "single_track" else {}
-        return angles | steepness | share
+        own = {"front_drive_share": FRONT_SHARE[self.drive]} if engine == "single_track" else {}
+        if self.command.kind == "speed" and self.command.full_speed is not None:
+            own["full_speed"] = self.command.full_speed
+        return angles | steepness | own
 
 
 def load_car(car: str) -> CarFile:

@@ -16,6 +16,7 @@ MATCH = 0.95  # mean cosine of course minus yaw for the right yaw: 18 degrees of
 ALONG = 0.7  # cosine of course minus yaw (45 degrees) above which a car drives forward, below
 # whose negative backward; no tyre lets a car drift for long beyond it
 BOTH_WAYS = 0.9  # share of moving rows along the heading, either way, where yaw is right; chosen
+LEAST_REVERSE = 0.1  # [s] that a noisy tracker at rest does not seem to reverse for; chosen
 LEAST_FORWARD = 0.05  # share of moving rows forward: with less, yaw may be off by pi; chosen
 
 REMEDIES = {
@@ -105,7 +106,7 @@ def _cut_reverse(raw: RawRecording, found: Courses) -> None:
     negative = np.zeros(len(raw.t), bool)
     negative[rows[along < 0]] = True
     for run in np.split(rows, np.flatnonzero(np.diff(negative[rows].astype(int)) != 0) + 1):
-        if backward[run].any():
+        if backward[run].sum() * raw.period >= LEAST_REVERSE:
             raw.backward[run[0] : run[-1] + 1] = True
     raw.cut(raw.backward, "yaw", "the car reverses, which no simulator here can")
 
