@@ -208,6 +208,8 @@ def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candi
         "kinematic bicycle": "kinematic",
         "hold last": "hold",
     }
+    if config.fit_simulator == "single_track":  # it is there as what was fitted, as shipped
+        del named["single track, as shipped"]
     for name, simulator in (named | config.simulators).items():
         own = simulator == config.fit_simulator
         made = fit_setup(config) if own else simulator_setup(config, simulator)
