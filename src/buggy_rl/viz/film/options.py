@@ -1,6 +1,6 @@
 """Options of a film: how it is shown, and what `scripts/render.py` takes."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 from omegaconf import MISSING
@@ -123,6 +123,9 @@ class RenderConfig:
     def picture(self) -> PictureConfig:
         """The part of it that says how it is shown."""
         values = {f.name: getattr(self, f.name) for f in fields(PictureConfig)}
-        if self.car:
-            values["dimensions"] = load_car(self.car).vehicle
+        if self.car:  # drawn as a model of the buggy's wheelbase, as its tracks are
+            car = load_car(self.car)
+            lengths = {f.name for f in fields(VehicleDimensions)} - {"mass", "yaw_inertia"}
+            reduced = {n: getattr(car.vehicle, n) / car.similarity.length for n in lengths}
+            values["dimensions"] = replace(car.vehicle, **reduced)
         return PictureConfig(**values)

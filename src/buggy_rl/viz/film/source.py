@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from buggy_rl.car_file import load_car
 from buggy_rl.config import from_plain
 from buggy_rl.engines import ENGINES
 from buggy_rl.policies.actor_critic import load_policy
@@ -49,6 +50,9 @@ class Source:
                 "compare a recording with a simulator, or a driver with a driver"
             )
         tracks = [self._track(name) for name in names]
+        if self.config.car:
+            length = load_car(self.config.car).similarity.length
+            tracks = [track.drawn_at(length) for track in tracks]
         return [
             replace(track, name=name) if name else track
             for track, name in zip_longest(tracks, self.config.names)
