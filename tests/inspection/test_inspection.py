@@ -195,3 +195,19 @@ def test_frictionmaps_is_recognised_with_the_gyros_true_unit(frictionmaps_folder
     assert found.commands["steering"].column == "commandData.delta"
     assert "units: {yaw_rate: deg/s}" in found.proposal  # their documentation says otherwise
     assert "accelerations there are in g" in found.proposal
+
+
+def test_the_script_writes_a_page_a_picture_and_a_proposal(
+    found, repository, tmp_path, monkeypatch
+):
+    import runpy
+
+    words = ["inspect_recordings.py", found.folder, "most=2", f"output={tmp_path / 'out'}"]
+    monkeypatch.setattr("sys.argv", words)
+    runpy.run_path(str(repository / "scripts" / "inspect_recordings.py"), run_name="__main__")
+    assert (tmp_path / "out" / "inspection.png").read_bytes().startswith(b"\x89PNG")
+    assert "guesses from the data of 2 drives" in (tmp_path / "out" / "columns.yaml").read_text()
+    assert "<svg" in (tmp_path / "out" / "inspection.html").read_text()
+    monkeypatch.setattr("sys.argv", ["inspect_recordings.py"])
+    with pytest.raises(SystemExit, match="name one folder of recordings"):
+        runpy.run_path(str(repository / "scripts" / "inspect_recordings.py"), run_name="__main__")
