@@ -46,7 +46,8 @@ def clip_commands(raw: RawRecording, columns: ColumnMap, factor: ndarray | None)
 def _steering(raw: RawRecording, columns: ColumnMap) -> ndarray:
     ends = columns.steering
     off = raw.action[:, 1] - ends.middle
-    off = np.sign(off) * np.maximum(np.abs(off) - ends.deadband, 0.0)
+    if ends.deadband:
+        off = np.sign(off) * np.maximum(np.abs(off) - ends.deadband, 0.0)
     left, right = (
         (end - ends.middle) * (1 - ends.deadband / abs(end - ends.middle))
         for end in (ends.left, ends.right)
