@@ -49,6 +49,7 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
 SHARED_BY_ENGINES = {
     "base",
     "actuation",
+    "preset",
     "speed_control",
     "rows",
 }  # beside these, none knows of another

@@ -11,12 +11,12 @@ from buggy_rl.engines.actuation import (
     ACTUATION,
     ActuatedEngine,
     DriveForce,
-    declare,
     motor_force,
     moved_on,
     resistance,
     side_by_side,
 )
+from buggy_rl.engines.preset import declare
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY
 
