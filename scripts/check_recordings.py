@@ -1,6 +1,6 @@
 """Reads recordings as every other script does; prints which are usable and what was cut.
 
-    python scripts/check_recordings.py drives/ columns=configs/columns/dart.yaml
+    python scripts/check_recordings.py drives/ columns=configs/columns/dart.yaml car=dart
 
 Exit code 0: all recordings are usable; 1: some were refused; 2: none is usable.
 """
@@ -25,6 +25,7 @@ def main() -> int:
             arguments.paths,
             arguments.columns,
             float(arguments.dt),
+            car=arguments.car,
             progress=lambda found: tqdm(found, unit="recording", disable=len(found) < 5),
         )
     except ValueError as error:  # the column map or dt
@@ -52,8 +53,8 @@ def _parse() -> argparse.Namespace:
     parser.add_argument(
         "--notes", action="store_true", help="also print what was derived and dropped"
     )
-    arguments = parser.parse_args()
-    settings = {"columns": None, "dt": 0.01}
+    arguments = parser.parse_intermixed_args()
+    settings = {"columns": None, "dt": 0.01, "car": ""}
     for word in list(arguments.paths):
         key, equals, value = word.partition("=")
         if equals and key in settings:
@@ -61,7 +62,8 @@ def _parse() -> argparse.Namespace:
             arguments.paths.remove(word)
     if not arguments.paths:
         parser.error("name at least one file, folder or pattern")
-    arguments.columns, arguments.dt = settings["columns"], settings["dt"]
+    for key, value in settings.items():
+        setattr(arguments, key, value)
     return arguments
 
 

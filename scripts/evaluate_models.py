@@ -30,7 +30,7 @@ def main() -> None:
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
-    drives = load_drives(config.data, on_refusal=tqdm.write)
+    drives = load_drives(config.data, tqdm.write, config.car)
     test = held_out_segments(drives.held_out, config.windows)
     rows, rollouts = [], {}
     found = list(candidates(config, [r.name for r in drives.held_out]))

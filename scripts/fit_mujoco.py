@@ -2,12 +2,15 @@
 
     python scripts/fit_mujoco.py configs/sample.yaml
     python scripts/fit_mujoco.py configs/sample.yaml fit_simulator=single_track fit.iterations=5
+    python scripts/fit_mujoco.py my_study.yaml fit_simulator=single_track car=f1tenth
 
 Fits on the study's training drives, by least squares over windows of 1 s, and writes
 OUTPUT/FITTED.yaml (mujoco_fitted.yaml), which every script takes as a simulator. Prints each
-parameter with its 95 % interval, and warns about what these drives cannot determine.
+parameter with its 95 % interval, and warns about what these drives cannot determine, and about a
+fit that did not converge, ends at the edge of a range or is no better than holding the velocity.
 """
 
+import sys
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
@@ -24,12 +27,17 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl.engines import make_engine
-    from buggy_rl.identification.least_squares import as_simulator, fit, second_pass
-    from buggy_rl.identification.study import fit_file, load_drives
+    from buggy_rl.identification.fit_result import as_simulator
+    from buggy_rl.identification.least_squares import fit, second_pass
+    from buggy_rl.identification.study import fit_file, fit_setup, load_drives
 
     torch.set_num_threads(config.threads)
-    drives = load_drives(config.data, on_refusal=tqdm.write)
-    make = cache(lambda count: make_engine(config.fit_simulator, count, **config.fit_options))
+    drives = load_drives(config.data, tqdm.write, config.car)
+    setup = fit_setup(config)
+    options, parameters = setup["options"], setup["parameters"]
+    make = cache(
+        lambda n: make_engine(config.fit_simulator, n, parameters=parameters or None, **options)
+    )
     with tqdm(
         desc=f"fitting {config.fit_simulator}",
         total=config.fit.iterations + second_pass(config.fit),
@@ -39,18 +47,20 @@ def main() -> None:
             bar.update()
             bar.set_postfix_str(f"cost {metrics['cost']:.0f}")
 
-        estimates = fit(make, drives.training, config.fit, show)
+        fitted = fit(make, drives.training, config.fit, show)
 
     print(f"{'parameter':24} {'fitted':>9} {'95 % interval':>21} {'from':>8}  unit")
-    for e in estimates:
+    for e in fitted.estimates:
         interval = f"{e.low:.4g} .. {e.high:.4g}"
         line = f"{e.parameter.name:24} {e.value:9.4g} {interval:>21} {e.parameter.value:8.4g}  "
         print(line + e.parameter.unit + "".join(f"\n    ! {warning}" for warning in e.warnings))
     file = Path(config.output) / fit_file(config)
     save_run(config, file.parent)
-    content = as_simulator(config.fit_simulator, estimates, dict(config.fit_options))
+    content = as_simulator(config.fit_simulator, fitted, options, parameters)
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     print(f"written: {file}")
+    for warning in fitted.warnings:
+        print(f"WARNING: {warning}", file=sys.stderr)
 
 
 if __name__ == "__main__":

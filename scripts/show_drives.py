@@ -24,7 +24,7 @@ def main() -> None:
     from buggy_rl.viz.histograms import histogram_figure
     from buggy_rl.viz.style import save_figure
 
-    drives = load_drives(config.data, on_refusal=tqdm.write)
+    drives = load_drives(config.data, tqdm.write, config.car)
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)
     rows: TensorDict = TensorDict.cat([r.data.select(*keep) for r in drives.training])  # type: ignore[assignment]
     both: TensorDict = TensorDict.cat([rows, mirror(rows)])  # type: ignore[assignment]

@@ -31,7 +31,7 @@ def main() -> None:
 
     folder = Path(config.output)
     save_run(config, folder)
-    drives = load_drives(config.data, on_refusal=tqdm.write)
+    drives = load_drives(config.data, tqdm.write, config.car)
     plan = Plan(config, [r.source for r in drives.held_out], Path(__file__).parent)
     plan.write()
     stages = []

@@ -34,7 +34,7 @@ def main() -> None:
 
     torch.set_num_threads(config.threads)
     save_run(config, Path(config.output) / "models")
-    drives = load_drives(config.data, on_refusal=tqdm.write)
+    drives = load_drives(config.data, tqdm.write, config.car)
     for name, model_config, training_config in model_runs(config):
         file = model_file(config, name)
         checkpoint = file.with_suffix(".checkpoint")

@@ -29,6 +29,16 @@ def dart_folder() -> Path:
 
 
 @pytest.fixture(scope="session")
+def frictionmaps_folder() -> Path:
+    """The FrictionMaps drives: where `BUGGY_RL_FRICTIONMAPS` says, or beside the repository."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "frictionmaps"
+    folder = Path(os.environ.get("BUGGY_RL_FRICTIONMAPS", beside))
+    if not folder.is_dir():
+        pytest.skip("no FrictionMaps drives here: name their folder in BUGGY_RL_FRICTIONMAPS")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the repository."""
     return Path(__file__).resolve().parents[1]

@@ -53,7 +53,7 @@ def _ours(
     make: Callable[[int], MujocoEngine], recordings: Sequence[Recording], names: list[str]
 ) -> Estimates:
     found = fit(make, recordings, FitConfig(parameters=names))
-    return {e.parameter.name: (e.value, e.low, e.high) for e in found}
+    return {e.parameter.name: (e.value, e.low, e.high) for e in found.estimates}
 
 
 def _sysid(

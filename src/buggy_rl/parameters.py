@@ -23,7 +23,8 @@ class Parameter:
         if not self.lower - slack <= self.value <= self.upper + slack:
             raise ValueError(
                 f"parameter {self.name!r} is {self.value} {self.unit}, outside its range "
-                f"[{self.lower:.6g}, {self.upper:.6g}]: correct the value or widen the range"
+                f"[{self.lower:.6g}, {self.upper:.6g}]: correct the value, name the car (car=...) "
+                f"or widen the range (ranges: {{{self.name}: [lower, upper]}})"
             )
         # Clamped to the bound: a fit that starts here needs a start within the range.
         object.__setattr__(self, "value", min(max(self.value, self.lower), self.upper))

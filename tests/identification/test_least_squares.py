@@ -7,7 +7,8 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.base import Engine
-from buggy_rl.identification.least_squares import FitConfig, as_simulator, fit
+from buggy_rl.identification.fit_result import as_simulator
+from buggy_rl.identification.least_squares import FitConfig, fit
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.vehicle import integrate_pose
@@ -66,7 +67,7 @@ def drives(noise: float, count: int = 3) -> list[Recording]:
 def test_the_truth_is_found_from_a_wrong_start():
     recordings = drives(0.02)
     config = FitConfig(parameters=["push", "drag", "turn"])
-    for estimate in fit(make, recordings, config):
+    for estimate in fit(make, recordings, config).estimates:
         truth = TRUE[estimate.parameter.name]
         assert estimate.value == pytest.approx(truth, rel=0.02)
         assert estimate.low <= estimate.value <= estimate.high
@@ -78,7 +79,7 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     covered = total = 0
     for first in range(0, 36, 3):
         recordings = [toy_drive(str(i), 900, i, 0.03) for i in range(first, first + 3)]
-        for estimate in fit(make, recordings, config):
+        for estimate in fit(make, recordings, config).estimates:
             covered += estimate.low <= TRUE[estimate.parameter.name] <= estimate.high
             total += 1
     assert covered / total >= 0.8
@@ -86,7 +87,7 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
 
 def test_what_the_drives_never_exercise_is_said_to_be_undetermined():
     recordings = drives(0.02)
-    estimates = fit(make, recordings, FitConfig(parameters=["push", "brake"]))
+    estimates = fit(make, recordings, FitConfig(parameters=["push", "brake"])).estimates
     by_name = {e.parameter.name: e for e in estimates}
     assert "these drives do not determine it" in by_name["brake"].warnings
     assert by_name["brake"].value == pytest.approx(3.0, abs=0.1), "it stays where it was"
@@ -95,7 +96,7 @@ def test_what_the_drives_never_exercise_is_said_to_be_undetermined():
 
 def test_two_parameters_that_do_the_same_are_named_as_indistinguishable():
     recordings = drives(0.02)
-    estimates = fit(make, recordings, FitConfig(parameters=["push", "thrust", "drag"]))
+    estimates = fit(make, recordings, FitConfig(parameters=["push", "thrust", "drag"])).estimates
     by_name = {e.parameter.name: e for e in estimates}
     assert "these drives cannot tell it from thrust" in by_name["push"].warnings
     assert "these drives cannot tell it from push" in by_name["thrust"].warnings
@@ -125,8 +126,8 @@ def test_a_simulator_that_returns_nan_is_reported():
 
 def test_a_fit_as_a_file_holds_values_intervals_and_warnings():
     recordings = drives(0.02)
-    estimates = fit(make, recordings, FitConfig(parameters=["push", "drag"]))
-    content = as_simulator("toy", estimates, {"tyres": "explicit"})
+    fitted = fit(make, recordings, FitConfig(parameters=["push", "drag"]))
+    content = as_simulator("toy", fitted, {"tyres": "explicit"})
     assert content["engine"] == "toy"
     assert content["options"] == {"tyres": "explicit"}
     assert content["parameters"]["push"] == pytest.approx(4.0, rel=0.02)

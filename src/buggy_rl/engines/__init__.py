@@ -38,12 +38,17 @@ def make_engine(
         batch_size: Number of environments or a shape.
         device: Where the state lives.
         parameters: Physical parameters that differ from the engine's own.
-        options: Further arguments of the engine's class.
+        options: Further arguments of the engine's class; `car`, a car's name or file, stands for
+            the arguments and parameters that make the engine that car.
 
     Raises:
         ValueError: The name is unknown; the message lists the known ones.
     """
     name = str(simulator)
+    if options.get("car") and not name.endswith((".yaml", ".yml")):
+        made = as_car(name, str(options.pop("car")))
+        parameters = {**made["parameters"], **(parameters or {})}
+        options = {**made["options"], **options}
     if name.endswith((".yaml", ".yml")):
         return _from_yaml(Path(name), batch_size, device, parameters, options)
     if name.endswith(".pt"):
@@ -61,8 +66,26 @@ def make_engine(
         raise ValueError(f"engine {name!r}: {error}") from error
 
 
+def as_car(engine: str, car: str) -> dict[str, dict[str, Any]]:
+    """`options` and `parameters` that make an engine the car of a name or file.
+
+    Raises:
+        ValueError: There is no such car, or the engine cannot be it.
+    """
+    from buggy_rl.car_file import load_car
+
+    if engine in ("hold", "learned") or engine.endswith(".pt"):  # they know no car
+        return {"options": {}, "parameters": {}}
+    if engine not in ("single_track", "kinematic", "mujoco"):
+        raise ValueError(
+            f"engine {engine!r} cannot be the car {car!r}: single_track, kinematic and mujoco can"
+        )
+    return load_car(car).of_engine(engine)
+
+
 def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     """A simulator from outside this package: the contract gives it two arguments, no more."""
+    ranges = options.pop("ranges", {})
     if options:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
     import torch
@@ -76,6 +99,8 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     except TypeError as error:
         raise ValueError(f"{name} is called as factory(batch_size, device): {error}") from error
     engine = in_single_precision(factory(batch_size, device))
+    if ranges:
+        engine.declared = _with_ranges(name, engine, ranges)
     if not parameters:
         return engine
     with_parameters = getattr(engine, "with_parameters", None)
@@ -86,8 +111,21 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     return with_parameters(TensorDict(values, shape))
 
 
+def _with_ranges(name: str, engine: Any, ranges: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    from buggy_rl.engines.base import with_ranges
+
+    declared = getattr(engine, "declared", {})
+    unknown = sorted(set(ranges) - set(declared))
+    if unknown:
+        known = ", ".join(sorted(declared)) or "none"
+        raise ValueError(f"{name}: ranges: no parameter {', '.join(unknown)}; available: {known}")
+    return with_ranges(declared, ranges)
+
+
 def read_simulator(file: Path) -> dict[str, Any]:
     """What a simulator file says: engine, parameters, options, effects; paths made absolute.
+
+    `ranges` of parameters become an option, since engines take them as one.
 
     Raises:
         ValueError: There is no such file, or it is none of a simulator.
@@ -95,7 +133,7 @@ def read_simulator(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise ValueError(f"there is no simulator file {file}")
     content = yaml.safe_load(file.read_text())
-    allowed = {"engine", "parameters", "options", "effects"}
+    allowed = {"engine", "parameters", "options", "effects", "ranges"}
     if not isinstance(content, dict) or "engine" not in content:
         raise ValueError(f"{file}: a simulator file needs the key 'engine'")
     # Underscored keys hold what a fit reports about itself: intervals, warnings.
@@ -104,6 +142,11 @@ def read_simulator(file: Path) -> dict[str, Any]:
         raise ValueError(f"{file}: unknown keys {sorted(unknown)}; allowed: {sorted(allowed)}")
     result = {key: content.get(key) or {} for key in sorted(allowed)}
     result["engine"] = engine = str(content["engine"])
+    if ranges := result.pop("ranges"):
+        result["options"] = {**result["options"], "ranges": ranges}
+    car = str(result["options"].get("car", ""))
+    if car.endswith((".yaml", ".yml")) and (file.parent / car).is_file():
+        result["options"] = {**result["options"], "car": str(file.parent / car)}
     beside = (".yaml", ".yml", ".pt")
     if (engine.endswith(beside) or ".py:" in engine) and not Path(engine).is_absolute():
         result["engine"] = str(file.parent / engine)

@@ -3,22 +3,27 @@
 A command passes a dead time, a first-order lag and a static map.
 """
 
-import importlib.resources
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import torch
-import yaml
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
-from buggy_rl.parameters import Parameter
+from buggy_rl.engines.preset import declare
+from buggy_rl.engines.speed_control import (
+    REPLACED,
+    SPEED_CONTROL,
+    controlled_force,
+    steady_drive,
+)
+from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 
 COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest first
@@ -29,6 +34,9 @@ LEFT_RIGHT_BLEND = 30.0  # [-] steepness of the blend from right to left; dart_d
 STEERING_DRAG_ONSET = 0.3  # [m/s] speed at which steering drag begins; dart_dynamic_models.py
 STEERING_DRAG_STEEPNESS = 20.0  # [s/m] of that onset; dart_dynamic_models.py
 SLOWEST_LAG = 1e-6  # [s] stands for no lag, where the formula divides by the time constant
+
+Command = Literal["throttle", "speed"]
+DriveForce = Callable[[Tensor, Tensor, Mapping[str, Tensor]], Tensor]
 
 # name, lower, upper, unit, meaning; values are in presets/*.yaml
 ACTUATION = (
@@ -57,31 +65,6 @@ ACTUATION = (
     ("steering_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the steering acts."),
     ("steering_lag", 0.0, 1.0, "s", "Time constant of the steering behind that."),
 )
-
-
-def declare(preset: str, rows: Sequence[tuple]) -> list[Parameter]:
-    """Parameters with the values of a preset.
-
-    Args:
-        preset: A file in `presets/`, without its ending.
-        rows: Name, lower bound, upper bound, unit and meaning of each.
-
-    Raises:
-        ValueError: There is no such preset, or it leaves a parameter out.
-    """
-    folder = importlib.resources.files("buggy_rl.engines") / "presets"
-    file = folder / f"{preset}.yaml"
-    if not file.is_file():
-        available = sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml"))
-        raise ValueError(f"no preset {preset!r}; available: {', '.join(available)}")
-    values = yaml.safe_load(file.read_text())["parameters"]
-    missing = [row[0] for row in rows if row[0] not in values]
-    if missing:
-        raise ValueError(f"preset {preset!r} leaves out {', '.join(missing)}: add them to {file}")
-    return [
-        Parameter(name, float(values[name]), lower, upper, unit, meaning)
-        for name, lower, upper, unit, meaning in rows
-    ]
 
 
 def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
@@ -215,6 +198,10 @@ class ActuatedEngine(Engine):
     Args:
         preset: Parameter set: `buggy`, `dart` or `dart_lag`.
         substeps: Integration steps in a control period.
+        command: `throttle`, the drive of the motor, or `speed`, a setpoint that a controller on
+            the car follows: then `full_speed`, `speed_gain`, `brake_force` are its parameters.
+        dimensions: Of another car, or what is known of it; ranges and values are scaled to it.
+        speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
         args, common: As for `Engine`; `parameters` differ from the preset's.
 
     Raises:
@@ -225,10 +212,26 @@ class ActuatedEngine(Engine):
     own_parameters: tuple = ()
     """Rows like those of `ACTUATION`, of a subclass's further parameters."""
 
-    def __init__(self, *args: Any, preset: str = "buggy", substeps: int = 2, **common: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        preset: str = "buggy",
+        substeps: int = 2,
+        command: Command = "throttle",
+        dimensions: VehicleDimensions | Mapping[str, float] | None = None,
+        speed_ratio: float | None = None,
+        **common: Any,
+    ) -> None:
         if substeps < 1:
             raise ValueError(f"substeps is {substeps}: at least 1 is needed")
-        declared = declare(preset, (*self.own_parameters, *ACTUATION))
+        if dimensions is not None and not isinstance(dimensions, VehicleDimensions):
+            dimensions = similar_dimensions(dimensions)
+        if command not in get_args(Command):
+            known = ", ".join(get_args(Command))
+            raise ValueError(f"command is {command!r}: must be one of {known}")
+        self.dimensions, self.speed_ratio, self.command = dimensions, speed_ratio, command
+        rows = self._parameter_rows()
+        declared = declare(preset, rows, dimensions, speed_ratio)
         super().__init__(*args, declared=declared, **common)
         self.preset, self.substeps = preset, substeps
         self._remembered = math.ceil(LONGEST_DEAD_TIME / self.dt)  # past commands kept
@@ -242,6 +245,24 @@ class ActuatedEngine(Engine):
     def vehicle(self) -> VehicleDimensions:
         front, rear, ahead = self._named("cg_to_front_axle", "cg_to_rear_axle", "sensor_x").values()
         return replace(super().vehicle(), wheelbase=round(front + rear, 6), sensor_to_cg=ahead)
+
+    def _parameter_rows(self) -> tuple:
+        rows = (*self.own_parameters, *ACTUATION)
+        if self.command == "throttle":
+            return rows
+        return (*(row for row in rows if row[0] not in REPLACED), *SPEED_CONTROL)
+
+    @property
+    def drive_force(self) -> DriveForce:
+        """Force [*] N at a speed [*] m/s and a drive [*] in 0..1, by parameter values."""
+        return controlled_force if self.command == "speed" else motor_force
+
+    def _nominal(self) -> VehicleDimensions:
+        return self.dimensions or super()._nominal()
+
+    @property
+    def similarity(self) -> Similarity:
+        return Similarity.between(self._nominal(), speed=self.speed_ratio)
 
     @property
     def half_step(self) -> dict[str, Any]:
@@ -259,8 +280,11 @@ class ActuatedEngine(Engine):
             wheelbase * yaw_rate / vx.clamp_min(0.5)
         )  # at rest no arc follows from a yaw rate
         needed = resistance(vx, angle, v)
-        available = (v["drive_force"] - v["drive_force_loss"] * vx).clamp_min(1e-3)
-        drive = (v["throttle_deadband"] + needed / available) * (vx > 0)
+        if self.command == "speed":
+            drive = steady_drive(vx, needed, v) * (vx > 0)
+        else:
+            available = (v["drive_force"] - v["drive_force_loss"] * vx).clamp_min(1e-3)
+            drive = (v["throttle_deadband"] + needed / available) * (vx > 0)
         throttle = 2 * drive.clamp(0.0, 1.0) - 1
         held = torch.stack([throttle, steering_command(angle, v)], -1)  # (*, 2)
         commands = held.unsqueeze(-2).repeat_interleave(self._remembered, -2)
@@ -309,7 +333,11 @@ class ActuatedEngine(Engine):
         return side_by_side(self.values[f"{first}_{what}"], self.values[f"{second}_{what}"])
 
     def _options(self) -> dict[str, Any]:
-        return {"preset": self.preset, "substeps": self.substeps}
+        options: dict[str, Any] = {"preset": self.preset, "substeps": self.substeps}
+        if self.command != "throttle":
+            options["command"] = self.command
+        car = {"dimensions": self.dimensions, "speed_ratio": self.speed_ratio}
+        return options | {name: value for name, value in car.items() if value is not None}
 
 
 def side_by_side(first: Tensor, second: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.parameters import Parameter
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 
@@ -33,6 +34,11 @@ class Engine(EnvBase):
         parameters: Values that differ from the declared ones, by name.
         dt: Control period [s].
         declared: Every parameter the engine has.
+        ranges: Lower and upper bounds that differ from the declared ones, by name.
+
+    Raises:
+        KeyError: A parameter is unknown.
+        ValueError: A value is outside its range, or a range is not two numbers in order.
     """
 
     batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
@@ -48,15 +54,15 @@ class Engine(EnvBase):
         parameters: Mapping[str, float] | None = None,
         dt: float = CONTROL_PERIOD,
         declared: Sequence[Parameter] = (),
+        ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         shape = (batch_size,) if isinstance(batch_size, int) else tuple(batch_size)
         super().__init__(device=torch.device(device), batch_size=torch.Size(shape))
         self.dt = dt
         self.declared = {p.name: p for p in declared}
-        overrides = dict(parameters or {})
-        self._refuse_unknown(overrides)
-        for name, value in overrides.items():
-            self.declared[name] = replace(self.declared[name], value=float(value))
+        values, self._ranges = dict(parameters or {}), dict(ranges or {})
+        self._refuse_unknown([*values, *self._ranges])
+        self.declared = with_ranges(self.declared, self._ranges, values)
         self.values = {
             name: torch.tensor(p.value, dtype=torch.float32, device=self.device)
             for name, p in self.declared.items()
@@ -152,6 +158,11 @@ class Engine(EnvBase):
         """The car where no parameter says otherwise: the buggy."""
         return VehicleDimensions()
 
+    @property
+    def similarity(self) -> Similarity:
+        """Ratios of the car to the buggy, which lengths and speeds are judged by."""
+        return Similarity()
+
     def _named(self, *names: str) -> dict[str, float]:
         """Parameters by name, as far as the engine has them."""
         return {n: round(float(self.values[n].mean()), 6) for n in names if n in self.values}
@@ -168,7 +179,10 @@ class Engine(EnvBase):
     def _rebuilt(self, batch_size: Sequence[int]) -> Self:
         """The same engine for another batch size."""
         values = {name: parameter.value for name, parameter in self.declared.items()}
-        return type(self)(batch_size, self.device, values, self.dt, **self._options())
+        options: dict[str, Any] = self._options()
+        if self._ranges:
+            options = {**options, "ranges": self._ranges}
+        return type(self)(batch_size, self.device, values, self.dt, **options)
 
     def with_parameters(self, values: TensorDictBase) -> Self:
         """The same engine with other parameter values, one set per environment.
@@ -199,3 +213,24 @@ class Engine(EnvBase):
                 f"{type(self).__name__} has no parameter {', '.join(unknown)}; "
                 f"available: {', '.join(sorted(self.declared)) or 'none'}"
             )
+
+
+def with_ranges(
+    declared: Mapping[str, Parameter],
+    ranges: Mapping[str, Sequence[float]],
+    values: Mapping[str, float] | None = None,
+) -> dict[str, Parameter]:
+    """Parameters with other ranges, and other values, by name.
+
+    Raises:
+        ValueError: A range is not two numbers in order, or a value is outside its range.
+    """
+    values, result = values or {}, dict(declared)
+    for name in {*ranges, *values}:
+        p = declared[name]
+        ends = [float(end) for end in ranges.get(name, (p.lower, p.upper))]
+        if len(ends) != 2 or not ends[0] < ends[1]:
+            raise ValueError(f"ranges: {name} is {ends}: write [lower, upper], in {p.unit}")
+        value = float(values.get(name, p.value))
+        result[name] = replace(p, value=value, lower=ends[0], upper=ends[1])
+    return result

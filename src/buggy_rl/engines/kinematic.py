@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import ActuatedEngine, motor_force, resistance
+from buggy_rl.engines.actuation import ActuatedEngine, resistance
 
 
 class KinematicEngine(ActuatedEngine):
@@ -27,5 +27,6 @@ class KinematicEngine(ActuatedEngine):
         return torch.stack([vx, v["cg_to_rear_axle"] * yaw_rate, yaw_rate], -1)
 
     def _acceleration(self, vx: Tensor, drive: Tensor, steering_angle: Tensor) -> Tensor:
-        force = motor_force(vx, drive, self.values) - resistance(vx, steering_angle, self.values)
+        force = self.drive_force(vx, drive, self.values)
+        force = force - resistance(vx, steering_angle, self.values)
         return force / self.values["mass"]

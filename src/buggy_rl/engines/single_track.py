@@ -10,12 +10,13 @@ from torch import Tensor
 from buggy_rl.engines.actuation import (
     ACTUATION,
     ActuatedEngine,
-    declare,
+    DriveForce,
     motor_force,
     moved_on,
     resistance,
     side_by_side,
 )
+from buggy_rl.engines.preset import declare
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY
 
@@ -59,10 +60,12 @@ class SingleTrack:
 
     Args:
         values: Parameter name -> value, each of shape () or [*].
+        force: Of the motor, by speed, drive and values.
     """
 
-    def __init__(self, values: Mapping[str, Tensor]) -> None:
+    def __init__(self, values: Mapping[str, Tensor], force: DriveForce = motor_force) -> None:
         self.values = v = values
+        self._force = force
         self._B, self._C, grip = (
             side_by_side(v[f"front_{factor}"], v[f"rear_{factor}"])
             for factor in ("stiffness", "shape", "grip")
@@ -98,7 +101,7 @@ class SingleTrack:
         front, rear = (-self._peak * torch.sin(self._C * torch.atan(self._B * alpha))).unbind(-1)
         damping = self._peak * self._C * self._B / along
 
-        force = motor_force(vx, drive, v) - resistance(vx, angle, v)
+        force = self._force(vx, drive, v) - resistance(vx, angle, v)
         front_force = v["front_drive_share"] * force
         lateral = front_force * sin + front * cos
         ax = (front_force * cos + force - front_force - front * sin) / v["mass"] + vy * yaw_rate
@@ -158,7 +161,7 @@ class SingleTrackEngine(ActuatedEngine):
     def _moved_on(
         self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
     ) -> tuple[Tensor, Tensor]:
-        if not KERNEL.ready(pose[..., 0]):
+        if self.command != "throttle" or not KERNEL.ready(pose[..., 0]):
             return super()._moved_on(actuators, pose, velocity)
         h = pose.new_tensor(self.dt / self.substeps)
         for position in actuators:
@@ -167,7 +170,9 @@ class SingleTrackEngine(ActuatedEngine):
 
     def _parameters_changed(self) -> None:
         super()._parameters_changed()
-        self._physics = SingleTrack(self.values)
+        self._physics = SingleTrack(self.values, self.drive_force)
+        if self.command != "throttle":  # the kernel is that of a throttle
+            return
         size = self.batch_size
         # Of the kernel, [P, *].
         self._columns = torch.stack([self.values[name].expand(size) for name in VALUES])

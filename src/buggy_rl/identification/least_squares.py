@@ -18,8 +18,10 @@ from buggy_rl.estimation.cross_validation import jackknife
 from buggy_rl.estimation.noise_model import start_sensitivity
 from buggy_rl.estimation.rollout import Settings, Simulation
 from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
+from buggy_rl.identification.fit_result import AT_BOUND, Estimate, Fit, position_errors
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings import Recording
+from buggy_rl.similarity import Similarity
 
 WIDE = 0.5  # [parameter ranges] an interval of this width determines nothing
 CORRELATED = 0.95  # [-] two parameters with errors correlated like this trade against each other,
@@ -60,21 +62,6 @@ class FitConfig:
     takes away is also the estimate of the sensor's noise."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """One fitted parameter."""
-
-    parameter: Parameter
-    """As declared, with the value the fit started from."""
-    value: float
-    low: float
-    """Lower end of the 95 % interval."""
-    high: float
-    """Upper end."""
-    warnings: tuple[str, ...] = ()
-    """What the drives cannot tell about it, in plain words."""
-
-
 def second_pass(config: FitConfig) -> int:
     """Most iterations of the second pass."""
     return max(3, config.iterations // 2)
@@ -93,6 +80,8 @@ class RolloutResiduals:
     parameters: Sequence[Parameter]
     whitening: Tensor | None = None
     """[N, D, D] W, once start errors are integrated out."""
+    scales: Tensor = field(default_factory=lambda: torch.tensor(SCALES))
+    """[6] s, of x, y, yaw, vx, vy, yaw_rate."""
 
     @property
     def prior(self) -> NDArray:
@@ -139,7 +128,7 @@ class RolloutResiduals:
         segments = replace(segments, smooth_velocity=segments.velocity)
         settings = scaled_settings(self.parameters, scaled[None])
         slopes, readings = start_sensitivity(self.simulation, segments, start_sd, settings)
-        slopes = slopes / torch.tensor(SCALES).double().repeat(readings).unsqueeze(-1)
+        slopes = slopes / self.scales.double().repeat(readings).unsqueeze(-1)
         eye = torch.eye(slopes.shape[1], dtype=torch.float64)
         covariance = max(scatter, 1e-3) ** 2 * eye + slopes @ slopes.mT
         whitening = torch.linalg.inv(torch.linalg.cholesky(covariance))
@@ -149,7 +138,7 @@ class RolloutResiduals:
         """Residuals [C, M] of C sets of scaled parameters, in one batch."""
         settings = scaled_settings(self.parameters, scaled)
         residuals = self.simulation.residuals(self.segments, settings)
-        flat = (residuals / torch.tensor(SCALES)).flatten(2).double()  # (C, N, D)
+        flat = (residuals / self.scales).flatten(2).double()  # (C, N, D)
         if self.whitening is not None:
             flat = torch.einsum("nij,cnj->cni", self.whitening, flat)
         if not bool(flat.isfinite().all()):
@@ -167,12 +156,19 @@ def scaled_settings(parameters: Sequence[Parameter], scaled: NDArray) -> Setting
     return Settings(parameters={p.name: values[:, i] for i, p in enumerate(parameters)})
 
 
+def residual_scales(simulator: EnvBase) -> Tensor:
+    """[6] residuals that weigh as one: those of the buggy, scaled to the simulator's car."""
+    scale = getattr(simulator, "similarity", Similarity())
+    units = ("m", "m", "rad", "m/s", "m/s", "rad/s")
+    return torch.tensor([s * scale.of(unit) for s, unit in zip(SCALES, units, strict=True)])
+
+
 def fit(
     make: Callable[[int], EnvBase],
     recordings: Sequence[Recording],
     config: FitConfig,
     on_iteration: Callable[[dict[str, float]], None] = lambda _: None,
-) -> list[Estimate]:
+) -> Fit:
     """Least squares on rollouts, with a column of the Jacobian a part of the simulator's batch.
 
     A first pass starts its rollouts from smoothed velocities. A second starts from those measured
@@ -193,7 +189,8 @@ def fit(
     """
     segments = fit_segments(recordings, config)
     simulation = Simulation(make, every=config.every)
-    residuals = RolloutResiduals(simulation, segments, _chosen(make(1), config))
+    chosen, scales = _chosen(make(1), config), residual_scales(make(1))
+    residuals = RolloutResiduals(simulation, segments, chosen, scales=scales)
     iteration = 0
 
     def report(intermediate_result) -> None:
@@ -201,13 +198,17 @@ def fit(
         iteration += 1
         on_iteration({"iteration": iteration, "cost": float(intermediate_result.cost)})
 
-    scaled = _solved(residuals, residuals.prior, config.iterations, report)
+    scaled = _solved(residuals, residuals.prior, config.iterations, report).x
     residuals = residuals.with_free_starts(scaled)
-    scaled = _solved(residuals, scaled, second_pass(config), report)
+    solution = _solved(residuals, scaled, second_pass(config), report)
+    scaled = solution.x
     group = segments.length_blocks()
     covariance = residuals.covariance(scaled, group)
     spread = float(student_t.ppf(0.975, max(1, len(group.unique()) - 1)))
-    return _estimates(residuals.parameters, scaled, covariance, spread)
+    estimates = _estimates(residuals.parameters, scaled, covariance, spread)
+    settings = scaled_settings(residuals.parameters, scaled[None])
+    errors = position_errors(simulation, segments, settings)
+    return Fit(estimates, solution.status > 0, *errors)
 
 
 def fit_segments(recordings: Sequence[Recording], config: FitConfig) -> Segments:
@@ -237,7 +238,7 @@ def _chosen(simulator: EnvBase, config: FitConfig) -> list[Parameter]:
     return [declared[name] for name in names]
 
 
-def _solved(residuals: RolloutResiduals, start: NDArray, iterations: int, report) -> NDArray:
+def _solved(residuals: RolloutResiduals, start: NDArray, iterations: int, report):
     return least_squares(
         residuals.value,
         start.clip(INSIDE, 1 - INSIDE),
@@ -249,7 +250,7 @@ def _solved(residuals: RolloutResiduals, start: NDArray, iterations: int, report
         xtol=1e-6,
         max_nfev=iterations,
         callback=report,
-    ).x
+    )
 
 
 def _estimates(
@@ -265,29 +266,10 @@ def _estimates(
         if high - low > WIDE:
             warnings.append("these drives do not determine it")
         if scaled[i] < 0.01 or scaled[i] > 0.99:
-            warnings.append("it lies at the edge of its range")
+            warnings.append(AT_BOUND)
         for j, other in enumerate(chosen):
             if j != i and abs(correlation[i, j]) > CORRELATED and high - low > TRADED:
                 warnings.append(f"these drives cannot tell it from {other.name}")
         value, low, high = (float(parameter.lower + x * width) for x in (scaled[i], low, high))
         estimates.append(Estimate(parameter, value, low, high, tuple(warnings)))
     return estimates
-
-
-def as_simulator(engine: str, estimates: Sequence[Estimate], options: dict) -> dict:
-    """A fit as the content of a simulator file that `make_engine` reads."""
-    return {
-        "engine": engine,
-        "options": options,
-        "parameters": {e.parameter.name: round(e.value, 6) for e in estimates},
-        "_fit": {
-            e.parameter.name: {
-                "low": round(e.low, 6),
-                "high": round(e.high, 6),
-                "unit": e.parameter.unit,
-                "started_from": e.parameter.value,
-                "warnings": list(e.warnings),
-            }
-            for e in estimates
-        },
-    }

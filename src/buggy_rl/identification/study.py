@@ -9,6 +9,7 @@ from typing import Any
 from omegaconf import MISSING
 
 from buggy_rl.config import belongs_to
+from buggy_rl.engines import ENGINES, as_car
 from buggy_rl.identification.least_squares import FitConfig
 from buggy_rl.identification.table import Candidate
 from buggy_rl.models.factory import ModelConfig, load_model
@@ -64,6 +65,8 @@ class StudyConfig:
 
     output: str = MISSING
     """Folder for models, fits, table and pictures."""
+    car: str = ""
+    """The car: a name in configs/cars or a file of one's own; empty for the buggy's ranges."""
     data: DataConfig = field(default_factory=DataConfig)
     runs: dict[str, RunConfig] = field(default_factory=dict)
     """Models to train, by the name they have in the table."""
@@ -71,7 +74,8 @@ class StudyConfig:
     fit_simulator: str = "mujoco"
     """The simulator that scripts/fit_mujoco.py fits: any that declares parameters."""
     fit_options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("fit_simulator"))
-    """Further arguments of that simulator's class, such as tyres: contact."""
+    """Further arguments of that simulator's class, such as tyres: contact, dimensions: {wheelbase:
+    0.26, mass: 3.0} or ranges: {mass: [1.0, 4.0]}."""
     simulators: dict[str, str] = field(default_factory=dict)
     """Further simulators for the table, by the name they have in it."""
     windows: int = 300
@@ -97,13 +101,18 @@ class Drives:
     held_out: list[Recording]
 
 
-def load_drives(config: DataConfig, on_refusal: Callable[[str], None]) -> Drives:
+def load_drives(config: DataConfig, on_refusal: Callable[[str], None], car: str = "") -> Drives:
     """Reads a study's drives and splits them; what is refused is told, one line each.
+
+    Args:
+        config: Which.
+        on_refusal: Told of each that is refused.
+        car: Name or file of the car that the checks are for.
 
     Raises:
         ValueError: Too few drives are left.
     """
-    recordings, refusals = load_recordings(config.recordings, config.columns or None)
+    recordings, refusals = load_recordings(config.recordings, config.columns or None, car=car)
     for refusal in refusals:
         on_refusal(str(refusal))
     if not recordings:
@@ -155,6 +164,19 @@ def _all_runs(config: StudyConfig) -> Iterator[tuple[str, ModelConfig, TrainingC
             yield f"{name}, {preparation}", run.model, training
 
 
+def fit_setup(config: StudyConfig) -> dict[str, dict[str, Any]]:
+    """`options` and `parameters` of the simulator that is fitted: the car's, then its own."""
+    made = simulator_setup(config, config.fit_simulator)
+    return {**made, "options": {**made["options"], **config.fit_options}}
+
+
+def simulator_setup(config: StudyConfig, simulator: str) -> dict[str, dict[str, Any]]:
+    """`options` and `parameters` that make one of our engines the study's car."""
+    if not config.car or simulator not in ENGINES:  # a file says itself what it is
+        return {"options": {}, "parameters": {}}
+    return as_car(simulator, config.car)
+
+
 def fit_file(config: StudyConfig) -> str:
     """Name of the fitted simulator's file in the study's output folder."""
     return f"{file_name(config.fit_simulator)}_fitted.yaml"
@@ -186,9 +208,13 @@ def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candi
         "kinematic bicycle": "kinematic",
         "hold last": "hold",
     }
+    if config.fit_simulator == "single_track":  # it is there as what was fitted, as shipped
+        del named["single track, as shipped"]
     for name, simulator in (named | config.simulators).items():
-        options = config.fit_options if simulator == config.fit_simulator else {}
-        yield Candidate(name, partial(make_simulator, simulator, **options))
+        own = simulator == config.fit_simulator
+        made = fit_setup(config) if own else simulator_setup(config, simulator)
+        given = partial(make_simulator, parameters=made["parameters"] or None, **made["options"])
+        yield Candidate(name, partial(given, simulator))
 
 
 def file_name(name: str) -> str:

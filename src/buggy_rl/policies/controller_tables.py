@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Scores, drive
+from buggy_rl.policies.controllers.at_scale import for_car
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.random import RandomDriver
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
@@ -74,7 +75,7 @@ def tuned(
     env = _course_env(config, replace(course, steps=config.steps), config.candidates)
 
     def watched(numbers: Any) -> Any:
-        driver = make(numbers)
+        driver = for_car(make(numbers), config.task.paths.car)
 
         def driven(state: TensorDictBase) -> TensorDictBase:
             step()
@@ -106,7 +107,10 @@ def results(
     """Scores each tuned controller, by its numbers, and a random one on every set of paths."""
     named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
-        driver = DRIVERS[name][0](found[name]) if name in found else RandomDriver(seed=config.seed)
+        if name in found:
+            driver = for_car(DRIVERS[name][0](found[name]), config.task.paths.car)
+        else:
+            driver = RandomDriver(seed=config.seed)
         env = _course_env(config, named[course])
         yield Result(name, course, drive(env, driver, named[course].steps))
 

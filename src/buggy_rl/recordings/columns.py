@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import yaml
+from omegaconf import MISSING
 
 from buggy_rl.config import from_plain
 from buggy_rl.recordings.limits import Limits
@@ -16,6 +17,8 @@ CHANNELS = (
     *("vx", "vy", "yaw_rate", "throttle", "steering"),
 )
 """Channels of a recording, by their columns in the standard table."""
+COMMANDS = "throttle", "steering", "throttle factor"
+"""Channels that hold their value until the next one; a factor belongs to the throttle."""
 
 DEGREE = math.pi / 180  # [rad]
 UNITS: dict[str, dict[str, float]] = {
@@ -56,6 +59,14 @@ class Steering:
     left: float = 1.0
     centre: float | None = None
     """None: the mean of left and right."""
+    deadband: float = 0.0
+    """Raw values this near to the centre turn no wheel: they map to 0, and the map is linear from
+    the edge of this dead zone to full lock."""
+
+    @property
+    def middle(self) -> float:
+        """Raw value at the centre."""
+        return (self.left + self.right) / 2 if self.centre is None else self.centre
 
 
 @dataclass(frozen=True)
@@ -79,6 +90,16 @@ class Mount:
     """To the left of the reference point [m]."""
     yaw: float = 0.0
     """Rotation of the tracker to the left of the car [rad]."""
+
+
+@dataclass(frozen=True)
+class SourceTable:
+    """One of several tables of a drive."""
+
+    file: str = MISSING
+    """In the folder of the drive, e.g. `pose.csv`; names then read `pose.x`."""
+    time: dict[str, str] = field(default_factory=dict)
+    """Columns of the stamp and their units, which add up: `{sec: s, nanosec: ns}`."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +138,8 @@ class ColumnMap:
     time_from_first: bool = False
     """Count t from the first row, e.g. for stamps that count from 1970."""
     topics: Topics = field(default_factory=Topics)
+    tables: list[SourceTable] = field(default_factory=list)
+    """Tables of a drive that is a folder of several; rows are those of the first."""
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -125,6 +148,10 @@ class ColumnMap:
         for channel, unit in self.units.items():
             known = UNITS.get(QUANTITY.get(channel, ""), {})
             _refuse_unknown([unit], known, f"unit of {channel}")
+        for table in self.tables:
+            _refuse_unknown(table.time.values(), UNITS["t"], f"tables: time of {table.file}")
+            if not table.time:
+                raise ValueError(f"tables: {table.file} has no time; write time: {{column: s}}")
         for channel, sign in self.signs.items():
             if sign not in (-1, 1):
                 raise ValueError(f"signs: {channel} is {sign}; write 1 or -1")
@@ -135,6 +162,14 @@ class ColumnMap:
         if len({self.steering.left, self.steering.right}) == 1:
             raise ValueError(
                 f"steering: left and right are both {self.steering.left}; they must differ"
+            )
+        reach = min(
+            abs(end - self.steering.middle) for end in (self.steering.left, self.steering.right)
+        )
+        if not 0 <= self.steering.deadband < reach:
+            raise ValueError(
+                f"steering: deadband is {self.steering.deadband}; must be at least 0 and below "
+                f"{reach:g}, the raw value from the centre to the nearer lock"
             )
         if len(self.topics.action_fields) not in (0, 2):
             raise ValueError(f"action_fields is {self.topics.action_fields}; needs two names")

@@ -1,6 +1,10 @@
 """Thresholds of the recording checks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from buggy_rl.car_file import CarFile
+
+TOP_SPEED_MARGIN = 1.5  # [-] of the car's top speed that no recording exceeds; see `top_speed`
 
 
 @dataclass(frozen=True)
@@ -77,3 +81,17 @@ class Limits:
     """[s] Shorter segments are dropped; the Savitzky-Golay filter needs 0.15 s."""
     shortest_drive: float = 1.0
     """[s] Least usable time of a recording: the horizon of the open-loop error."""
+
+    def for_car(self, car: CarFile) -> "Limits":
+        """The limits of another car, where they are at their defaults.
+
+        The top speed is 1.5 times the car's. A smaller car yaws faster, by 1 / length.
+        """
+        standard, agility = Limits(), max(1.0, 1 / car.similarity.length)
+        scaled = {
+            "top_speed": TOP_SPEED_MARGIN * car.top_speed,
+            "leap_yaw": agility * self.leap_yaw,
+            "leap_yaw_acceleration": agility * self.leap_yaw_acceleration,
+        }
+        own = {n: v for n, v in scaled.items() if getattr(self, n) == getattr(standard, n)}
+        return replace(self, **own)

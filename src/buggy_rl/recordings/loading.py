@@ -3,6 +3,7 @@
 import glob
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
+from buggy_rl.car_file import load_car
 from buggy_rl.recordings.checks import CHECKS
 from buggy_rl.recordings.columns import ColumnMap, load_columns
 from buggy_rl.recordings.errors import RecordingError
@@ -34,6 +36,7 @@ def load_recordings(
     columns: Columns = None,
     dt: float = CONTROL_PERIOD,
     progress: Callable[[list[Found]], Iterable[Found]] = iter,
+    car: str = "",
 ) -> tuple[list[Recording], list[RecordingError]]:
     """Reads, checks and resamples recordings.
 
@@ -42,6 +45,7 @@ def load_recordings(
         columns: How the tables are read.
         dt: Control period to resample to [s].
         progress: Wraps the list of recordings while they are read, e.g. `tqdm`.
+        car: Name or file of the car, whose limits hold where the column map states none.
 
     Returns:
         The recordings, and the errors of those that were refused. Names are unique: folders are
@@ -50,9 +54,9 @@ def load_recordings(
     Raises:
         ValueError: The column map or dt is wrong.
     """
-    mapping = _checked(columns, dt)
+    mapping = _checked(columns, dt, car)
     recordings, refusals = [], []
-    for found in progress(list(_find(paths))):
+    for found in progress(list(_find(paths, mapping))):
         try:
             if isinstance(found, RecordingError):
                 raise found
@@ -64,7 +68,7 @@ def load_recordings(
 
 
 def load_recording(
-    path: str | Path, columns: Columns = None, dt: float = CONTROL_PERIOD
+    path: str | Path, columns: Columns = None, dt: float = CONTROL_PERIOD, car: str = ""
 ) -> Recording:
     """Reads, checks and resamples one recording.
 
@@ -72,27 +76,30 @@ def load_recording(
         path: A file, a folder of `.npy`, or the folder of a ROS 2 bag.
         columns: How the table is read.
         dt: Control period to resample to [s].
+        car: Name or file of the car, whose limits hold where the column map states none.
 
     Raises:
         RecordingError: The recording is refused; the message names file, row and column.
         ValueError: The column map or dt is wrong.
     """
-    return _load(Path(path), _checked(columns, dt), dt)
+    return _load(Path(path), _checked(columns, dt, car), dt)
 
 
-def _checked(columns: Columns, dt: float) -> ColumnMap:
+def _checked(columns: Columns, dt: float, car: str) -> ColumnMap:
     if not 0 < dt <= LONGEST_PERIOD:
         raise ValueError(f"dt is {dt} s; use more than 0 and at most {LONGEST_PERIOD}, e.g. 0.01")
-    if columns is None:
-        return ColumnMap()
-    return columns if isinstance(columns, ColumnMap) else load_columns(columns)
+    if not isinstance(columns, ColumnMap):
+        columns = ColumnMap() if columns is None else load_columns(columns)
+    if not car:
+        return columns
+    return replace(columns, limits=columns.limits.for_car(load_car(car)))
 
 
-def _find(paths: str | Path | Sequence[str | Path]) -> Iterator[Found]:
+def _find(paths: str | Path | Sequence[str | Path], columns: ColumnMap) -> Iterator[Found]:
     """Recordings of paths, folders and patterns, each once; an error where there is none."""
     seen = set()
     for path in [paths] if isinstance(paths, (str, Path)) else paths:
-        found = _expand(str(path))
+        found = _expand(str(path), columns)
         if not found:
             message = "none found; expected .csv, .parquet, .bag, a folder of .npy or a ROS 2 bag"
             yield RecordingError(str(path), message)
@@ -102,7 +109,7 @@ def _find(paths: str | Path | Sequence[str | Path]) -> Iterator[Found]:
                 yield recording
 
 
-def _expand(path: str) -> list[Path]:
+def _expand(path: str, columns: ColumnMap) -> list[Path]:
     """The recordings of one argument."""
     if Path(path).exists() or not glob.has_magic(path):
         matches = [Path(path)]
@@ -111,12 +118,12 @@ def _expand(path: str) -> list[Path]:
         matches = [match for match in matches if match.is_dir() or is_recording(match)]
     found = []
     for match in matches:
-        found += recordings_below(match) if match.is_dir() else [match]
+        found += recordings_below(match, columns) if match.is_dir() else [match]
     return found
 
 
 def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
-    raw = map_columns(read(path, columns.topics), columns)
+    raw = map_columns(read(path, columns), columns)
     for check in CHECKS:
         check(raw, columns.limits)
     arrays = resample(raw, columns, dt)

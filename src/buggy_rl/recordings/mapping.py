@@ -28,7 +28,8 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
     dropped = _leading_rows(table, columns)
     values = {channel: table.numbers(name)[dropped:] for channel, name in names.items()}
     factor = _factor(table, columns)
-    row = np.arange(dropped, len(table)) + table.first_row
+    row = (np.arange(len(table)) if table.rows is None else table.rows)[dropped:]
+    row = row + table.first_row
     missing = check_cells(table.file, values, labels, row, columns.limits)
     check_quaternions(table.file, values, labels, row, columns.limits)
     si = {channel: _si(channel, column, columns) for channel, column in values.items()}

@@ -34,6 +34,8 @@ class RawRecording:
     """[T] bool, rows that start a segment although no row is missing before them."""
     repeated: ndarray = field(init=False)
     """[T] bool, rows that repeat the pose of a slower tracker; they do not count as lost."""
+    backward: ndarray = field(init=False)
+    """[T] bool, rows in which the car reverses; they do not count as lost either."""
     longest_step: float = np.inf
     """[s] Longest time between two kept rows of a segment."""
 
@@ -41,6 +43,7 @@ class RawRecording:
         self.keep = np.ones(len(self.t), bool)
         self.starts = np.zeros(len(self.t), bool)
         self.repeated = np.zeros(len(self.t), bool)
+        self.backward = np.zeros(len(self.t), bool)
 
     @property
     def period(self) -> float:

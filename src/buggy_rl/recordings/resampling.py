@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 from scipy.interpolate import Akima1DInterpolator
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
 
 from buggy_rl.recordings.columns import ColumnMap
@@ -43,7 +44,8 @@ def resample(raw: RawRecording, columns: ColumnMap, dt: float) -> Arrays:
     for segment in segments:
         part, last = _resampled(raw, columns, grid, segment, last)
         if part is not None:
-            parts += _with_commands(raw, columns, part)
+            slow = _below_top_speed(raw, columns, grid, part)
+            parts += [piece for each in slow for piece in _with_commands(raw, columns, each)]
     _note_derived(raw, columns, grid)
     shortest = max(round(columns.limits.shortest_segment / dt), 2)
     kept = [part for part in parts if len(part["t"]) >= shortest]
@@ -100,6 +102,35 @@ def _derived(pose: ndarray, grid: _Grid) -> ndarray:
     return np.column_stack([rotate(rate[:, :2], -yaw), rate[:, 2]])
 
 
+def _below_top_speed(
+    raw: RawRecording, columns: ColumnMap, grid: _Grid, part: Arrays
+) -> list[Arrays]:
+    """Splits where the speed exceeds `top_speed`, half a filter window on each side included.
+
+    The quantile that refuses a recording lets single leaps through: those of a noisy tracker
+    survive the check of leaps, which grants them its noise.
+    """
+    speed, most = np.linalg.norm(part["velocity"][:, :2], axis=-1), columns.limits.top_speed
+    if speed.max() <= most:
+        return [part]
+    slow = np.asarray(maximum_filter1d(speed > most, grid.window)) == 0
+    t, at = part["t"][:, 0], int(np.argmax(speed))
+    raw.note_column(
+        "x",
+        f"{speed[at]:.3g} m/s at t = {t[at]:.3f} s exceeds top_speed {most:g} m/s, as do "
+        f"{(speed > most).sum() - 1} further rows of this segment: cut, with "
+        f"{(grid.window // 2) * grid.dt:.2g} s on each side",
+    )
+    return _runs_of(part, slow)
+
+
+def _runs_of(part: Arrays, wanted: ndarray) -> list[Arrays]:
+    """The runs of rows [N] that are wanted."""
+    edges = np.flatnonzero(np.diff(wanted.astype(int))) + 1
+    runs = np.split(np.arange(len(wanted)), edges)
+    return [{key: values[run] for key, values in part.items()} for run in runs if wanted[run[0]]]
+
+
 def _with_commands(raw: RawRecording, columns: ColumnMap, part: Arrays) -> list[Arrays]:
     """Adds the commands, and splits where none is recent enough."""
     t = part["t"][:, 0]
@@ -115,9 +146,7 @@ def _with_commands(raw: RawRecording, columns: ColumnMap, part: Arrays) -> list[
         f"no command within {hold:.3g} s before {(~known).sum()} rows from "
         f"t = {t[np.argmin(known)]:.3f} s on: cut",
     )
-    edges = np.flatnonzero(np.diff(known.astype(int))) + 1
-    runs = np.split(np.arange(len(t)), edges)
-    return [{key: part[key][run] for key in part} for run in runs if known[run[0]]]
+    return _runs_of(part, known)
 
 
 def _note_derived(raw: RawRecording, columns: ColumnMap, grid: _Grid) -> None:

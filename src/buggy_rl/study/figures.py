@@ -57,7 +57,7 @@ class FiguresConfig(StudyConfig):
 def driven(config: FiguresConfig) -> Figure:
     """Recorded velocities and commands of the training recordings, and mirrored."""
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)
-    training = load_drives(config.data, on_refusal=_ignore).training
+    training = load_drives(config.data, _ignore, config.car).training
     rows: TensorDict = TensorDict.cat([r.data.select(*keep) for r in training])  # type: ignore[assignment]
     both: TensorDict = TensorDict.cat([rows, mirror(rows)])  # type: ignore[assignment]
     return histogram_figure({"as driven": rows, "and mirrored": both})
@@ -65,7 +65,7 @@ def driven(config: FiguresConfig) -> Figure:
 
 def signals(config: FiguresConfig) -> Figure:
     """Raw and filtered velocities, and their labels, where the first held-out drive turns most."""
-    recording = load_drives(config.data, on_refusal=_ignore).held_out[0]
+    recording = load_drives(config.data, _ignore, config.car).held_out[0]
     smooth = filtered(recording, FILTER_WIDTH)
     count = round(SIGNAL_SECONDS / recording.dt)
     if len(recording) < count:

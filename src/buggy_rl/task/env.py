@@ -26,6 +26,7 @@ from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.scale import scaled_task
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.rewards import Rewards
@@ -168,7 +169,7 @@ def make_env(
     Raises:
         ValueError: A transform is unknown, or stands where it cannot work.
     """
-    task = task or TaskConfig()
+    task = scaled_task(task or TaskConfig())
     if not isinstance(engine, EnvBase):
         engine = make_simulator(engine, batch_size, device)
     base, beneath = _parts(engine)

@@ -129,3 +129,21 @@ def test_a_driver_beside_a_simulator_drives_that_simulator():
     np.testing.assert_array_equal(one.pose, other.pose)
     elsewhere = tracks(what="pure_pursuit", simulator="single_track")[0]
     assert (one.pose != elsewhere.pose).any()
+
+
+def test_another_car_is_drawn_at_the_buggys_size_with_its_own_speed():
+    from buggy_rl.car_file import load_car
+    from buggy_rl.viz.film.film import director
+
+    length = load_car("full_size").similarity.length
+    config = RenderConfig(what="single_track", car="full_size", seconds=4.0)
+    (track,) = Source(config).tracks()
+    says = director([track], config.picture)
+    assert says.dimensions.wheelbase == pytest.approx(0.174)
+    assert track.reduced == pytest.approx(length)
+    assert np.linalg.norm(np.diff(track.course.points[:3], axis=0), axis=1) == pytest.approx(
+        0.2, abs=0.01
+    )
+    shown = says.shot(3.9).cars[0].speed
+    assert shown == pytest.approx(length * track.at(3.9)[1][0])
+    assert shown > 3.0  # [m/s] a full-size car after 4 s

@@ -1,4 +1,4 @@
-"""The buggy as an MJCF model: chassis on a free joint, four sprung wheels, a floor.
+"""The car as an MJCF model: chassis on a free joint, four sprung wheels, a floor.
 
 The body frame sits at the tracking sensor, at the height of the centre of gravity. Visual geoms
 have no mass: chassis and wheels have explicit inertias. The suspension is preloaded, so the car is
@@ -19,13 +19,8 @@ from dm_control import mjcf
 
 from buggy_rl.engines.mujoco.bodywork import add_rim, add_scenery, add_shell
 from buggy_rl.engines.mujoco.weights import (
-    DRIVELINE_INERTIA,
-    SPRING_DAMPING,
-    SPRING_RATE,
-    WHEEL_MASS,
-    WHEEL_SPIN_INERTIA,
-    WHEEL_TILT_INERTIA,
     WHEELS,
+    Weights,
     chassis_inertia,
     hub,
     spring_reference,
@@ -35,12 +30,6 @@ from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 Tyres = Literal["explicit", "contact"]
 """`explicit`: frictionless wheels and a slip-angle law; `contact`: MuJoCo's own friction."""
 
-# MuJoCo's contact solver does not include the implicit damper: without inertia along the strut the
-# light wheels hop at a step of 5 ms, and at 2.5 ms with 0.1 kg still after an abrupt end of a slide
-# (measured: the hop has up to 1.2 % of the slide's energy; with 0.2 kg 0.03 %).
-STRUT_ARMATURE = 0.2  # [kg] inertia along the strut
-SUSPENSION_TRAVEL = 0.015  # [m] to each side; chosen
-STEERING_ARMATURE = 1.0  # [kg m^2] a servo that no tyre moment turns
 # Contact penetration is 0.1 mm under the sprung car; 1 mm with MuJoCo's default of 0.9.
 CONTACT_IMPEDANCE = (0.99, 0.99, 0.001)  # [-], [-], [m] solimp
 SETTLING_TIME = 3.0  # [s] time after which the car is at rest on its springs
@@ -182,18 +171,19 @@ def car_mjcf(dimensions: VehicleDimensions, tyres: Tyres, timestep: float) -> An
 
 def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
     body = chassis.add("body", name=wheel, pos=hub(dimensions, wheel))
+    weights = Weights.of(dimensions)
     nominal = {name: np.array([getattr(dimensions, name)]) for name in ("mass", "cg_to_front_axle")}
     body.add(
         "joint",
         name=f"slide_{wheel}",
         type="slide",
         axis=[0, 0, 1],
-        stiffness=SPRING_RATE,
-        damping=SPRING_DAMPING,
-        armature=STRUT_ARMATURE,
+        stiffness=weights.spring_rate,
+        damping=weights.spring_damping,
+        armature=weights.strut_armature,
         springref=float(spring_reference(dimensions, nominal)[WHEELS.index(wheel), 0]),
         limited=True,
-        range=[-SUSPENSION_TRAVEL, SUSPENSION_TRAVEL],
+        range=[-weights.suspension_travel, weights.suspension_travel],
     )
     if wheel.startswith("front"):
         body.add(
@@ -201,15 +191,15 @@ def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres)
             name=f"steer_{wheel}",
             type="hinge",
             axis=[0, 0, 1],
-            armature=STEERING_ARMATURE,
+            armature=weights.steering_armature,
         )
-    driven = 0.0 if wheel.startswith("front") else DRIVELINE_INERTIA
+    driven = 0.0 if wheel.startswith("front") else weights.driveline_inertia
     body.add("joint", name=f"spin_{wheel}", type="hinge", axis=[0, 1, 0], armature=driven)
     body.add(
         "inertial",
         pos=[0, 0, 0],
-        mass=WHEEL_MASS,
-        diaginertia=[WHEEL_TILT_INERTIA, WHEEL_SPIN_INERTIA, WHEEL_TILT_INERTIA],
+        mass=weights.wheel_mass,
+        diaginertia=[weights.tilt_inertia, weights.spin_inertia, weights.tilt_inertia],
     )
     _add_tyre(body, wheel, dimensions, tyres)
 

@@ -1,18 +1,29 @@
-"""The parameters of the MuJoCo buggy as shipped.
+"""The parameters of the MuJoCo car as shipped.
 
 Hand-tuned values for a small rear-driven buggy, as before there are recordings; not fitted to any
-data. Mass, yaw inertia and centre of gravity are those of the car's dimensions.
+data. Mass, yaw inertia and centre of gravity are those of the car's dimensions; forces and speeds
+of another car are the buggy's, scaled.
 """
 
 from buggy_rl.parameters import Parameter
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import VehicleDimensions
 
 LONGEST_DEAD_TIME = 0.2  # [s] length of the memory of commands; DART's longest dead time is 0.14 s
 
 
-def declared_parameters(dimensions: VehicleDimensions) -> list[Parameter]:
-    """Every parameter of the MuJoCo buggy, as shipped."""
-    return [*_body(dimensions), *_tyres(), *_steering(), *_drive()]
+def declared_parameters(
+    dimensions: VehicleDimensions, speed_ratio: float | None = None
+) -> list[Parameter]:
+    """Every parameter of the MuJoCo car, as shipped.
+
+    Args:
+        dimensions: Of the car.
+        speed_ratio: Of its speeds to the buggy's; see `Similarity`.
+    """
+    scale = Similarity.between(dimensions, speed=speed_ratio)
+    scaled = [scale.scaled(p) for p in (*_tyres(), *_steering(), *_drive())]
+    return [*_body(dimensions), *scaled]
 
 
 def _body(dimensions: VehicleDimensions) -> list[Parameter]:

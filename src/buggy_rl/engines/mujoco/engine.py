@@ -31,6 +31,7 @@ from buggy_rl.engines.mujoco.declared import declared_parameters
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
 from buggy_rl.engines.rows import RowsEngine
+from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions
 
 PHYSICS_STATE = "physics_state"
@@ -53,7 +54,8 @@ class MujocoEngine(RowsEngine):
         tyres: `explicit` slip-angle law, or MuJoCo's friction at the `contact`.
         timestep: Of the physics [s], a whole fraction of `dt`; None takes dt over `SUBSTEPS`.
         nthread: Threads of MuJoCo's batch; results do not depend on it.
-        dimensions: Of the car, or those that differ from the buggy's, by name.
+        dimensions: Of the car, or what is known of it, by name; the rest is a scaled buggy's.
+        speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
         args, common: As for `Engine`; the physics runs on the CPU, whatever the device.
 
     Raises:
@@ -67,11 +69,14 @@ class MujocoEngine(RowsEngine):
         timestep: float | None = None,
         nthread: int = 1,
         dimensions: VehicleDimensions | Mapping[str, float] | None = None,
+        speed_ratio: float | None = None,
         **common: Any,
     ) -> None:
         if not isinstance(dimensions, VehicleDimensions):
-            dimensions = VehicleDimensions(**(dimensions or {}))
-        super().__init__(*args, declared=declared_parameters(dimensions), **common)
+            dimensions = similar_dimensions(dimensions or {})
+        self.speed_ratio = speed_ratio
+        declared = declared_parameters(dimensions, speed_ratio)
+        super().__init__(*args, declared=declared, **common)
         if timestep is None:
             timestep = default_timestep(tyres, self.dt)
         self._substeps = whole_substeps(self.dt, timestep)
@@ -88,6 +93,10 @@ class MujocoEngine(RowsEngine):
 
     def _nominal(self) -> VehicleDimensions:
         return self.car.dimensions
+
+    @property
+    def similarity(self) -> Similarity:
+        return Similarity.between(self.car.dimensions, speed=self.speed_ratio)
 
     def _prepare(self) -> None:
         """Builds what depends on parameter values."""
@@ -197,7 +206,8 @@ class MujocoEngine(RowsEngine):
         return {"timestep": self.car.timestep / 2}
 
     def _options(self) -> dict[str, Any]:
-        return {
+        ratio = {} if self.speed_ratio is None else {"speed_ratio": self.speed_ratio}
+        return ratio | {
             "tyres": self.car.tyres,
             "timestep": self.car.timestep,
             "nthread": self.nthread,

@@ -17,14 +17,7 @@ from numpy.typing import NDArray
 from buggy_rl.engines.mujoco.actuators import motor_torque
 from buggy_rl.engines.mujoco.car import Car
 from buggy_rl.engines.mujoco.tyres import Tyre, TyreForce, tyre_force
-from buggy_rl.engines.mujoco.weights import (
-    DRIVELINE_INERTIA,
-    SPRING_DAMPING,
-    SPRING_RATE,
-    WHEEL_MASS,
-    WHEEL_SPIN_INERTIA,
-    spring_reference,
-)
+from buggy_rl.engines.mujoco.weights import Weights, spring_reference
 from buggy_rl.vehicle import GRAVITY
 
 STOPPING_SPEED = 0.1  # [m/s] speed at which rolling resistance is at tanh(1) = 76 %; chosen
@@ -92,7 +85,9 @@ class Forces:
         ahead = car.dimensions.cg_to_front_axle - car.dimensions.sensor_to_cg
         self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
         self._arm_x = car.hub_x - self._cg_x
-        self._spin_inertia = WHEEL_SPIN_INERTIA + np.array([[0.0]] * 2 + [[DRIVELINE_INERTIA]] * 2)
+        self._weights = weights = Weights.of(car.dimensions)
+        driveline = np.array([[0.0]] * 2 + [[weights.driveline_inertia]] * 2)
+        self._spin_inertia = weights.spin_inertia + driveline
 
     def apply(
         self,
@@ -141,10 +136,10 @@ class Forces:
 
     def loads(self, qpos: NDArray, qvel: NDArray) -> NDArray:
         """Load [4, n] of each tyre [N]: force of spring and damper, and the wheel's weight."""
-        slide = self.car.slide
+        slide, weights = self.car.slide, self._weights
         squeeze = qpos[:, slide + 1].T - self._spring_reference
-        carried = SPRING_RATE * squeeze + SPRING_DAMPING * qvel[:, slide].T
-        return np.maximum(carried + WHEEL_MASS * GRAVITY, 0.0)
+        carried = weights.spring_rate * squeeze + weights.spring_damping * qvel[:, slide].T
+        return np.maximum(carried + weights.wheel_mass * GRAVITY, 0.0)
 
     def tyre_forces(
         self,

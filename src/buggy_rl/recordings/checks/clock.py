@@ -6,6 +6,7 @@ from buggy_rl.recordings.limits import Limits
 from buggy_rl.recordings.raw_recording import RawRecording, robust_deviation
 
 SLOW_CLOCK = 1.01  # [nominal periods] granted to a clock that runs 1 % slow
+THIN = "thin the table to the pose's own rate (one row for each new pose, with its own stamp), "
 
 
 def check_order(raw: RawRecording, limits: Limits) -> None:
@@ -34,12 +35,22 @@ def check_rate(raw: RawRecording, limits: Limits) -> None:
     Raises:
         RecordingError: It is lower.
     """
-    if raw.period * limits.slowest_rate > SLOW_CLOCK:
-        message = (
-            f"{1 / raw.period:.3g} Hz (a row every {raw.period:.4g} s) is below slowest_rate "
-            f"{limits.slowest_rate:g} Hz; check the unit of t or record faster"
-        )
-        raise raw.error(0, "t", message)
+    if raw.period * limits.slowest_rate <= SLOW_CLOCK:
+        return
+    rate = 1 / raw.period
+    what = "the pose changes at" if raw.repeated.any() else "rows come at"
+    message = (
+        f"{what} {rate:.3g} Hz (every {raw.period:.4g} s), below slowest_rate "
+        f"{limits.slowest_rate:g} Hz; check the unit of t, record faster, or, if this is the "
+        f"rate, state limits: {{slowest_rate: {_rounded_down(rate):g}}} in a column map"
+    )
+    raise raw.error(0, "t", message)
+
+
+def _rounded_down(rate: float) -> float:
+    """A rate [Hz] to two digits, not above it."""
+    digit = 10.0 ** (np.floor(np.log10(rate)) - 1)
+    return float(np.floor(rate / digit) * digit)
 
 
 def check_bunched(raw: RawRecording, limits: Limits) -> None:
@@ -68,12 +79,13 @@ def check_usable_time(raw: RawRecording, limits: Limits) -> None:
     """Enough of the recording remains after all cuts.
 
     Raises:
-        RecordingError: More than `cut_share` of the rows was cut, or less than `shortest_drive`
-            remains.
+        RecordingError: More than `cut_share` of the rows was cut, not counting repeated poses and
+            reverse, or less than `shortest_drive` remains.
     """
     first = int(np.argmin(raw.keep))
     last_cut = raw.notes[-1] if raw.notes else "nothing was cut"
-    share = (~raw.keep & ~raw.repeated).sum() / (~raw.repeated).sum()
+    not_lost = raw.repeated | raw.backward
+    share = (~raw.keep & ~not_lost).sum() / max((~not_lost).sum(), 1)
     if share > limits.cut_share:
         message = (
             f"{share:.0%} of the rows were cut, above cut_share {limits.cut_share:.0%} "
@@ -85,6 +97,7 @@ def check_usable_time(raw: RawRecording, limits: Limits) -> None:
     if usable < limits.shortest_drive - 0.5 * raw.period:
         message = (
             f"{usable:.2f} s usable in segments of {limits.shortest_segment} s or longer "
-            f"({last_cut}); record {limits.shortest_drive:g} s or longer, or check the unit of t"
+            f"({last_cut}); {THIN if raw.repeated.any() else ''}record "
+            f"{limits.shortest_drive:g} s or longer, or check the unit of t"
         )
         raise raw.error(first, "t", message)

@@ -45,9 +45,14 @@ def clip_commands(raw: RawRecording, columns: ColumnMap, factor: ndarray | None)
 
 def _steering(raw: RawRecording, columns: ColumnMap) -> ndarray:
     ends = columns.steering
-    centre = (ends.left + ends.right) / 2 if ends.centre is None else ends.centre
-    off = raw.action[:, 1] - centre
-    to_left, to_right = off / (ends.left - centre), off / (ends.right - centre)
+    off = raw.action[:, 1] - ends.middle
+    if ends.deadband:
+        off = np.sign(off) * np.maximum(np.abs(off) - ends.deadband, 0.0)
+    left, right = (
+        (end - ends.middle) * (1 - ends.deadband / abs(end - ends.middle))
+        for end in (ends.left, ends.right)
+    )
+    to_left, to_right = off / left, off / right
     value = np.where(to_left >= 0, to_left, -to_right)
     _refuse_outside(raw, "steering", value, -1.0, columns.limits.command_excess)
     _note_clipped(raw, "steering", value, -1.0)

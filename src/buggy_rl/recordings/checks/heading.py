@@ -1,4 +1,6 @@
-"""Check of yaw against the course over ground: unit, sign, mounting."""
+"""Check of yaw against the course over ground: unit, sign, mounting; reverse is cut out."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -11,6 +13,11 @@ LEAST_MOTION = 0.5  # [s] of motion below which no heading is checked; chosen
 LEAST_STRAIGHT = 1.0  # [s] of straight driving below which no mounting error is noted; chosen
 STRAIGHT = 0.2  # [rad/s] yaw rate below which a lever arm of 0.1 m adds 0.02 m/s at most
 MATCH = 0.95  # mean cosine of course minus yaw for the right yaw: 18 degrees of sideslip
+ALONG = 0.7  # cosine of course minus yaw (45 degrees) above which a car drives forward, below
+# whose negative backward; no tyre lets a car drift for long beyond it
+BOTH_WAYS = 0.9  # share of moving rows along the heading, either way, where yaw is right; chosen
+LEAST_REVERSE = 0.1  # [s] that a noisy tracker at rest does not seem to reverse for; chosen
+LEAST_FORWARD = 0.05  # share of moving rows forward: with less, yaw may be off by pi; chosen
 
 REMEDIES = {
     "read as degrees": "it matches in degrees: set units: {{yaw: deg}} in a column map",
@@ -19,15 +26,40 @@ REMEDIES = {
     "rotated": "it matches rotated: set mount: {{yaw: {offset:.3f}}}",
 }
 """Correction of yaw -> what to do about it."""
+REVERSE = "{match}; if the car reverses throughout, there is no forward driving to learn from"
+
+
+class Courses(NamedTuple):
+    """Rows in which the car moves, n of them."""
+
+    rows: ndarray
+    """[n] of the recording's arrays."""
+    course: ndarray
+    """[n] direction of travel [rad]."""
+    yaw: ndarray
+    """[n] as recorded [rad]."""
+    rate: ndarray
+    """[n] yaw rate [rad/s]."""
+
+    @property
+    def cosine(self) -> ndarray:
+        """[n] of the angle between course and yaw."""
+        return np.cos(self.course - self.yaw)
 
 
 def check_heading(raw: RawRecording, limits: Limits) -> None:
     """Yaw follows the course: mean cos(course - yaw) is high while the car moves.
 
+    A car that drives both ways along its heading reverses: that is cut, there is no reverse here.
+
     Raises:
         RecordingError: It is not; the message names the correction that matches.
     """
-    rows, course, yaw, rate = _courses(raw, limits)
+    found = _courses(raw, limits)
+    if reverses(found):
+        _cut_reverse(raw, found)
+        found = _courses(raw, limits)
+    rows, course, yaw, rate = found
     if len(rows) < LEAST_MOTION / raw.period:
         return
     offset = float(np.angle(np.exp(1j * (yaw - course)).mean()))  # circular mean
@@ -48,6 +80,8 @@ def check_heading(raw: RawRecording, limits: Limits) -> None:
         remedy = "check unit, sign and mounting of yaw, and which axes x and y are"
         if means[best] > MATCH and best in REMEDIES:
             remedy = REMEDIES[best].format(offset=offset)
+        if best == "rotated" and recorded < -ALONG:
+            remedy = REVERSE.format(match=remedy)
         message = (
             f"yaw {raw.pose[at, 2]:.4g} rad does not follow the direction of travel: mean cosine "
             f"{recorded:.2f}, expected {limits.heading_agreement:g} or more; {remedy}"
@@ -56,20 +90,52 @@ def check_heading(raw: RawRecording, limits: Limits) -> None:
     _note_mount(raw, limits, wrap_angle(course - yaw)[np.abs(rate) < STRAIGHT])
 
 
-def _courses(raw: RawRecording, limits: Limits) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-    """Rows in which the car moves, their course [rad], yaw as recorded and yaw rate [rad/s]."""
-    half = raw.rows(WINDOW / 2)
-    kept = np.flatnonzero(raw.keep)
+def reverses(found: Courses) -> bool:
+    """Whether the car drives along its heading, forward and backward."""
+    forward, backward = found.cosine > ALONG, found.cosine < -ALONG
+    if not backward.any():
+        return False
+    return forward.mean() > LEAST_FORWARD and (forward | backward).mean() > BOTH_WAYS
+
+
+def _cut_reverse(raw: RawRecording, found: Courses) -> None:
+    """Cuts the reverse drives, from standstill to standstill."""
+    rows, along = _chords(raw)[0], _speed_along(raw)
+    backward = np.zeros(len(raw.t), bool)
+    backward[found.rows[found.cosine < -ALONG]] = True
+    negative = np.zeros(len(raw.t), bool)
+    negative[rows[along < 0]] = True
+    for run in np.split(rows, np.flatnonzero(np.diff(negative[rows].astype(int)) != 0) + 1):
+        if backward[run].sum() * raw.period >= LEAST_REVERSE:
+            raw.backward[run[0] : run[-1] + 1] = True
+    raw.cut(raw.backward, "yaw", "the car reverses, which no simulator here can")
+
+
+def _chords(raw: RawRecording) -> tuple[ndarray, ndarray, ndarray]:
+    """Kept rows in the middle, at the begin and at the end of each chord over `WINDOW`."""
+    half, kept = raw.rows(WINDOW / 2), np.flatnonzero(raw.keep)
     if len(kept) <= 2 * half:
-        return np.empty(0, int), np.empty(0), np.empty(0), np.empty(0)
-    before, rows, after = kept[: -2 * half], kept[half:-half], kept[2 * half :]
+        return kept[:0], kept[:0], kept[:0]
+    return kept[half:-half], kept[: -2 * half], kept[2 * half :]
+
+
+def _speed_along(raw: RawRecording) -> ndarray:
+    """Speed [n] along the heading at the middle of each chord [m/s]; negative backward."""
+    rows, before, after = _chords(raw)
+    yaw = raw.pose[rows, 2]
+    chord = raw.pose[after, :2] - raw.pose[before, :2]
+    return (chord[:, 0] * np.cos(yaw) + chord[:, 1] * np.sin(yaw)) / (raw.t[after] - raw.t[before])
+
+
+def _courses(raw: RawRecording, limits: Limits) -> Courses:
+    rows, before, after = _chords(raw)
     time = raw.t[after] - raw.t[before]
     chord = raw.pose[after, :2] - raw.pose[before, :2]
     speed = np.linalg.norm(chord, axis=-1) / time
     good = (time < 2 * WINDOW) & (speed > limits.moving_speed) & (speed < limits.top_speed)
     course = np.arctan2(chord[:, 1], chord[:, 0])
     rate = wrap_angle(raw.pose[after, 2] - raw.pose[before, 2]) / time
-    return rows[good], course[good], raw.pose[rows[good], 2], rate[good]
+    return Courses(rows[good], course[good], raw.pose[rows[good], 2], rate[good])
 
 
 def _note_mount(raw: RawRecording, limits: Limits, sideslip: ndarray) -> None:

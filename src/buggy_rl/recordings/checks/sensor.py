@@ -19,8 +19,7 @@ def check_frozen(raw: RawRecording, limits: Limits) -> None:
     Raises:
         RecordingError: The pose never changes.
     """
-    same = np.zeros(len(raw.t), bool)
-    same[1:] = (np.diff(raw.pose, axis=0) == 0).all(-1)
+    same = _repeats(raw, limits)
     if same[1:].all():
         raise raw.error(0, "x", "the pose is the same in all rows; check the tracker, record again")
     frozen = np.zeros_like(same)
@@ -34,6 +33,20 @@ def check_frozen(raw: RawRecording, limits: Limits) -> None:
         share = raw.repeated.mean()
         raw.cut(raw.repeated, "x", f"the pose is slower than the rows, {share:.0%} repeat it")
     raw.cut(frozen, "x", "frozen, the pose repeats although the car moves")
+
+
+def _repeats(raw: RawRecording, limits: Limits) -> ndarray:
+    """Rows [T] that repeat the pose of the row before.
+
+    Where positions come in steps that would be leaps, those that repeat the position alone: a slow
+    tracker beside a fast heading.
+    """
+    step, same = np.diff(raw.pose, axis=0), np.zeros(len(raw.t), bool)
+    held = (step[:, :2] == 0).all(-1)
+    heights = np.linalg.norm(step[~held, :2], axis=-1)
+    stairs = held.mean() > limits.repeat_share and len(heights) > 0
+    same[1:] = held if stairs and np.median(heights) > limits.leap else (step == 0).all(-1)
+    return same
 
 
 def _runs(mask: ndarray) -> list[tuple[int, int]]:

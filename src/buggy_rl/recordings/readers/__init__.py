@@ -2,17 +2,14 @@
 
 from pathlib import Path
 
-from buggy_rl.recordings.columns import Topics
+from buggy_rl.recordings.columns import ColumnMap
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.bag import is_bag, read_bag
-from buggy_rl.recordings.readers.csv_parquet import read_csv, read_parquet
 from buggy_rl.recordings.readers.npy import is_npy_folder, read_npy_folder
+from buggy_rl.recordings.readers.several import TABLES, holds_tables, read_several
 from buggy_rl.recordings.readers.table import Table
 
 __all__ = ["Table", "is_recording", "read", "recordings_below"]
-
-TABLES = {".csv": read_csv, ".parquet": read_parquet}
-"""Ending of a file -> its reader."""
 
 
 def is_recording(path: Path) -> bool:
@@ -22,22 +19,22 @@ def is_recording(path: Path) -> bool:
     return path.suffix.lower() in TABLES or is_bag(path)
 
 
-def recordings_below(folder: Path) -> list[Path]:
+def recordings_below(folder: Path, columns: ColumnMap) -> list[Path]:
     """Recordings in a folder and below, sorted; hidden files and folders are skipped."""
-    if is_recording(folder):
+    if is_recording(folder) or holds_tables(folder, columns.tables):
         return [folder]
     found = []
     for entry in sorted(folder.iterdir()):
         if entry.name.startswith("."):
             continue
         if entry.is_dir():
-            found += recordings_below(entry)
+            found += recordings_below(entry, columns)
         elif is_recording(entry):
             found.append(entry)
     return found
 
 
-def read(path: Path, topics: Topics) -> Table:
+def read(path: Path, columns: ColumnMap) -> Table:
     """Reads a recording unconverted and unchecked.
 
     Raises:
@@ -45,8 +42,10 @@ def read(path: Path, topics: Topics) -> Table:
     """
     if not path.exists():
         raise RecordingError(str(path), "no such file; correct the path")
+    if columns.tables and path.is_dir():
+        return read_several(path, columns)
     if is_bag(path):
-        return read_bag(path, topics)
+        return read_bag(path, columns.topics)
     if path.is_dir():
         return read_npy_folder(path)
     if path.suffix.lower() in TABLES:

@@ -20,6 +20,8 @@ class Table:
     notes: list[str] = field(default_factory=list)
     first_row: int = 0
     """Row of the file in the first row here."""
+    rows: ndarray | None = None
+    """[T] row of the file of each row here, where they do not follow one another."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()))) if self.columns else 0

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from buggy_rl.car_file import load_car
 from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
 from buggy_rl.task.paths.shapes import along_arcs, read_points
 from buggy_rl.task.paths.simplex import simplex_paths
@@ -20,6 +21,7 @@ Part = Literal["training", "validation"]
 TIGHT_ROOM = 6.0  # [m] side of the square of its noise; the path itself covers 4.0 m x 3.4 m
 TIGHT_RADIUS = 0.6  # [m] about what the car can just turn
 TIGHT_WAYPOINTS = 120  # 24 m, further than the car gets in the original's 5 s
+LENGTHS = ("spacing", "room", "sharpest_radius", "radius", "straight")
 TIGHT_SEED = 8  # of the first twelve, the one that turns as much to the left as to the right
 
 
@@ -55,6 +57,9 @@ class PathConfig:
     """Puts every path somewhere in the room, in any direction, instead of at the origin."""
     seed: int = 0
     """Of noise and places."""
+    car: str = ""
+    """Car, by name or file, that every length here and in the task's transforms is scaled to; empty
+    for the buggy."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +106,24 @@ def make_paths(config: PathConfig) -> PathSet:
         paths = joined_paths([paths, paths.mirrored()])
     if config.placed:
         place = np.random.default_rng(_seeds(config, "places", 1)).uniform(-1, 1, (len(paths), 3))
-        scale = torch.tensor([config.room / 2, config.room / 2, math.pi])
+        half = at_scale(config).room / 2
+        scale = torch.tensor([half, half, math.pi])
         paths = paths.placed(torch.as_tensor(place).float() * scale)
     return paths
 
 
+def at_scale(config: PathConfig) -> PathConfig:
+    """The paths with the lengths of their car; the config is in those of the buggy."""
+    if not config.car:
+        return config
+    length = load_car(config.car).similarity.length
+    return replace(config, **{name: length * getattr(config, name) for name in LENGTHS})
+
+
 def _from_origin(config: PathConfig) -> PathSet:
+    size = config.spacing
+    config = at_scale(config)
+    size = config.spacing / size
     full, bend = 2 * math.pi * config.radius, 1 / config.radius
     spacing = config.spacing
     match config.kind:
@@ -117,7 +134,7 @@ def _from_origin(config: PathConfig) -> PathSet:
             points, closed = simplex_paths(seeds, *shape), False
             return equal_paths([f"{config.part} {i}" for i in range(count)], points, closed)
         case "tight":
-            shape = (TIGHT_WAYPOINTS, spacing, TIGHT_ROOM, TIGHT_RADIUS)
+            shape = (TIGHT_WAYPOINTS, spacing, size * TIGHT_ROOM, size * TIGHT_RADIUS)
             points, closed = simplex_paths([TIGHT_SEED], *shape), False
         case "lap":
             half = [(config.straight, 0.0), (full / 2, bend)]

@@ -84,7 +84,8 @@ class Director:
         roll = np.array([np.interp(time, track.time, wheel) for wheel in self._rolled[index].T])
         angle = float(wheels.steering_angle(np.array(steering), self.full_lock))
         trail = _spaced(track, self._trail_start(track, time), track.row(time))
-        return Car(track.name, x, y, yaw, vx, throttle, steering, angle, roll, trail)
+        speed = vx * track.reduced
+        return Car(track.name, x, y, yaw, speed, throttle, steering, angle, roll, trail)
 
     def _trail_start(self, track: Track, time: float) -> int:
         """Row of the last restart; no longer ago than `TRAIL`, unless the camera stands still."""

@@ -1,10 +1,11 @@
 """Options of a film: how it is shown, and what `scripts/render.py` takes."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 from omegaconf import MISSING
 
+from buggy_rl.car_file import load_car
 from buggy_rl.vehicle import VehicleDimensions
 from buggy_rl.viz.film.wheels import FULL_LOCK
 
@@ -89,6 +90,8 @@ class RenderConfig:
     full_lock: float = FULL_LOCK
     """Angle of the front wheels at steering 1 [rad]."""
     dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
+    car: str = ""
+    """The car, by name or file: its dimensions, paths, and the limits of its recordings."""
     seed: int = 0
     """Of starts and noise."""
     threads: int = 1
@@ -119,4 +122,10 @@ class RenderConfig:
     @property
     def picture(self) -> PictureConfig:
         """The part of it that says how it is shown."""
-        return PictureConfig(**{f.name: getattr(self, f.name) for f in fields(PictureConfig)})
+        values = {f.name: getattr(self, f.name) for f in fields(PictureConfig)}
+        if self.car:  # drawn as a model of the buggy's wheelbase, as its tracks are
+            car = load_car(self.car)
+            lengths = {f.name for f in fields(VehicleDimensions)} - {"mass", "yaw_inertia"}
+            reduced = {n: getattr(car.vehicle, n) / car.similarity.length for n in lengths}
+            values["dimensions"] = replace(car.vehicle, **reduced)
+        return PictureConfig(**values)

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import torch
 
+from buggy_rl.car_file import load_car
 from buggy_rl.config import from_plain
+from buggy_rl.engines import ENGINES
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
+from buggy_rl.policies.controllers.at_scale import for_car
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.policies.run import EngineConfig, new_engine
@@ -47,6 +50,9 @@ class Source:
                 "compare a recording with a simulator, or a driver with a driver"
             )
         tracks = [self._track(name) for name in names]
+        if self.config.car:
+            length = load_car(self.config.car).similarity.length
+            tracks = [track.drawn_at(length) for track in tracks]
         return [
             replace(track, name=name) if name else track
             for track, name in zip_longest(tracks, self.config.names)
@@ -58,7 +64,7 @@ class Source:
             return from_recording(self._load(name), config.start, config.seconds)
         if kind == "simulator" and self._recording:
             return replayed(
-                partial(make_simulator, name),
+                partial(make_simulator, name, **self._engine(name).options),
                 self._load(self._recording),
                 label(name),
                 config.start,
@@ -71,7 +77,7 @@ class Source:
         """A driver on a course; a simulator without commands is driven by pure pursuit."""
         driver, engine, task = self._driver(name)
         if kind_of(name) == "driver" and self.config.simulator:
-            engine = EngineConfig(self.config.simulator)
+            engine = self._engine(self.config.simulator)
         steps = max(2, round(self.config.seconds / CONTROL_PERIOD))
         paths = make_paths(self._benchmark(task).paths).select([0])
         env = make_env(new_engine(engine, 1), task=evaluation_task(task, steps), paths=paths)
@@ -80,7 +86,7 @@ class Source:
     def _driver(self, name: str) -> tuple[Driver, EngineConfig, TaskConfig]:
         """Who drives, and the simulator and task that go with it."""
         if kind_of(name) == "simulator":
-            return PurePursuit(), EngineConfig(name), TaskConfig()
+            return self._controller("pure_pursuit"), self._engine(name), self._task
         if name not in CONTROLLERS:
             policy, about = load_policy(name)
             engine = from_plain(EngineConfig, about["config"]["engine"], name)
@@ -89,8 +95,20 @@ class Source:
         others = [other for other in self.config.trajectories if other not in CONTROLLERS]
         if others:
             _, engine, task = self._driver(others[0])
-            return CONTROLLERS[name](), engine, task
-        return CONTROLLERS[name](), EngineConfig(), TaskConfig()
+            return self._controller(name), engine, task
+        return self._controller(name), self._engine("mujoco"), self._task
+
+    def _controller(self, name: str) -> Driver:
+        return for_car(CONTROLLERS[name](), self.config.car)
+
+    @property
+    def _task(self) -> TaskConfig:
+        return TaskConfig(paths=PathConfig(car=self.config.car))
+
+    def _engine(self, simulator: str) -> EngineConfig:
+        """A simulator, as the car if it is one of ours by name; a file says itself what it is."""
+        known = self.config.car and simulator in ENGINES
+        return EngineConfig(simulator, options={"car": self.config.car} if known else {})
 
     def _benchmark(self, task: TaskConfig) -> Benchmark:
         known = benchmark_paths(task.paths, 1)
@@ -108,7 +126,7 @@ class Source:
         return next((name for name in named if name and kind_of(name) == "recording"), "")
 
     def _load(self, name: str) -> Recording:
-        return load_recording(name, self.config.columns or None)
+        return load_recording(name, self.config.columns or None, car=self.config.car)
 
 
 def kind_of(name: str) -> str:

@@ -1,6 +1,6 @@
 """A trajectory to be filmed: where a car was, what it was told, and the course it followed."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,8 @@ class Track:
 
     restarts: Array = field(default_factory=lambda: np.zeros(0))
     """Times [s] at which a simulation was set back to what was measured."""
+    reduced: float = 1.0
+    """Lengths and speeds here are those of the car divided by this."""
 
     def __post_init__(self) -> None:
         rows = len(self.time)
@@ -92,6 +94,13 @@ class Track:
         columns = np.concatenate([self.pose, self.velocity], 1)
         motion = np.array([np.interp(time, self.time, column) for column in columns.T])
         return motion[:3], motion[3:], self.action[self.row(time)]
+
+    def drawn_at(self, length: float) -> "Track":
+        """The same on a model `length` times smaller: cameras and marks are those of the buggy."""
+        course = self.course and replace(self.course, points=self.course.points / length)
+        pose = self.pose / np.array([length, length, 1.0])
+        velocity = self.velocity / np.array([length, length, 1.0])
+        return replace(self, pose=pose, velocity=velocity, course=course, reduced=length)
 
     def row(self, time: float) -> int:
         """The last row that is not later."""

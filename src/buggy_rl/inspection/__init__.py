@@ -1,0 +1,1 @@
+"""What a folder of foreign recordings holds: rates, columns, delays, coverage, a proposed map."""

@@ -1,0 +1,150 @@
+"""Which columns are position and heading, with the units and signs that agree with each other."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray
+from scipy.signal import savgol_filter
+
+from buggy_rl.inspection.clock import Clock
+from buggy_rl.recordings.columns import DEGREE
+from buggy_rl.recordings.raw_recording import wrap_angle
+
+SMOOTHING = 0.3  # [s] of the derivative; a particle filter's 2 cm of noise needs it
+MOVING = 0.3  # [m/s] speed above which a course is taken
+FASTEST = 60.0  # [m/s] that a position may move at, in its unit; above it is none
+LEAST_AGREEMENT = 0.7  # mean cosine of course and heading for a pair to be proposed
+DEAD_RECKONING = re.compile(r"odom", re.IGNORECASE)
+TRACKERS = re.compile(r"vicon|mocap|optitrack|track|pf|gps|amcl|pose|slam", re.IGNORECASE)
+NO_POSITION = re.compile(
+    r"acc|imu|vel|gyro|force|mag|(^|[^a-z])[avw]_?[xy]($|[^a-z])|(^|\.)q.?[xy]$", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position and heading of a table."""
+
+    table: str
+    names: dict[str, str]
+    """Channel -> column: x, y and yaw, or x, y and qw to qz."""
+    degrees: bool
+    """Yaw is in degrees."""
+    sign: float
+    """Of yaw."""
+    xy: ndarray
+    """[T, 2] m."""
+    yaw: ndarray
+    """[T] rad, unwrapped."""
+    clock: Clock
+    cosine: float
+    """Mean of course minus yaw while moving."""
+
+    @property
+    def speed(self) -> ndarray:
+        """[T] along the heading, smoothed [m/s]."""
+        rate = _derivative(self.xy, self.clock)
+        return rate[:, 0] * np.cos(self.yaw) + rate[:, 1] * np.sin(self.yaw)
+
+    @property
+    def yaw_rate(self) -> ndarray:
+        """[T] smoothed [rad/s]."""
+        return _derivative(self.yaw[:, None], self.clock)[:, 0]
+
+    @property
+    def evidence(self) -> str:
+        """Why these columns."""
+        how = "in degrees" if self.degrees else "in radians"
+        sign = ", with the other sign" if self.sign < 0 else ""
+        return (
+            f"the direction of travel follows this heading {how}{sign}: mean cosine "
+            f"{self.cosine:.3f} while moving"
+        )
+
+
+def find_poses(table: str, columns: Mapping[str, ndarray], clock: Clock) -> list[Pose]:
+    """Plausible poses of a table, the best one first."""
+    found = []
+    for x, y in _pairs(columns):
+        xy = np.stack([columns[x], columns[y]], -1)
+        speed = np.linalg.norm(_derivative(xy, clock), axis=-1)
+        moving = speed > MOVING
+        if not np.isfinite(xy).all() or np.quantile(speed, 0.9) > FASTEST or moving.mean() < 0.02:
+            continue
+        rate = _derivative(xy, clock)
+        course = np.arctan2(rate[:, 1], rate[:, 0])
+        for names, yaw, degrees, sign in _headings(columns, (x, y)):
+            cosine = float(np.cos(course - yaw)[moving].mean())
+            if cosine > LEAST_AGREEMENT:
+                unwrapped = np.unwrap(wrap_angle(yaw))
+                all_names = {"x": x, "y": y, **names}
+                found.append(Pose(table, all_names, degrees, sign, xy, unwrapped, clock, cosine))
+    return sorted(found, key=lambda pose: -_rank(pose))
+
+
+def best_pose(poses: Sequence[Pose]) -> Pose:
+    """The most plausible pose of a drive, over all of its tables."""
+    return max(poses, key=_rank)
+
+
+def _rank(pose: Pose) -> float:
+    """Agreement; a tracker's name counts for it, dead reckoning against it: that drifts."""
+    words = f"{pose.table} {pose.names['x']}"
+    reckoned = bool(DEAD_RECKONING.search(words))
+    return pose.cosine + 0.3 * bool(TRACKERS.search(words)) - 0.6 * reckoned
+
+
+def _pairs(columns: Mapping[str, ndarray]) -> Iterator[tuple[str, str]]:
+    """Columns whose names differ in one letter, x and y, and are no rates."""
+    for x in columns:
+        for at, letter in enumerate(x):
+            y = x[:at] + chr(ord(letter) + 1) + x[at + 1 :]
+            if letter in "xX" and y in columns and not NO_POSITION.search(x):
+                yield x, y
+
+
+Heading = tuple[dict[str, str], ndarray, bool, float]
+"""Channel -> column, yaw [T] rad, whether in degrees, sign."""
+
+
+def _headings(columns: Mapping[str, ndarray], used: tuple[str, str]) -> Iterator[Heading]:
+    yield from _quaternions(columns)
+    for name, values in columns.items():
+        if name in used or not np.isfinite(values).all():
+            continue
+        largest = np.abs(values).max()
+        for degrees in (False, True):
+            limit = 400.0 if degrees else 100.0
+            if largest < (10.0 if degrees else 1.0) or largest > limit:
+                continue
+            for sign in (1.0, -1.0):
+                yield {"yaw": name}, sign * values * (DEGREE if degrees else 1.0), degrees, sign
+
+
+def _quaternions(columns: Mapping[str, ndarray]) -> Iterator[Heading]:
+    """Four columns that end in w, x, y, z and have unit length; x and y may be constant."""
+    for w in columns:
+        if not w.endswith(("w", "W")):
+            continue
+        stem, zs = w[:-1], w[:-1] + ("z" if w[-1] == "w" else "Z")
+        if zs not in columns:
+            continue
+        parts = [columns.get(stem + letter, np.zeros_like(columns[w])) for letter in "xy"]
+        q = np.stack([columns[w], *parts, columns[zs]], -1)
+        if not np.allclose(np.linalg.norm(q, axis=-1), 1.0, atol=0.02):
+            continue
+        qw, qx, qy, qz = q.T
+        yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+        names = {"qw": w, "qx": stem + "x", "qy": stem + "y", "qz": zs}
+        yield names, yaw, False, 1.0
+        yield names, -yaw, False, -1.0
+
+
+def _derivative(values: ndarray, clock: Clock) -> ndarray:
+    """Rate of change [T, C] by a Savitzky-Golay filter over `SMOOTHING`, rows taken as even."""
+    rows = max(round(SMOOTHING / clock.period) | 1, 5)
+    if len(values) <= rows:
+        return np.gradient(values, clock.t, axis=0)
+    return np.asarray(savgol_filter(values, rows, 2, deriv=1, delta=clock.period, axis=0))

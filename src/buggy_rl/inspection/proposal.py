@@ -1,0 +1,153 @@
+"""A column map as text, each line with the evidence it was guessed from."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from buggy_rl.inspection.columns import Guess, command_range, steering_range
+from buggy_rl.inspection.drive import DriveFacts
+from buggy_rl.inspection.raw_drive import qualified
+from buggy_rl.recordings.mapping import CLOCK_ORIGIN
+
+HEAD = (
+    "# Proposed by scripts/inspect_recordings.py: guesses from the data of {count} drives, with",
+    "# the evidence of each. Check and edit it; nothing reads it by itself. Then:",
+    "#   python scripts/check_recordings.py FOLDER columns=THIS_FILE",
+)
+
+
+def chosen_commands(drives: Sequence[DriveFacts]) -> dict[str, Guess]:
+    """Channel -> the column that most drives agree on, with the evidence of the best of them."""
+    result = {}
+    for channel in ("steering", "throttle"):
+        votes: dict[str, list[Guess]] = defaultdict(list)
+        for drive in drives:
+            guess: Guess | None = getattr(drive, channel)
+            if guess is not None:
+                votes[guess.column].append(guess)
+        if votes:
+            guesses = max(votes.values(), key=len)
+            strongest = max(guesses, key=lambda guess: guess.strength)
+            result[channel] = strongest
+    return result
+
+
+def typical(drives: Sequence[DriveFacts]) -> DriveFacts | None:
+    """The longest drive with a pose: its columns stand for all."""
+    posed = [d for d in drives if d.pose is not None]
+    return max(posed, key=lambda d: d.pose.clock.seconds if d.pose else 0.0, default=None)
+
+
+def proposal(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> str:
+    """The column map as YAML."""
+    lines = [line.format(count=len(drives)) for line in HEAD]
+    drive = typical(drives)
+    if drive is None or drive.pose is None or drive.raw is None:
+        return "\n".join([*lines, "# No drive has a position that moves along a heading."]) + "\n"
+    lines += _tables(drive, commands)
+    lines += _names(drive, commands)
+    lines += _units(drive)
+    if drive.pose.sign < 0:
+        lines.append("signs: {yaw: -1}")
+    if drive.pose.clock.t[0] > CLOCK_ORIGIN:
+        lines += ["", "time_from_first: true  # stamps count from 1970"]
+    lines += _ranges(drives, commands)
+    notes = sorted({note for d in drives for note in d.notes if "accelerations" in note})
+    lines += [f"# {note}" for note in notes[:1]]
+    return "\n".join(lines) + "\n"
+
+
+def _tables(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
+    assert drive.raw is not None
+    assert drive.pose is not None
+    if not drive.raw.several:
+        return []
+    used = [drive.pose.table, *(guess.column.partition(".")[0] for guess in commands.values())]
+    used += [guess.column.partition(".")[0] for guess in drive.rates.get("yaw_rate", [])[:1]]
+    lines = ["", "tables:  # rows are those of the first"]
+    for table in dict.fromkeys(used):
+        clock = drive.clocks[table]
+        time = ", ".join(f"{column}: {unit}" for column, unit in clock.columns.items())
+        file = drive.raw.files[table]
+        lines.append(f"  - {{file: {file}, time: {{{time}}}}}  # {clock.evidence}")
+    return lines
+
+
+def _names(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
+    assert drive.raw is not None
+    assert drive.pose is not None
+    pose, lines = drive.pose, ["", "names:"]
+    if not drive.raw.several:
+        clock = pose.clock
+        lines += [f"  t: {_quoted(next(iter(clock.columns)))}  # {clock.evidence}"]
+    there = drive.raw.tables[pose.table].columns
+    for channel, column in pose.names.items():
+        if column in there:
+            evidence = f"  # {pose.evidence}" if channel in ("yaw", "qw") else ""
+            lines.append(f"  {channel}: {_quoted(qualified(pose.table, column))}{evidence}")
+    lines += [
+        f"  # or {qualified(o.table, o.names['x'])}: mean cosine {o.cosine:.3f}"
+        for o in drive.others[:2]
+    ]
+    for channel, guess in commands.items():
+        lines.append(f"  {channel}: {_quoted(guess.column)}  # {guess.evidence}")
+    for guess in drive.rates.get("yaw_rate", [])[:1]:
+        lines.append(f"  yaw_rate: {_quoted(guess.column)}  # {guess.evidence}")
+    for guess in [g for g in drive.rates.get("vx", []) if g.column != "vx"][:1]:
+        lines.append(f"  # vx: {_quoted(guess.column)}  # {guess.evidence}; needs vy beside it")
+    return lines
+
+
+def _units(drive: DriveFacts) -> list[str]:
+    assert drive.pose is not None
+    units, signs = {}, {}
+    if "t" not in drive.pose.names and drive.raw is not None and not drive.raw.several:
+        unit = next(iter(drive.pose.clock.columns.values()))
+        if unit != "s":
+            units["t"] = unit
+    if drive.pose.degrees:
+        units["yaw"] = "deg"
+    for guess in drive.rates.get("yaw_rate", [])[:1]:
+        if guess.unit != "rad/s":
+            units["yaw_rate"] = guess.unit
+        if guess.sign < 0:
+            signs["yaw_rate"] = -1
+    lines = []
+    for name, values in (("units", units), ("signs", signs)):
+        if values:
+            text = ", ".join(f"{channel}: {value}" for channel, value in values.items())
+            lines.append(f"{name}: {{{text}}}")
+    return lines
+
+
+def _ranges(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[str]:
+    lines = [""]
+    if "throttle" in commands:
+        guess = commands["throttle"]
+        ends = [
+            command_range(d.throttle, d.signals)
+            for d in drives
+            if d.throttle is not None and d.signals and d.throttle.column == guess.column
+        ]
+        rest = sorted(e["rest"] for e in ends)[len(ends) // 2]
+        values = {"rest": rest, "full": max(e["full"] for e in ends)}
+        lowest = min(e.get("lowest", rest) for e in ends)
+        if lowest < rest:
+            values["lowest"] = lowest
+        text = ", ".join(f"{name}: {value:g}" for name, value in values.items())
+        what = "largest seen; a speed setpoint in m/s" if guess.unit == "m/s" else "largest seen"
+        lines.append(f"throttle: {{{text}}}  # rest: while standing; full: {what}")
+    if "steering" in commands:
+        guess = commands["steering"]
+        same = [d.steering for d in drives if d.steering and d.steering.column == guess.column]
+        ends = max((steering_range(g) for g in same), key=lambda e: abs(e["left"]))
+        text = ", ".join(f"{name}: {value:g}" for name, value in ends.items())
+        lines.append(f"steering: {{{text}}}  # the largest seen")
+    return lines
+
+
+def _quoted(name: str) -> str:
+    """A column's name as YAML."""
+    plain = name.replace(".", "").replace("_", "").isalnum() and not name[:1].isdigit()
+    return (
+        name if plain and name.lower() not in ("y", "n", "yes", "no", "on", "off") else f'"{name}"'
+    )

@@ -1,0 +1,53 @@
+"""A controller of the buggy drives similar cars of another size."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from buggy_rl.engines import make_engine
+from buggy_rl.policies.benchmark_paths import evaluation_task
+from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.controllers.at_scale import AtScale, for_car
+from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.stanley import Stanley
+from buggy_rl.similarity import Similarity
+from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.paths.making import PathConfig
+
+
+def seen(length=1.0, speed=1.0):
+    """Waypoints that bend to the left, and a velocity, of a car of another size."""
+    along = torch.arange(1, 11) * 0.2
+    waypoints = torch.stack([along, 0.2 * along**2], -1)[None]
+    velocity = torch.tensor([[2.0, 0.05, 0.4]]) * torch.tensor([speed, speed, speed / length])
+    return TensorDict({"waypoints": length * waypoints, "velocity": velocity}, [1])
+
+
+@pytest.mark.parametrize("controller", [PurePursuit(), Stanley()])
+def test_a_similar_car_in_a_similar_place_gets_the_same_command(controller):
+    buggy = controller(seen())["action"]
+    car = AtScale(controller, Similarity(900.0, 15.0, 4.0))(seen(15.0, 4.0))["action"]
+    assert torch.allclose(car, buggy, atol=1e-5)
+    assert buggy[0, 1] > 0.05  # to the left
+
+
+def test_what_the_car_sees_is_left_as_it_is():
+    given = seen(15.0, 4.0)
+    after = AtScale(PurePursuit(), Similarity(900.0, 15.0, 4.0))(given.clone())
+    for key in ("waypoints", "velocity"):
+        assert torch.equal(after[key], given[key])
+
+
+def test_without_a_car_the_controller_is_itself():
+    controller = PurePursuit()
+    assert for_car(controller, "") is controller
+
+
+@pytest.mark.parametrize("car", ["autorally", "full_size"])
+def test_pure_pursuit_drives_a_lap_of_the_car_s_own_size(car):
+    steps = 1500  # 15 s; similar cars need sqrt of the length longer than the buggy
+    task = evaluation_task(TaskConfig(paths=PathConfig(kind="lap", car=car)), steps)
+    env = make_env(make_engine("single_track", (1,), car=car), task=task)
+    scores = drive(env, for_car(PurePursuit(), car), steps).means()
+    assert scores["kept_on"] == 1.0
+    assert scores["waypoints"] > 25  # of 51 a lap
