@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
@@ -38,6 +39,7 @@ DELAYS = {
     "jumping": (1.5, 3.0),  # or a third of the recording is elsewhere, which a reader refuses
     **dict.fromkeys(ENDS, (1.0, 1.6)),  # it ends the drive, and a recording has 1 s or more
 }
+ROUNDING = 2e-6  # [s] of stamps in a recording, which are written in microseconds
 CELLS = len(COLUMNS) - 1  # commas of a whole line
 SLOWEST_END = 10.0  # [s] of the runtime
 A_DRIVE = 20  # injections in one drive, if the runtime survives them
@@ -185,9 +187,12 @@ def missing_time(recording: Path, sent: list[float]) -> float:
     """Time [s] of the readings that arrived, from the first recorded one on, and are in no row."""
     origin = json.loads(recording.with_suffix(".json").read_text())["origin"]
     lines = recording.read_text().splitlines()[1:]
-    rows = {round(float(line.split(",", 1)[0]), 4) for line in lines if line.count(",") == CELLS}
-    arrived = [round(stamp - origin, 4) for stamp in sent]
-    return CONTROL_PERIOD * sum(t not in rows for t in arrived if t >= min(rows))
+    rows = np.array([float(line.split(",", 1)[0]) for line in lines if line.count(",") == CELLS])
+    arrived = np.array([stamp - origin for stamp in sent])
+    arrived = arrived[arrived > rows[0] - ROUNDING]
+    after = np.clip(np.searchsorted(rows, arrived), 1, len(rows) - 1)
+    nearest = np.minimum(np.abs(rows[after] - arrived), np.abs(rows[after - 1] - arrived))
+    return CONTROL_PERIOD * float((nearest > ROUNDING).sum())
 
 
 def _append(file: Path, found: Injection) -> None:
@@ -213,7 +218,7 @@ def summary(file: Path) -> list[str]:
     for fault, rows in table.groupby("fault", sort=False):
         cells = [str(fault), str(len(rows))]
         for column in ("cut_ms", "neutral_ms"):
-            cells += [f"{v:.0f}" for v in rows[column].quantile([0.5, 0.99, 1.0])]
-        cells += [str(int(rows["readable"].sum())), f"{rows['missing_s'].max():.2f}"]
+            cells += [f"{v:.0f}" for v in np.quantile(rows[column], [0.5, 0.99, 1.0])]
+        cells += [str(np.sum(rows["readable"])), f"{np.max(rows['missing_s']):.2f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return lines

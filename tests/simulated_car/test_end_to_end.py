@@ -21,6 +21,7 @@ from buggy_rl.simulated_car.session import (
 from buggy_rl.task.paths.making import PathConfig
 
 pytestmark = pytest.mark.timeout(180)
+REPORTED = 0.001  # [s] the board logs a command so long before the watchdog at most
 SLACK = 60.0  # [ms] granted beyond the rules to a machine that is busy with other tests
 
 
@@ -126,17 +127,16 @@ def test_rows_hold_the_command_that_acted_from_their_stamp_on(driven):
     time.sleep(1.0)
     assert driven.end() == 0
     origin = json.loads(driven.recording.with_suffix(".json").read_text())["origin"]
-    lines = driven.recording.read_text().splitlines()[1:]
-    rows = [line.split(",") for line in lines]
-    acted = {round(t - origin, 3): (a, b) for t, a, b in driven.car.wheels(driven.begin)}
-    stamps = sorted(acted)
-    wrong = 0
-    for row in rows[20:-2]:
-        before = [t for t in stamps if t <= float(row[0])]
-        wrong += acted[before[-1]] != (float(row[7]), float(row[8]))
-    assert wrong <= 0.02 * len(
-        rows
-    )  # the board's log is a tenth of a millisecond before the report
+    log = [(t - origin, command) for t, *command in driven.car.wheels(driven.begin)]
+    wrong, compared = 0, 0
+    for line in driven.recording.read_text().splitlines()[20:-2]:
+        cells = line.split(",")
+        stamp, command = float(cells[0]), [float(cells[7]), float(cells[8])]
+        before = [entry for entry in log if entry[0] <= stamp]
+        if min(abs(stamp - t) for t, _ in log) > REPORTED:
+            compared += 1
+            wrong += before[-1][1] != command
+    assert wrong <= 0.02 * compared
 
 
 def test_a_car_that_does_not_start_is_said():

@@ -32,6 +32,8 @@ class OnCarConfig:
     """Of driving [s]."""
     pursuit: dict[str, float] = field(default_factory=dict)
     """Settings of the pursuit, as pursuit.speed=1.5; src/buggy_rl/car/pursuit.py lists them."""
+    safety: dict[str, float] = field(default_factory=dict)
+    """Limits that differ, as safety.throttle_cap=1; src/buggy_rl/car/safety.py lists them."""
     simulated: SimulatedCarConfig = field(default_factory=SimulatedCarConfig)
     """The simulated car."""
     paths: PathConfig = field(default_factory=PathConfig)
@@ -71,6 +73,7 @@ def drive_on_car(config: OnCarConfig) -> int:
             about = session.simulated_config(
                 config.simulated, car.address, policy, config.output, config.seconds
             )
+            about["safety"] |= config.safety
             return _finished(session.start_runtime(about, folder / "car.json"))
 
 

@@ -55,8 +55,9 @@ class Server:
         self.deadlines = Deadlines(CONTROL_PERIOD, self.clock.now, self.clock.sleep)
         while not self._over.is_set():
             self.deadlines.wait()
+            command = self.wheels.acting()  # what acts from the stamp of the reading on
             self._measure()
-            self.physics.step(self.wheels.acting())
+            self.physics.step(command)
 
     def _measure(self) -> None:
         now, seen = self.clock.now(), self.physics.measured()
