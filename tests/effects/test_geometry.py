@@ -96,7 +96,7 @@ def test_it_agrees_with_what_an_engine_says_of_itself(engine, axle, inertia):
 
 def test_a_car_whose_tyres_never_slide_does_not_show_its_axles():
     linear = plain(FineCar, grip=40.0, stiffness=0.12)
-    with pytest.raises(ValueError, match="do not saturate within 0.4 rad"):
+    with pytest.raises(ValueError, match=r"do not saturate within 0\.4 rad"):
         measured_dimensions(linear, BUGGY)
     options, failures = measurable_options(linear)
     assert "those of the buggy are assumed" in failures[0]
@@ -105,7 +105,7 @@ def test_a_car_whose_tyres_never_slide_does_not_show_its_axles():
 
 @pytest.mark.parametrize("engine", ["kinematic", "hold"])
 def test_what_is_no_car_on_two_axles_is_refused(engine):
-    with pytest.raises(ValueError, match="a car on two axles leaves .* unexplained"):
+    with pytest.raises(ValueError, match=r"a car on two axles leaves .* unexplained"):
         measured_dimensions(lambda count: make_engine(engine, (count,)), BUGGY)
 
 

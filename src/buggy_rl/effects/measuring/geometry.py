@@ -129,7 +129,7 @@ def _tyres(law: tuple[float, float, float]) -> list[float]:
 
 
 def _moved(numbers: NDArray, steps: Steps) -> NDArray:
-    """vy and r [n, 2] of the fitted car a step later, by the midpoint method."""
+    """State vy, r [n, 2] of the fitted car a step later, by the midpoint method."""
     x_front, x_rear, cg, inertia = numbers[:4]
     mobility = np.array([[inertia + cg * cg, -cg], [-cg, 1.0]]) / inertia
     arms = np.array([[1.0, x_front], [1.0, -x_rear]])

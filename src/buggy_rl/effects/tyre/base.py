@@ -50,7 +50,7 @@ class TyreEffect(MotionEffect):
     front_drive_share: float = 0.0
     """Share of the drive at the front axle, 0..1; the buggy is driven at the rear."""
     combined_slip: float = 1.0
-    """1: the drive takes from the side force by the friction ellipse; 0: the simulator's does not."""
+    """1: the drive takes from the side force by the friction ellipse; 0: it takes nothing."""
 
     def __init__(self, **rest: Any) -> None:
         super().__init__(**rest)
