@@ -32,17 +32,19 @@ class Closed(EnvBase):
 
     batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
 
+    engine: EnvBase
+
     def __init__(self, engine: EnvBase) -> None:
         super().__init__(device=engine.device, batch_size=engine.batch_size)
-        self.__dict__["_engine"] = engine
+        self.engine = engine
         for specs in ("observation", "state", "action", "reward", "done"):
             setattr(self, f"full_{specs}_spec", getattr(engine, f"full_{specs}_spec").clone())
 
     def _reset(self, tensordict: TensorDictBase | None = None, **rest) -> TensorDictBase:
-        return self.__dict__["_engine"]._reset(tensordict, **rest)
+        return self.engine._reset(tensordict, **rest)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self.__dict__["_engine"]._step(tensordict)
+        return self.engine._step(tensordict)
 
     def _set_seed(self, seed: int | None) -> None:
         """Nothing is random."""

@@ -4,14 +4,20 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tensordict import TensorDict
+from torchrl.envs import TransformedEnv
 
+from buggy_rl import keys
+from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measurable_options, measured_options
 from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.tyres import measured_tyres
 from buggy_rl.engines import make_engine
+from buggy_rl.engines.base import Engine
 from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.vehicle import VehicleDimensions
 from tests import plain_env
+from tests.effects.faults import follow
 
 BUGGY = VehicleDimensions()
 # The plain car as its file says: both axles from its centre of gravity, which is its reference
@@ -26,9 +32,9 @@ PLAIN = replace(
 
 
 class FineCar(plain_env.PlainCar):
-    """Steps of 0.2 ms, so that Euler's method does not change what the car seems to be."""
+    """Steps of 0.4 ms, so that Euler's method does not change what the car seems to be."""
 
-    substeps = 50
+    substeps = 25
 
 
 class ElsewhereCar(FineCar):
@@ -58,8 +64,8 @@ def plain(kind, **numbers):
 
 def close(found, true):
     assert found.wheelbase == pytest.approx(true.wheelbase, abs=0.002)
-    assert found.cg_to_front_axle == pytest.approx(true.cg_to_front_axle, abs=0.005)
-    assert found.sensor_to_cg == pytest.approx(true.sensor_to_cg, abs=0.005)
+    assert found.cg_to_front_axle == pytest.approx(true.cg_to_front_axle, abs=0.006)
+    assert found.sensor_to_cg == pytest.approx(true.sensor_to_cg, abs=0.006)
     assert found.yaw_inertia == pytest.approx(true.yaw_inertia, rel=0.03)
 
 
@@ -87,7 +93,9 @@ def test_it_agrees_with_what_an_engine_says_of_itself(engine, axle, inertia):
     def make(count):
         return make_engine(engine, (count,))
 
-    said, found = make(1).vehicle(), measured_dimensions(make, BUGGY)
+    car = make(1)
+    assert isinstance(car, Engine)
+    said, found = car.vehicle(), measured_dimensions(make, BUGGY)
     for car in (said, found):
         assert car.cg_to_front_axle - car.sensor_to_cg == pytest.approx(0.059, abs=axle)
         assert car.cg_to_rear_axle + car.sensor_to_cg == pytest.approx(0.115, abs=axle)
@@ -95,7 +103,7 @@ def test_it_agrees_with_what_an_engine_says_of_itself(engine, axle, inertia):
 
 
 def test_a_car_whose_tyres_never_slide_does_not_show_its_axles():
-    linear = plain(FineCar, grip=40.0, stiffness=0.12)
+    linear = plain(plain_env.QuickCar, grip=40.0, stiffness=0.12)
     with pytest.raises(ValueError, match=r"do not saturate within 0\.4 rad"):
         measured_dimensions(linear, BUGGY)
     options, failures = measurable_options(linear)
@@ -114,6 +122,31 @@ def test_every_force_acts_on_the_body_that_was_found():
     for name in ("tire_grip", "payload", "one_sided_drag", "yaw_damping", "wind"):
         close(replace(BUGGY, **options[name]["dimensions"]), PLAIN)
     assert "dimensions" not in options["throttle_gain"]
+
+
+def rollout(env):
+    """Positions [T, 16, 2] of cars that set off at 2 to 3.5 m/s and swing from lock to lock."""
+    start = TensorDict({keys.VELOCITY: torch.zeros(16, 3), keys.POSE: torch.zeros(16, 3)}, [16])
+    start[keys.VELOCITY][:, 0] = torch.linspace(2.0, 3.5, 16)
+    time = 0.01 * torch.arange(80)
+    actions = torch.stack([torch.full_like(time, -0.2), torch.sin(6 * time)], -1)
+    return follow(env, env.reset(start), actions)[keys.POSE][..., :2]
+
+
+def test_less_grip_around_a_black_box_does_what_less_grip_inside_it_does():
+    make = plain(plain_env.QuickCar)
+    truth = rollout(plain(plain_env.QuickCar, grip=0.85 * 0.5, stiffness=6.0 / 0.5)(16))
+    bare = (rollout(make(16)) - truth).norm()
+    assert float(bare) > 1.0
+    closed = []
+    own, typical = measured_options(make)["tire_grip"], measured_tyres(make, BUGGY)
+    ellipse = own | {"combined_slip": 1.0, "resistance": [0.7, 1.1]}  # that it does not have
+    for known in (own, typical, ellipse):
+        effect = make_effect("tire_grip", {"grip": 0.5}, **known)
+        left = (rollout(TransformedEnv(make(16), effect)) - truth).norm()
+        closed.append(1 - float(left / bare))
+    assert closed[0] > 0.9
+    assert max(closed[1:]) < 0.87
 
 
 @pytest.mark.parametrize(
