@@ -8,7 +8,7 @@ plant follows it for 0.3 s and is then left alone under the same commands, bare 
 standardised residuals over 1 s, and left what remains of them there.
 
 - `typical`: the buggy's axles and inertia for every simulator that does not say its own, and a
-  friction ellipse for all: the package before both were measured.
+  friction ellipse for all, about what the package did before both were measured.
 - `measured`: as shipped.
 - `second step`: forces of a second step of the simulator in place of a tyre law.
 """

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from buggy_rl import keys
@@ -130,7 +130,8 @@ def rollout(env):
     start[keys.VELOCITY][:, 0] = torch.linspace(2.0, 3.5, 16)
     time = 0.01 * torch.arange(80)
     actions = torch.stack([torch.full_like(time, -0.2), torch.sin(6 * time)], -1)
-    return follow(env, env.reset(start), actions)[keys.POSE][..., :2]
+    states: TensorDictBase = follow(env, env.reset(start), actions)  # type: ignore[assignment]
+    return states.get(keys.POSE)[..., :2]
 
 
 def test_less_grip_around_a_black_box_does_what_less_grip_inside_it_does():
