@@ -10,6 +10,7 @@ from typing import Any
 
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
+from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.holding import Make
 from buggy_rl.effects.measuring.servo import measured_steering_lag
 from buggy_rl.effects.measuring.tyres import measured_tyres
@@ -28,15 +29,17 @@ def measured_options(
 
     Args:
         make: Builds the simulator for a number of environments.
-        dimensions: Of a car whose simulator has none, or those that differ from the buggy's.
+        dimensions: From which those of a simulator that does not say its own are fitted, and which
+            are kept where no step shows them; or those that differ from the buggy's.
 
     Raises:
         ValueError: A velocity of the simulator is not finite, or a property does not show.
     """
     if not isinstance(dimensions, VehicleDimensions):
         dimensions = VehicleDimensions(**(dimensions or {}))
+    car = _dimensions(make, dimensions)
     options: Options = {}
-    for measured in (_drive(make), _servo(make), _tyres(make, dimensions)):
+    for measured in (_drive(make), _servo(make), _body(car), _tyres(make, car)):
         _assign(options, measured)
     return options
 
@@ -47,17 +50,23 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
     A simulator whose data hold no slides, such as a learned one, shows no tyre law; its effects
     keep the defaults of their classes, and yaw damping by tyres is that of `TYPICAL_STIFFNESS`.
     """
+    failures = []
+    try:
+        car = _dimensions(make, VehicleDimensions())
+    except ValueError as error:
+        failures.append(f"axles cannot be measured ({error}): those of the buggy are assumed")
+        car = VehicleDimensions()
     parts = {
         "drive": lambda: _drive(make),
         "servo": lambda: _servo(make),
-        "tyres": lambda: _tyres(make, VehicleDimensions()),
+        "body": lambda: _body(car),
+        "tyres": lambda: _tyres(make, car),
     }
     options: Options = {
         name: {"stiffness": [*TYPICAL_STIFFNESS]}
         for name in EFFECTS
         if "stiffness" in _taken(name) and "friction" not in _taken(name)
     }
-    failures = []
     for part, measured in parts.items():
         try:
             _assign(options, measured())
@@ -68,9 +77,9 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
 
 def _taken(name: str) -> set[str]:
     """Options of an effect that can be measured."""
-    taken = set(effect_class(name).option_names)
-    # Axle forces are read off with the inertia and the axles of the simulator.
-    return taken | {"dimensions"} if "friction" in taken else taken
+    kind = effect_class(name)
+    # Forces act at the centre of gravity of the simulator, with its inertia and its axles.
+    return set(kind.option_names) | ({"dimensions"} if kind.kind == "motion" else set())
 
 
 def _assign(options: Options, measured: Mapping[str, Any]) -> None:
@@ -89,16 +98,20 @@ def _servo(make: Make) -> dict[str, Any]:
     return {"lag": measured_steering_lag(make)}
 
 
-def _tyres(make: Make, dimensions: VehicleDimensions) -> dict[str, Any]:
-    simulator = make(1)
-    simulated = getattr(simulator, "vehicle", lambda: dimensions)()
-    declared = getattr(simulator, "values", {}).get("front_drive_share")
-    front = 0.0 if declared is None else round(float(declared.mean()), 6)
-    tyres = measured_tyres(make, simulated, front)
+def _dimensions(make: Make, typical: VehicleDimensions) -> VehicleDimensions:
+    """Of the simulator: as it says itself, or else as its steps show."""
+    says = getattr(make(1), "vehicle", None)
+    return measured_dimensions(make, typical) if says is None else says()
+
+
+def _body(car: VehicleDimensions) -> dict[str, Any]:
     shipped = asdict(VehicleDimensions())
-    other = {k: v for k, v in asdict(simulated).items() if v != shipped[k]}
-    if other:
-        tyres["dimensions"] = other
-    if front:
-        tyres["front_drive_share"] = front
-    return tyres
+    other = {k: v for k, v in asdict(car).items() if v != shipped[k]}
+    return {"dimensions": other} if other else {}
+
+
+def _tyres(make: Make, car: VehicleDimensions) -> dict[str, Any]:
+    declared = getattr(make(1), "values", {}).get("front_drive_share")
+    front = 0.0 if declared is None else round(float(declared.mean()), 6)
+    tyres = measured_tyres(make, car, front)
+    return tyres | ({"front_drive_share": front} if front else {})

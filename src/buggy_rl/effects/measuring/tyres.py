@@ -17,6 +17,8 @@ SLIDES = 9  # of the 20 slip angles: the largest ones, from 0.3 rad on, at which
 PUSH = 0.4  # [-] second throttle above the first, to see the friction ellipse; chosen
 LEAST_GAIN = 0.3  # [m/s^2] least effect of that throttle for which it is evaluated; chosen
 HIGHEST = 0.1  # [m] largest height h of the longitudinal forces: over twice that of the buggy's cg
+ELLIPSE = 0.2  # [-] of what a friction ellipse would take; plants show 0.47 and more, others 0.01
+LEAST_LOSS = 0.01  # [-] of the rear side force, below which an ellipse does not show; chosen
 LEAST_USE = 0.2  # [-] least side force over load of a tyre at 0.5 rad
 # D, C / D and c: D of 5 holds a tyre that stays linear up to the largest slip angle.
 TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
@@ -37,7 +39,7 @@ def measured_tyres(
 
     Returns:
         `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear,
-        `resistance` and `height`, as `TyreEffect` takes them.
+        `resistance`, `height` and `combined_slip`, as `TyreEffect` takes them.
 
     Raises:
         ValueError: A velocity of the simulator is not finite, or its side force is no tyre's.
@@ -46,7 +48,7 @@ def measured_tyres(
     share = np.array([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
     coasting = np.array(measured_drive(make)["coasting"])
     lost = float(coasting @ [1.0, CORNERING_SPEED])
-    borne, height = _resistance_and_height(make, d, share, 1 - front_drive_share, lost)
+    borne, height, combined = _drive_in_a_slide(make, d, share, 1 - front_drive_share, lost)
     resistance = borne * coasting
     freely = throttle_for(make, CORNERING_SPEED, -float(resistance @ [1.0, CORNERING_SPEED]))
     slip, use, _ = _sliding(make, d, freely)
@@ -65,6 +67,7 @@ def measured_tyres(
         "shape": np.round(shape, 4).tolist(),
         "resistance": np.round(resistance, 4).tolist(),
         "height": round(height, 4),
+        "combined_slip": combined,
     }
 
 
@@ -87,10 +90,10 @@ def _sliding(
     return slip.double().numpy(), use.double().numpy(), float(ax[-SLIDES:].mean())
 
 
-def _resistance_and_height(
+def _drive_in_a_slide(
     make: Make, d: VehicleDimensions, share: np.ndarray, driven: float, lost: float
-) -> tuple[float, float]:
-    """Share of the resistance at the body, and height h, from a second throttle in the slide.
+) -> tuple[float, float, float]:
+    """What a second throttle in the slide shows: resistance at the body, h, and combined slip.
 
     More throttle transfers load to the rear, which the front axle's side force shows, and by the
     friction ellipse reduces the rear axle's. The drive that does so is the acceleration plus the
@@ -104,24 +107,28 @@ def _resistance_and_height(
         lost: Deceleration of the coasting car [m/s^2].
 
     Returns:
-        Share in 0..1 of the coasting deceleration that acts at the body, and h [m]; 0 and 0 where
-        the second throttle has no effect.
+        Share in 0..1 of the coasting deceleration that acts at the body, h [m], and 1, or 0 for a
+        simulator whose drive takes nothing from the side force; 0, 0 and 1 where the second
+        throttle has no effect.
     """
     kept = throttle_for(make, CORNERING_SPEED, 0.0)
     _, use, gained = _sliding(make, d, kept)
     _, pushed, more = _sliding(make, d, kept + PUSH)
     if not more - gained > LEAST_GAIN or lost <= 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 1.0
     front, rear = pushed[-SLIDES:].mean(0) / use[-SLIDES:].mean(0)
     rear /= 1 + (1 - front) * share[0] / share[1]
     circle = GRAVITY * share[1] * use[-SLIDES:, 1].mean()  # [m/s^2]
     shares = np.linspace(0.0, 1.0, 101)
     before, behind = (_left(driven * (gain + shares * lost) / circle) for gain in (gained, more))
     borne = float(shares[np.abs(behind / before - rear).argmin()])
+    taken = 1 - float(behind[0] / before[0])  # by an ellipse, were there no resistance
+    seen = taken < LEAST_LOSS or 1 - rear > ELLIPSE * taken
     # The front axle's load over that at rest is 1 - e F, F the longitudinal force of all tyres.
     first, last = gained + borne * lost, more + borne * lost
     e = (1 - front) / max(last - front * first, LEAST_GAIN)
-    return borne, float(np.clip(e * d.wheelbase * GRAVITY * share[0], 0.0, HIGHEST))
+    height = float(np.clip(e * d.wheelbase * GRAVITY * share[0], 0.0, HIGHEST))
+    return (borne, height, 1.0) if seen else (0.0, height, 0.0)
 
 
 def _left(use: np.ndarray | float) -> np.ndarray:

@@ -38,7 +38,8 @@ Tyre law (magic formula without curvature factor): F = N D sin(c atan(s)).
 6. *Friction ellipse (combined slip).* Of a tread that slides u faster than the ground and w
    sideways the force is opposite to the slide: X = N D u / sqrt(u^2 + w^2), which gives u, and
    sqrt(1 - (X / (N D))^2) = w / sqrt(u^2 + w^2) is the share of N D left for the side force.
-   With friction q D the wheels spin faster by z, a latent state: see `spin`.
+   With friction q D the wheels spin faster by z, a latent state: see `spin`. A simulator whose
+   drive takes nothing from the side force (`combined_slip` 0) is scaled without this step.
 7. *Forces at the start of the step.* At 2 m/s the slip angle of this car settles within about one
    period, so the mean force is not that of the initial slip. d(alpha)/dt = S (F - F_hold), with S
    the mobility of the axles and F_hold the force of a steady turn, gives for the mean
@@ -51,6 +52,10 @@ Tyre law (magic formula without curvature factor): F = N D sin(c atan(s)).
    the changed longitudinal force (two iterations).
 10. *Change of the motion*: dv and dr from F' - F of both axles, X' - X, the longitudinal component
     -(F_f' - F_f) tan(delta) of the front axle and the change of the couple of step 3.
+
+Axles, centre of gravity and yaw inertia must be the simulator's own: read off with a quarter of the
+inertia, the forces are so wrong that the effect does harm. `effects.measuring.geometry` fits them
+to a simulator that does not say them.
 
 Beyond the limit: a tyre that slides gives the same force at every slip angle, so the slip can no
 longer be read off the force. From 98 % of N D on the law is faded out and F' is q F: right for a

@@ -33,6 +33,7 @@ class TyreEffect(MotionEffect):
         "resistance",
         "height",
         "front_drive_share",
+        "combined_slip",
     )
     friction: tuple[float, float] = (FRICTION, FRICTION)
     """D of the simulator's front and rear axle."""
@@ -48,6 +49,8 @@ class TyreEffect(MotionEffect):
     """h [m]; 0: no load transfer."""
     front_drive_share: float = 0.0
     """Share of the drive at the front axle, 0..1; the buggy is driven at the rear."""
+    combined_slip: float = 1.0
+    """1: the drive takes from the side force by the friction ellipse; 0: it takes nothing."""
 
     def __init__(self, **rest: Any) -> None:
         super().__init__(**rest)
@@ -58,7 +61,7 @@ class TyreEffect(MotionEffect):
         pairs = (self.friction, self.stiffness, self.shape, self.speed_loss, self.resistance)
         car = (d.cg_to_front_axle, d.cg_to_rear_axle, d.mass, d.yaw_inertia)
         numbers = [*car, *(number for pair in pairs for number in pair)]
-        numbers += [self.height, share, self.dt]
+        numbers += [self.height, share, self.combined_slip, self.dt]
         self.register_buffer("numbers", torch.tensor(numbers), persistent=False)
 
     def _option(self, name: str, value: Any) -> Any:

@@ -62,14 +62,16 @@ class FrictionChange:
     """r0 [m/s^2] and r1 [1/s], [2]."""
     height: Tensor
     """h [m]."""
+    combined: Tensor
+    """1 where the drive takes from the side force by the friction ellipse, 0 where it does not."""
     driven: DrivenAxles
 
     @classmethod
     def of(cls, numbers: Tensor, axles: slice) -> "FrictionChange":
-        """From all the numbers side by side [17] and the axles that are driven."""
+        """From all the numbers side by side [18] and the axles that are driven."""
         front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
         friction, stiffness, shape, speed_loss, resistance = numbers[4:14].view(5, 2).unbind()
-        height, front, dt = numbers[14:].unbind()
+        height, front, combined, dt = numbers[14:].unbind()
         return cls(
             front_arm=front_arm,
             rear_arm=rear_arm,
@@ -81,6 +83,7 @@ class FrictionChange:
             speed_loss=speed_loss,
             resistance=resistance,
             height=height,
+            combined=combined,
             driven=DrivenAxles(front, dt, axles),
         )
 
@@ -110,7 +113,12 @@ class FrictionChange:
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
         assert motion.state is not None
         along, left, left_now, spin = self.driven.changed(
-            motion.state, seen.drive, lost, circle, ratio, self._slide(motion, angle)
+            motion.state,
+            self.combined * seen.drive,
+            lost,
+            circle,
+            ratio,
+            self._slide(motion, angle),
         )
         turned = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
         side = turned * circle * left  # (n, 2) what friction leaves for the side force
@@ -255,7 +263,7 @@ def _changed(axles: slice, *arguments: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
-    numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 0.01])
+    numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 1.0, 0.01])
     before = torch.tensor([1.0, 0.01, 0.1]).repeat(n, 1)
     ones, state = torch.ones(n, 2), torch.zeros(n, len(range(2)[axles]))
     return numbers, before, before.clone(), 0.2 * ones, state, 0.8 * ones, torch.full((n,), 9.0)
@@ -265,7 +273,7 @@ def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
 def changed_by(axles: tuple[int, int]) -> Kernel:
     """`FrictionChange` of a car with these driven axles, of the first to before the last.
 
-    Its arguments: numbers [17], velocity before and after the step [n, 3], command [n, 2], z,
+    Its arguments: numbers [18], velocity before and after the step [n, 3], command [n, 2], z,
     ratio [n, 2], largest lateral acceleration [n].
     """
     of = slice(*axles)

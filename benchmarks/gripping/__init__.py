@@ -1,0 +1,1 @@
+"""Parts of grip.py: the simulators, and the way that lost."""
