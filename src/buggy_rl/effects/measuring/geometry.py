@@ -28,7 +28,7 @@ from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 SPEEDS = (2.5, 4.0)  # [m/s] of the experiment; chosen within what a 1:10 car drives
 SLIPS = (0.05, 0.12, 0.23, 0.4)  # [rad] slip angles of both axles, both signs; chosen
-SUBSTEPS = 4  # of the fitted car in a control period; twice as many change the single track by 0.5 %
+SUBSTEPS = 4  # of the fitted car in a control period; 8 change the single track's by 0.5 %
 LARGE = 0.3  # [m/s^2] residual beyond which the loss grows linearly; chosen
 LEAST = (0.01, 0.01, -0.3, 3e-4)  # [m], [m], [m], [m^2] bounds of x_f, x_r, c, i
 MOST = (0.6, 0.6, 0.3, 0.2)
