@@ -11,6 +11,7 @@ ledgers, their hashes and the number of cases they are from. With `apply=true` t
 counted on other cases, and nothing is fitted.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
@@ -22,7 +23,7 @@ def main() -> None:
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
     from buggy_rl.blind_test.development import entries
-    from buggy_rl.blind_test.named import Claimed, counted, lowest_loss
+    from buggy_rl.blind_test.named import Answered, Claimed, counted, lowest_loss
     from buggy_rl.diagnosis.posterior import SHIPPED, posterior
     from buggy_rl.files import write_atomically
 
@@ -37,6 +38,7 @@ def main() -> None:
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
             write_atomically(SHIPPED, content(calibration, files, len(cases), ridge))
+    methods: dict[str, Sequence[Answered]]
     methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
     if all("stepwise" in e for e in cases):
         methods["stepwise"] = [Claimed(**e["stepwise"]) for e in cases]
