@@ -47,13 +47,8 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "car": set(),
     "simulated_car": SIMULATION | {"car"},
 }
-SHARED_BY_ENGINES = {
-    "base",
-    "actuation",
-    "preset",
-    "speed_control",
-    "rows",
-}  # beside these, none knows of another
+# Beside these, no engine knows of another.
+SHARED_BY_ENGINES = {"base", "actuation", "preset", "speed_control", "rows"}
 ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("viz", "study.figures", "blind_test.pictures", "transfer.pictures"),
     "mujoco": ("engines.mujoco", "viz", "blind_test.baselines.sysid"),

@@ -3,14 +3,10 @@
 import os
 import sys
 
-SIMULATION, LOOP, WATCHDOG = (
-    10,
-    20,
-    30,
-)  # of SCHED_FIFO, 1..99; kernel threads that drive I2C have 50
-SWITCH_INTERVAL = (
-    5e-4  # [s] after which a thread lets another run; Python's own 5 ms is half a period
-)
+# Priorities of SCHED_FIFO, 1..99; kernel threads that drive I2C have 50.
+SIMULATION, LOOP, WATCHDOG = 10, 20, 30
+# [s] after which a thread lets another run; Python's own 5 ms is half a period.
+SWITCH_INTERVAL = 5e-4
 
 
 def take_priority(priority: int) -> bool:
