@@ -12,12 +12,13 @@ from buggy_rl.blind_test.calibration import (
     folds,
     group,
     left_out,
+    meant,
     table,
     truth,
     unknown,
     weights,
 )
-from buggy_rl.blind_test.named import counted, listed, lowest_loss
+from buggy_rl.blind_test.named import counted, listed, lowest_loss, sure
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.plants.composed import SORTS
 from tests.diagnosis.observations import case, hypothesis
@@ -77,7 +78,7 @@ def test_where_nothing_tells_right_from_wrong_nothing_is_learnt():
 
 def test_a_truth_that_was_not_fitted_cannot_be_learnt_from_and_counts_as_missed(cases):
     absent = entry(3, ["yaw_damping"], cases[0]["hypotheses"])
-    assert table([absent]).target.tolist() == [-1]
+    assert not table([absent]).true.any()
     assert "0 % (0 to 79) of 1" in counted([absent], {"": [posterior_of(absent)]})
     with_it = [*cases, absent]
     for one, other in zip(weights(table(cases), 1.0), weights(table(with_it), 1.0), strict=True):
@@ -135,6 +136,18 @@ def test_what_is_named_is_counted_by_hand():
     assert listed(right, said[0]) == [(pytest.approx(0.9), True), (pytest.approx(0.2), False)]
     # 0.1^2, 0.2^2, 0.6^2 and 0.2^2 of four names.
     assert "| Brier score of all listed names | 0.113 |" in table
+
+
+def test_a_parameter_that_is_the_same_as_an_effect_counts_as_that_effect():
+    own, other = ("parameter:steering_dead_time",), ("parameter:mass", "steering_dead_time")
+    assert meant(own) == ("steering_dead_time",)
+    assert meant(other) == other  # no effect is called mass
+    late = [hypothesis(e, [5.0, 5.0], 0.1) for e in (own, ("steering_dead_time",), other)]
+    e = entry(0, ["steering_dead_time"], [hypothesis((), [10.0, 10.0], 0.5), *late])
+    assert table([e]).true.tolist() == [[False, True, True, False, False]]
+    said = Posterior({(): 0.1, own: 0.5, ("steering_dead_time",): 0.3, other: 0.1}, 0.0)
+    assert sure(said) == {"parameter:mass": 0.1, "steering_dead_time": pytest.approx(0.9)}
+    assert "| one effect: and nothing else said | 100 %" in counted([e], {"": [said]})
 
 
 def test_the_lowest_loss_is_named_without_a_doubt():

@@ -1,13 +1,14 @@
 """Weights of the posterior, fitted to development cases of which the truth is known.
 
-A case counts with the logarithm of the probability that its truth is given: the concealed set,
-nothing, or `unknown` where what is concealed is no effect. A set that the search did not come to
-cannot be given, and the case does not count; in `judged` it does. Weights are shrunk by a Gaussian
-prior on standardised features, as wide as predicts left-out groups best.
+A case counts with the logarithm of the probability that its truth is given: the concealed set (a
+parameter of the simulator's that is the same as an effect counts as that), nothing, or `unknown`
+where what is concealed is no effect. A set that the search did not come to cannot be given, and the
+case does not count; in `named.counted` it does. Weights are shrunk by a Gaussian prior on scaled
+features, as wide as predicts left-out groups best.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from torch import Tensor
 from buggy_rl.blind_test.sizes import UNKNOWN_SIZES
 from buggy_rl.diagnosis.evidence_features import fitted, of_case, of_hypotheses
 from buggy_rl.diagnosis.posterior import Calibration, Posterior, posterior
+from buggy_rl.effects import EFFECTS
+from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.plants.composed import Sort, is_composed
 
 RIDGES = (0.3, 1.0, 3.0, 10.0, 30.0)  # precisions of the weights' prior that are tried
@@ -51,13 +54,14 @@ class Table:
     """[n, H + 1] and those have this added to their score."""
     case: Tensor
     """[n, G]"""
-    target: Tensor
-    """[n] index of the truth, H for unknown; -1 where the search did not come to it."""
+    true: Tensor
+    """[n, H + 1] hypotheses that are the truth, the last for unknown; none where the search did not
+    come to it."""
     names: tuple[Sequence[str], Sequence[str]]
 
     def __getitem__(self, rows: Tensor) -> "Table":
         return Table(
-            self.hypotheses[rows], self.shut[rows], self.case[rows], self.target[rows], self.names
+            self.hypotheses[rows], self.shut[rows], self.case[rows], self.true[rows], self.names
         )
 
 
@@ -69,6 +73,15 @@ def unknown(entry: Entry) -> bool:
 def truth(entry: Entry) -> tuple[str, ...]:
     """What is concealed, sorted."""
     return tuple(sorted(entry["case"]["concealed"]))
+
+
+def meant(effects: Iterable[str]) -> tuple[str, ...]:
+    """Effects of a hypothesis, sorted; a parameter of an effect's name is that effect.
+
+    A dead time of the steering is the same whether it is added to the simulator or a number of it.
+    """
+    plain = {e: e.removeprefix(OWN) for e in effects}
+    return tuple(sorted({name if name in EFFECTS else e for e, name in plain.items()}))
 
 
 def group(entry: Entry) -> str:
@@ -88,23 +101,20 @@ def table(entries: Sequence[Entry]) -> Table:
     hypotheses = torch.zeros(len(entries), most, len(names[0]), dtype=torch.float64)
     shut = torch.full((len(entries), most + 1), SHUT, dtype=torch.float64)
     shut[:, -1] = 0.0
-    target = torch.full((len(entries),), -1)
+    true = torch.zeros(len(entries), most + 1, dtype=torch.bool)
     for row, (entry, features) in enumerate(zip(entries, own, strict=True)):
         hypotheses[row, : len(features)] = torch.tensor([[*f.values()] for f in features]).double()
         shut[row, : len(features)] = 0.0
-        keys = [tuple(h["effects"]) for h in fitted(entry)]
-        if unknown(entry):
-            target[row] = most
-        elif truth(entry) in keys:
-            target[row] = keys.index(truth(entry))
-    return Table(
-        hypotheses, shut, torch.tensor([[*c.values()] for c in cases]).double(), target, names
-    )
+        for column, h in enumerate(fitted(entry)):
+            true[row, column] = meant(h["effects"]) == truth(entry)
+        true[row, -1] = unknown(entry)
+    case = torch.tensor([[*c.values()] for c in cases]).double()
+    return Table(hypotheses, shut, case, true, names)
 
 
 def weights(of: Table, ridge: float) -> tuple[Tensor, Tensor]:
     """Weights [F] and [G] by penalised maximum likelihood."""
-    known = of[of.target >= 0]
+    known = of[of.true.any(1)]
     inside = known.shut[:, :-1] == 0
     sd = known.hypotheses[inside].std(0).clamp_min(1e-6)
     spread = known.case.std(0)
@@ -127,7 +137,8 @@ def weights(of: Table, ridge: float) -> tuple[Tensor, Tensor]:
 def _log_likelihood(of: Table, w: Tensor, v: Tensor) -> Tensor:
     """Log probability [n] of each truth."""
     scores = torch.cat([of.hypotheses @ w, (of.case @ v).unsqueeze(1)], 1) + of.shut
-    return torch.log_softmax(scores, 1).gather(1, of.target.unsqueeze(1)).squeeze(1)
+    wrong = torch.where(of.true, 0.0, SHUT)
+    return torch.logsumexp(torch.log_softmax(scores, 1) + wrong, 1)
 
 
 def folds(entries: Sequence[Entry]) -> Tensor:
@@ -148,9 +159,9 @@ def left_out(entries: Sequence[Entry], ridge: float) -> tuple[list[Posterior], f
         calibration = _calibration(of, w, v)
         for row in out.nonzero().flatten().tolist():
             found[row] = posterior(entries[row], calibration)
-        scored = of[out & (of.target >= 0)]
+        scored = of[out & of.true.any(1)]
         total += float(_log_likelihood(scored, w, v).sum())
-    return found, total / max(1, int((of.target >= 0).sum()))
+    return found, total / max(1, int(of.true.any(1).sum()))
 
 
 def calibrated(entries: Sequence[Entry]) -> tuple[Calibration, float]:

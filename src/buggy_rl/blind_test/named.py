@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from buggy_rl.blind_test.calibration import truth, unknown
+from buggy_rl.blind_test.calibration import meant, truth, unknown
 from buggy_rl.blind_test.statistics import Figure, calibration_error, share
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
@@ -105,31 +105,38 @@ def _figures(said: Said) -> dict[str, str]:
     }
 
 
+def sure(p: Answered) -> dict[str, float]:
+    """Probability of each effect; that of a parameter that is the same is added to it."""
+    total: dict[str, float] = {}
+    for effect in sorted({e for effects in p.sets for e in effects}):
+        [name] = meant([effect])
+        total[name] = min(1.0, total.get(name, 0.0) + p.of(effect))
+    return total
+
+
 def listed(entry: Entry, p: Answered) -> list[tuple[float, bool]]:
     """Probability of each effect that has any, and whether it is concealed."""
-    effects = sorted({e for effects in p.sets for e in effects})
-    sure = {e: min(p.of(e), 1.0) for e in effects}
-    return [(s, e in truth(entry)) for e, s in sure.items() if s >= LISTED]
+    return [(s, e in truth(entry)) for e, s in sure(p).items() if s >= LISTED]
 
 
 def _came_to(entry: Entry, p: Answered) -> bool:
     del p
-    return truth(entry) in {tuple(h["effects"]) for h in fitted(entry)}
+    return truth(entry) in {meant(h["effects"]) for h in fitted(entry)}
 
 
 def _first_right(entry: Entry, p: Answered) -> bool:
-    effects = {e for effects in p.sets for e in effects}
-    first = max(effects, key=p.of, default="")
+    probable = sure(p)
+    first = max(probable, key=lambda e: probable[e], default="")
     return (first,) == truth(entry) and p.says not in ("nothing", "unknown")
 
 
 def _exact(entry: Entry, p: Answered) -> bool:
-    return p.best == truth(entry) and p.says == "effects"
+    return meant(p.best) == truth(entry) and p.says == "effects"
 
 
 def _says_a_name(entry: Entry, p: Answered) -> bool:
     del entry
-    return any(p.of(e) > EVEN for effects in p.sets for e in effects)
+    return any(s > EVEN for s in sure(p).values())
 
 
 def _says_unknown(entry: Entry, p: Answered) -> bool:
