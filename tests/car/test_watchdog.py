@@ -90,7 +90,8 @@ def test_a_loop_that_falls_silent_gets_neutral_after_100_ms(log):
 
 
 LOOP = """
-import sys, time, json
+import signal, sys, time, json
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.watchdog_link import Watchdog
 watchdog = Watchdog(json.loads(sys.argv[1]), Clock())
@@ -111,7 +112,7 @@ def test_the_death_of_the_loop_is_neutral(log, number):
         assert time.monotonic() < end
         time.sleep(0.01)
     loop.send_signal(number)
-    loop.wait()
+    loop.wait(20)
     log.wait_for((-1.0, 0.0))
 
 

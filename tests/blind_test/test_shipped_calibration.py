@@ -1,0 +1,48 @@
+"""The weights that are shipped are those of the published ledger, and so are the docs' figures."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from buggy_rl.blind_test.calibration import calibrated, left_out
+from buggy_rl.blind_test.development import entries
+from buggy_rl.blind_test.named import counted, lowest_loss
+from buggy_rl.diagnosis.posterior import SHIPPED, shipped
+
+DOCS = Path(__file__).parents[2] / "docs"
+LEDGER = DOCS / "development" / "cases.jsonl"
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return [e for e in entries(LEDGER) if "failed" not in e]
+
+
+@pytest.fixture(scope="module")
+def made_from():
+    return yaml.safe_load(SHIPPED.read_text())["made_from"]
+
+
+def test_the_file_names_the_ledger_it_was_made_from(cases, made_from):
+    assert made_from["ledgers"] == {LEDGER.name: hashlib.sha256(LEDGER.read_bytes()).hexdigest()}
+    assert made_from["cases"] == len(cases)
+
+
+def test_the_script_makes_the_weights_again(cases, made_from):
+    again, ridge = calibrated(cases)
+    assert ridge == made_from["ridge"]
+    for part in ("hypothesis", "unknown"):
+        new, kept = getattr(again, part), getattr(shipped(), part)
+        assert list(new) == list(kept)
+        for name, weight in new.items():
+            assert weight == pytest.approx(kept[name], rel=1e-2, abs=1e-4)
+
+
+def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):
+    text = (DOCS / "evidence.md").read_text()
+    found, _ = left_out(cases, made_from["ridge"])
+    table = counted(cases, {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]})
+    for line in table.splitlines():
+        assert line in text

@@ -1,0 +1,74 @@
+"""From recordings to an answer by the joint method, on short recordings of a single-track car."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.repair import repaired
+from tests.diagnosis.planted import planted_drives
+
+CONFIG = DiagnosisConfig(
+    simulator="single_track",
+    recordings=["made in the test"],
+    output="nowhere",
+    effects=["throttle_gain", "viscous_drag", "steering_dead_time", "gyro_bias"],
+    parameters=False,
+    stretches=40,
+    method="joint",
+)
+
+
+@pytest.fixture(scope="module")
+def answers():
+    planted = {"weak": {"throttle_gain": {"gain": 0.7}}, "nothing": {}}
+    recorded = planted_drives(list(planted.values()), seconds=18.0)
+    return {
+        name: diagnose(CONFIG, recordings)
+        for name, recordings in zip(planted, recorded, strict=True)
+    }
+
+
+def test_what_is_planted_is_named_first_and_closes_the_residual(answers):
+    answer = answers["weak"].answer
+    assert answer.verdict == "missing_physics"
+    first = answer.effects[0]
+    assert first.name == "throttle_gain"
+    assert first.confidence > 0.5
+    assert first.parameters["gain"].value < 0.8
+    assert answer.proof.misfit_after < 0.3 * answer.proof.misfit_before
+
+
+def test_nothing_is_named_where_nothing_is(answers):
+    done = answers["nothing"]
+    assert done.answer.verdict == "no_mismatch"
+    assert done.answer.effects == []
+    assert "effects" not in repaired("single_track", done, folder=None)  # type: ignore[arg-type]
+
+
+def test_probabilities_are_written_and_sum_to_one(answers):
+    written = json.loads(json.dumps(answers["weak"].answer.to_dict()))
+    posterior = written["posterior"]
+    sets = posterior["sets"]
+    total = posterior["nothing"] + posterior["unknown"] + sum(s["probability"] for s in sets)
+    assert total == pytest.approx(1.0)
+    assert sets[0]["effects"] == ["throttle_gain"]
+    assert [s["probability"] for s in sets] == sorted(
+        (s["probability"] for s in sets), reverse=True
+    )
+    confidence = sum(s["probability"] for s in sets if "throttle_gain" in s["effects"])
+    assert written["effects"][0]["confidence"] == pytest.approx(confidence)
+    assert all(t["log_evidence"] is not None for t in written["tried"])
+    names = written["effects"]
+    assert all(e["confidence"] >= 0.02 for e in names)
+    assert [e["confidence"] for e in names] == sorted(
+        (e["confidence"] for e in names), reverse=True
+    )
+
+
+def test_the_stepwise_answer_has_no_posterior():
+    recordings = planted_drives([{}], seconds=18.0)[0]
+    one = replace(CONFIG, effects=["throttle_gain"], method="stepwise")
+    assert diagnose(one, recordings).answer.to_dict()["posterior"] is None
