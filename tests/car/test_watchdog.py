@@ -156,3 +156,24 @@ def test_an_actuator_that_cannot_be_opened_is_said():
     about = {"kind": "simulated", "address": "/nowhere"}
     with pytest.raises(OSError, match="no simulated car listens at /nowhere"):
         Watchdog(about, Clock())
+
+
+def test_a_loop_that_slept_does_not_call_the_watchdog_silent_and_loses_no_report(log):
+    watchdog = Watchdog(log.about, Clock())
+    drive(watchdog, log)
+    watchdog.reports()
+    time.sleep(0.3)  # meanwhile it writes neutral, and reports
+    assert watchdog.dead == ""
+    assert (-1.0, 0.0) in [(r.throttle, r.steering) for r in watchdog.reports()]
+    watchdog.close()
+
+
+def test_a_watchdog_that_hangs_is_called_silent(log):
+    watchdog = Watchdog(log.about, Clock())
+    drive(watchdog, log)
+    watchdog.process.send_signal(signal.SIGSTOP)
+    watchdog.reports()
+    time.sleep(0.3)
+    assert "silent for 0.3" in watchdog.dead
+    watchdog.process.send_signal(signal.SIGCONT)
+    watchdog.close()

@@ -46,6 +46,7 @@ class Watchdog:
         self._link.setblocking(False)
         self._heard, self._gone = clock.now(), False
         self._last: Optional[Report] = None
+        self._arrived: List[Report] = []
 
     def _wait_for_start(self) -> None:
         self._link.settimeout(SLOWEST_START)
@@ -70,7 +71,13 @@ class Watchdog:
 
     def reports(self) -> List[Report]:
         """What was reported since the last call, oldest first."""
-        found: List[Report] = []
+        self._receive()
+        found, self._arrived = self._arrived, []
+        return found
+
+    def _receive(self) -> None:
+        """Takes what has arrived."""
+        count = len(self._arrived)
         while not self._gone:
             try:
                 message = self._link.recv(1024)
@@ -79,21 +86,26 @@ class Watchdog:
             except OSError:
                 message = b""
             if message:
-                found.append(read_report(message))
+                self._arrived.append(read_report(message))
             self._gone = not message
-        if found:
-            self._heard, self._last = self._clock.now(), found[-1]
-        return found
+        if len(self._arrived) > count:
+            self._heard, self._last = self._clock.now(), self._arrived[-1]
 
     @property
     def dead(self) -> str:
         """Why the drive has to end: the watchdog is gone or silent; empty if it is well."""
+        if self._silence > LONGEST_SILENCE:
+            self._receive()  # this process was asleep, and what was said meanwhile is waiting
         if self._gone:
             return "the watchdog is gone"
-        silence = self._clock.now() - self._heard
-        if silence > LONGEST_SILENCE:
-            return f"the watchdog has been silent for {silence:.2f} s"
+        if self._silence > LONGEST_SILENCE:
+            return f"the watchdog has been silent for {self._silence:.2f} s"
         return ""
+
+    @property
+    def _silence(self) -> float:
+        """Since it was last heard [s]."""
+        return self._clock.now() - self._heard
 
     @property
     def trouble(self) -> str:
