@@ -76,6 +76,12 @@ def test_what_varies_lies_at_a_bound_or_helps_on_the_baseline_speaks_against_it(
     assert alike == set(same) - {"varies", "at_bound", "on_baseline"}
 
 
+def test_a_variation_that_helps_nowhere_counts_as_none():
+    worse = DRAG | {"varies": {"viscous_drag": ["vx", -0.5, 1.0]}}
+    same, changed = (of_hypotheses(case([NOTHING, h]))[1] for h in (DRAG, worse))
+    assert same["varies"] == changed["varies"] == 0
+
+
 def test_the_leading_hypothesis_has_an_effect_more_only_if_that_is_worth_its_price():
     assert leading([NOTHING, DRAG, BOTH]) is DRAG
     assert leading([NOTHING, DRAG, BOTH | {"held_out": [10.0, 15.0]}])["effects"] == BOTH["effects"]

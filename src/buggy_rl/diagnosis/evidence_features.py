@@ -99,7 +99,7 @@ def _by_blocks(held_out: Sequence[float], best: Sequence[float]) -> float:
 
 def _varies(case: Observed, h: Observed) -> float:
     """ln(1 + what numbers that vary would close, over what counts as none)."""
-    closes = max((v[1] for v in h["varies"].values()), default=0.0)
+    closes = max([0.0, *(v[1] for v in h["varies"].values())])  # held out, it may be below 0
     own = beyond(case["first"], case["usual"]) - beyond(h["excess"], case["usual"])
     return math.log1p(closes / (STEADY + STEADY * max(own, 0.0)))
 
