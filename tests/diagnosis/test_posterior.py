@@ -104,4 +104,13 @@ def test_what_the_best_leaves_speaks_for_unknown_physics():
 def test_a_calibration_is_read_from_its_file(tmp_path):
     file = tmp_path / "calibration.yaml"
     file.write_text("hypothesis: {nats: 1.0}\nunknown: {one: -2.0}\nmade_from: {cases: 3}\n")
-    assert load_calibration(file) == Calibration({"nats": 1.0}, {"one": -2.0})
+    assert load_calibration(file) == Calibration({"nats": 1.0}, {"one": -2.0}, 3)
+
+
+def test_no_answer_is_surer_than_the_cases_can_tell():
+    sure = posterior(case([NOTHING, DRAG]), BY_LOSS)
+    assert sure.of("viscous_drag") > 0.9999
+    few = posterior(case([NOTHING, DRAG]), Calibration(BY_LOSS.hypothesis, BY_LOSS.unknown, 48))
+    assert few.of("viscous_drag") == pytest.approx(0.98 * sure.of("viscous_drag"))
+    assert few.unknown == pytest.approx(0.02 + 0.98 * sure.unknown)
+    assert sum(few.sets.values()) + few.unknown == pytest.approx(1.0)

@@ -9,7 +9,7 @@ features, as wide as predicts left-out groups best.
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -156,7 +156,7 @@ def left_out(entries: Sequence[Entry], ridge: float) -> tuple[list[Posterior], f
     for number in range(FOLDS):
         out = part == number
         w, v = weights(of[~out], ridge)
-        calibration = _calibration(of, w, v)
+        calibration = _calibration(of[~out], w, v)
         for row in out.nonzero().flatten().tolist():
             found[row] = posterior(entries[row], calibration)
         scored = of[out & of.true.any(1)]
@@ -176,7 +176,7 @@ def _calibration(of: Table, w: Tensor, v: Tensor) -> Calibration:
         {name: float(f"{x:.4g}") for name, x in zip(names, values.tolist(), strict=True)}
         for names, values in zip(of.names, (w, v), strict=True)
     )
-    return Calibration(hypothesis, case)
+    return Calibration(hypothesis, case, len(of.case))
 
 
 def content(calibration: Calibration, ledgers: Sequence[Path], cases: int, ridge: float) -> str:
@@ -186,5 +186,6 @@ def content(calibration: Calibration, ledgers: Sequence[Path], cases: int, ridge
         "cases": cases,
         "ridge": ridge,
     }
+    weights_of = {"hypothesis": calibration.hypothesis, "unknown": calibration.unknown}
     head = "# Written by scripts/calibrate.py; not to be edited by hand.\n"
-    return head + yaml.safe_dump({"made_from": made, **asdict(calibration)}, sort_keys=False)
+    return head + yaml.safe_dump({"made_from": made, **weights_of}, sort_keys=False)

@@ -32,6 +32,13 @@ class Calibration:
     """Feature of a hypothesis -> weight."""
     unknown: Mapping[str, float]
     """Feature of a case -> weight for physics that no effect describes."""
+    cases: int = 0
+    """Cases that the weights were fitted to; 0 where they are not from any."""
+
+    @property
+    def lapse(self) -> float:
+        """Probability of what none of the cases showed: rule of succession (Laplace 1774)."""
+        return 1.0 / (self.cases + 2) if self.cases else 0.0
 
 
 @dataclass(frozen=True)
@@ -77,13 +84,18 @@ class Posterior:
 
 
 def posterior(case: Observed, calibration: Calibration | None = None) -> Posterior:
-    """Of what was observed of a search, by the shipped calibration unless another is given."""
+    """Of what was observed of a search, by the shipped calibration unless another is given.
+
+    What the calibration's cases cannot rule out (`Calibration.lapse`) goes to unknown physics.
+    """
     calibration = calibration or shipped()
     scores = [_score(f, calibration.hypothesis) for f in of_hypotheses(case)]
     scores.append(_score(of_case(case), calibration.unknown))
-    *shares, unknown = torch.softmax(torch.tensor(scores, dtype=torch.float64), 0).tolist()
+    lapse = calibration.lapse
+    shares = (1 - lapse) * torch.softmax(torch.tensor(scores, dtype=torch.float64), 0)
+    *named, unknown = shares.tolist()
     keys: Sequence[Effects] = [tuple(h["effects"]) for h in fitted(case)]
-    return Posterior(dict(zip(keys, shares, strict=True)), unknown)
+    return Posterior(dict(zip(keys, named, strict=True)), unknown + lapse)
 
 
 def _score(features: Mapping[str, float], weights: Mapping[str, float]) -> float:
@@ -99,4 +111,4 @@ def shipped() -> Calibration:
 def load_calibration(file: Path) -> Calibration:
     """Reads what `scripts/calibrate.py` wrote."""
     content = yaml.safe_load(file.read_text())
-    return Calibration(content["hypothesis"], content["unknown"])
+    return Calibration(content["hypothesis"], content["unknown"], content["made_from"]["cases"])
