@@ -15,6 +15,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.constancy import conditions
+from buggy_rl.diagnosis.evidence_features import PRICE
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.search import (
     Progress,
@@ -36,7 +37,6 @@ FITTED = {1: 6, 2: 6, 3: 4}  # effects of a set -> sets of that size that are fi
 AROUND = 3  # sets of each size that are fitted about the leading one
 ROUNDS = 3  # times that the leading set is looked at anew, at most
 MOST = 4  # effects of a set
-PRICE = 12.0  # [nats] of an effect more, on what was held out, while the search goes on
 
 
 @dataclass(frozen=True, eq=False)

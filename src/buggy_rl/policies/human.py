@@ -14,7 +14,7 @@ class HumanConfig:
     silence: float = 0.08
     """After so long without a message the command is neutral [s]; a step later it is applied."""
     top_throttle: float = 0.0
-    """Throttle that the forward key goes to, in [-1, 1]; 0 is half of the drive."""
+    """Throttle that the forward key goes to, in (-1, 1]; 0 is half of the drive."""
     throttle_rise: float = 1.0
     """Of the forward key [1/s]; from no drive to half takes 1 s."""
     throttle_fall: float = 4.0
