@@ -113,6 +113,12 @@ COMPOSED_SIZES = {  # where a composed sort acts -> how much, at a signal of 1
     "seen_drift": Range(0.05, 0.15, True, "likewise, across"),
     "seen_yaw_rate": Range(0.1, 0.3, True, "6 to 17 degrees a second"),
 }
+FAINTER = {  # shape or memory -> share that it leaves of a typical signal's mean square root
+    "square": 0.7,
+    "threshold": 0.4,
+    "lag": 0.6,
+    "heat": 0.7,
+}
 TIME_CONSTANTS = {  # of a memory [s]
     "lag": Range(0.15, 0.8, False, "slower than a servo, faster than a bend"),
     "heat": Range(5.0, 20.0, False, "a motor or a tyre that warms"),
@@ -122,7 +128,10 @@ TIME_CONSTANTS = {  # of a memory [s]
 def composed_sizes(name: str) -> dict[str, Range]:
     """Ranges of the numbers of a composed sort."""
     sort = Sort.named(name)
-    ranges = {"size": COMPOSED_SIZES[sort.where]}
+    low, high, signed, why = COMPOSED_SIZES[sort.where]
+    # As large as sorts without them: most would be below what any drive shows.
+    share = FAINTER.get(sort.shape, 1.0) * FAINTER.get(sort.memory, 1.0)
+    ranges = {"size": Range(low / share, high / share, signed, why)}
     if sort.memory in TIME_CONSTANTS:
         ranges["time_constant"] = TIME_CONSTANTS[sort.memory]
     if sort.of in ("way", "place"):

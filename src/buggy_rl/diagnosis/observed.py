@@ -12,7 +12,7 @@ from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.constancy import variation
 from buggy_rl.diagnosis.joint import JointSearch, Weighed
 from buggy_rl.diagnosis.selection import Criteria
-from buggy_rl.diagnosis.unexplained import unexplained
+from buggy_rl.diagnosis.unexplained import CLIPPED, by_condition, unexplained
 
 DIGITS = 5  # of every number
 DEPENDS = 0.05  # [-] share of a variance; what depends on it is not among the numbers
@@ -72,12 +72,14 @@ def _hypothesis(criteria: Criteria, found: JointSearch, weighed: Weighed) -> dic
     loss = problem.noise.loss(candidate.cross_validated.square, problem.dispersion)
     blocks = torch.zeros(int(criteria.group.max()) + 1, dtype=loss.dtype)
     covariance = candidate.cross_validated.covariance
+    readings = fit.whitened.view(len(fit.whitened), -1, 6).square().clamp_max(CLIPPED)
     return {
         "effects": list(candidate.key),
         "asked": weighed.asked,
         "values": {effect: v for effect, v in fit.values().items()},
         "z": fit.vector.tolist(),
         "sd": covariance.diagonal().clamp_min(0.0).sqrt().tolist(),
+        "correlation": _correlation(covariance),
         "at_bound": [effect for effect in fit.effects if fit.at_bound(effect)],
         "held_out": blocks.index_add_(0, criteria.group, loss).tolist(),
         "penalty": float(fit.penalty()),
@@ -85,9 +87,17 @@ def _hypothesis(criteria: Criteria, found: JointSearch, weighed: Weighed) -> dic
         "typical": candidate.typical,
         "unclosed": rest.unclosed,
         "channel": list(rest.channel.values()),
+        "by_condition": list(by_condition(problem, readings.sum(-1)).values()),
         "varies": _varies(criteria, found, candidate),
         "evidence": asdict(weighed.evidence),
     }
+
+
+def _correlation(covariance: torch.Tensor) -> list[float]:
+    """Of each pair of numbers, row by row below the diagonal."""
+    sd = covariance.diagonal().clamp_min(1e-12).sqrt()
+    rows, columns = torch.tril_indices(len(sd), len(sd), -1)
+    return (covariance / torch.outer(sd, sd))[rows, columns].tolist()
 
 
 def _varies(criteria: Criteria, found: JointSearch, candidate: Candidate) -> dict[str, list]:

@@ -71,15 +71,19 @@ def unexplained(
     )
 
 
-def _depends_on(problem: Problem, square: Tensor, least: float) -> list[str]:
-    """Conditions whose bins explain the squares [N, K], the most significant first."""
+def by_condition(problem: Problem, square: Tensor) -> dict[str, float]:
+    """Condition -> share of the variance of the squares [N, K] that is between its bins."""
     target = square.flatten().numpy()
     instants = problem.simulation.instants(problem.segments)
-    shares = {
+    return {
         name: _explained(target, value.flatten().numpy())
         for name, value in features(problem.segments, instants).items()
     }
-    ranked = sorted(shares.items(), key=lambda item: -item[1])
+
+
+def _depends_on(problem: Problem, square: Tensor, least: float) -> list[str]:
+    """Conditions whose bins explain the squares [N, K], the most significant first."""
+    ranked = sorted(by_condition(problem, square).items(), key=lambda item: -item[1])
     return [name for name, share in ranked if share > least][:NAMED]
 
 
