@@ -94,7 +94,10 @@ def suggestions(seen: Coverage, drives: int) -> Iterator[str]:
         )
     backward = float((seen.speed[moving] < 0).mean())
     if backward > LEAST_SHARE:
-        yield f"{backward:.0%} of the motion is reverse, which is cut out: drive forward more"
+        yield (
+            f"{backward:.0%} of the motion is reverse, which is cut out unless the column map "
+            "declares a command with reverse"
+        )
     yield from _steering(seen.steering[moving])
     yield from _throttle(seen.throttle[moving])
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 from tensordict import TensorDict
 
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+
 
 @dataclass
 class Recording:
@@ -27,6 +29,8 @@ class Recording:
     """The file."""
     notes: list[str] = field(default_factory=list)
     """What was cut or derived while reading, one line each."""
+    command: LongitudinalCommand = ONE_WAY
+    """What the throttle is; one with reverse is at rest at 0."""
 
     @property
     def duration(self) -> float:
