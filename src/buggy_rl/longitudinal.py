@@ -77,6 +77,11 @@ class LongitudinalCommand:
         """What `of` takes, without `full_speed`, which is a simulator's parameter."""
         return {"kind": self.kind, "reverse": True} if self.reverse else self.kind
 
+    @property
+    def plain_fields(self) -> dict[str, Any]:
+        """The fields that are not at their default, as a file has them."""
+        return {"kind": self.kind} | ({"reverse": True} if self.reverse else {})
+
     def __str__(self) -> str:
         return f"{self.kind} with reverse" if self.reverse else self.kind
 

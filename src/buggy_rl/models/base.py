@@ -17,7 +17,7 @@ MARGIN = 0.1  # of the training range's width, by which a rollout may leave it; 
 
 
 def asked(throttle: Tensor, rest: float) -> Tensor:
-    """Throttle [*] as of a one-way car: -1 is no drive; with reverse |u| - 1, for both ways alike."""
+    """Throttle [*] as of a one-way car, -1 is no drive: with reverse |u| - 1, both ways alike."""
     return throttle if rest == ONE_WAY_REST else throttle.abs() - 1
 
 
@@ -42,7 +42,7 @@ class DynamicsModel(nn.Module):
         self.input_mean = nn.Buffer(torch.zeros(INPUTS))
         self.input_scale = nn.Buffer(torch.ones(INPUTS))
         self.output_scale = nn.Buffer(torch.ones(3))
-        self.rest_throttle = nn.Buffer(torch.tensor(NO_DRIVE))  # highest for a car at rest, see `asked`
+        self.rest_throttle = nn.Buffer(torch.tensor(NO_DRIVE))  # highest at rest, of `asked`
         self.coast_loss = nn.Buffer(torch.tensor(0.001))  # [m/s] a step, at least
         self.envelope = Envelope()
 

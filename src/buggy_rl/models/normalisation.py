@@ -105,7 +105,9 @@ def coasting_deceleration(recordings: Sequence[Recording]) -> float:
 
 
 def _watched(recordings: Sequence[Recording], strides: int = 0) -> tuple[Tensor, Tensor] | None:
-    """Throttle, see `asked`, and speed [N, L] in windows of half a second, or None if no segment is that long.
+    """Throttle, as of `asked`, and speed [N, L] in windows of half a second.
+
+    None if no segment is that long.
 
     Windows start at every row, or `strides` times in a window's length.
     """

@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import ONE_WAY_REST, declared_by
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -17,11 +18,17 @@ Make = Callable[[int], EnvBase]
 
 SETTLING = 40  # [steps] 0.4 s: DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
 THROTTLES = (-1.0, 0.0)  # [-] range of commands searched for one that gives an acceleration
+DRIVES = (0.0, 0.5)  # [-] the same of a throttle with reverse
 
 
 def period(make: Make) -> float:
     """Control period of a simulator [s]."""
     return getattr(make(1), "dt", CONTROL_PERIOD)
+
+
+def resting(make: Make) -> float:
+    """Throttle without drive of a simulator."""
+    return declared_by(make(1)).rest
 
 
 def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
@@ -31,7 +38,8 @@ def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
 
 def throttle_for(make: Make, speed: float, acceleration: float) -> float:
     """Throttle at which the simulator, rolling straight, comes closest to an acceleration."""
-    throttles = torch.linspace(*THROTTLES, 21)
+    searched = THROTTLES if resting(make) == ONE_WAY_REST else DRIVES
+    throttles = torch.linspace(*searched, 21)
     held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
     after = next_velocity(make, held, throttles)[:, 0]
     return float(throttles[int((after - speed - acceleration * period(make)).abs().argmin())])

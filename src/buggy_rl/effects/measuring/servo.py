@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from buggy_rl.effects.measuring.holding import Make, next_velocities, period
+from buggy_rl.effects.measuring.holding import Make, next_velocities, period, resting
 
 SERVO_SPEED = 2.0  # [m/s] speed of the experiment; chosen
 SERVO_STEP = 0.15  # [-] step of the steering, so small that no rate limit acts; chosen
@@ -25,7 +25,8 @@ def measured_steering_lag(make: Make) -> float:
     """
     dt = period(make)
     held = torch.tensor([[SERVO_SPEED, 0.0, 0.0]])
-    turn = next_velocities(make, held, -1.0, SERVO_STEP, SERVO_ROWS)[:, 0, 2].double()  # (R,)
+    after = next_velocities(make, held, resting(make), SERVO_STEP, SERVO_ROWS)  # (R, 1, 3)
+    turn = after[:, 0, 2].double()
     turn = turn - turn[0]
     last = float(turn[-1])
     if abs(last) / dt < LEAST_TURN:
