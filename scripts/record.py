@@ -9,8 +9,8 @@ r"""Drives a simulator in an 8 m room and writes the recordings of a simulated t
 
 Writes OUTPUT/PREFIX_00.csv and so on, one recording a drive, and the config beside them, or to
 SEALED for a blind test; for a command other than a one-way throttle also OUTPUT/columns.yaml, the
-column map to read them with. src/buggy_rl/engines/reference/faults.py lists the faults of the reference
-car.
+column map to read them with. src/buggy_rl/engines/reference/faults.py lists the faults of the
+reference car.
 """
 
 from pathlib import Path

@@ -15,7 +15,8 @@ from buggy_rl.effects.motion.base import SETTING_OFF, Motion, MotionEffect, alon
 from buggy_rl.effects.motion.drive import turning_drag
 from buggy_rl.longitudinal import drive_of
 
-LEAST_PULL = 0.1  # [m/s^2] acceleration below which a controller is not at its limit; chosen
+UNSURE_BY = 0.5  # [m/s^2] by which an acceleration may be off: a tenth of full pull; chosen
+UNSURE = 0.15  # [-] likewise, in proportion: a gain measured over 10 ms is 8 % low; chosen
 
 
 class ControllerEffect(MotionEffect):
@@ -69,9 +70,10 @@ class SpeedControllerLag(ControllerEffect):
 class DrivenAxleSlip(ControllerEffect):
     """The setpoint is reached by the driven axle, which slips: the car is slower by the slip.
 
-    v_axle = vx + |vx| s a at a slip s for each m/s^2 of the controller's acceleration, so
-    a = k (v_set - v_axle) becomes a' = a / (1 + k |vx| s); where the motor was at its limit, it
-    stays there while k (v_set - vx) / (1 + k |vx| s) is still above.
+    v_axle = vx + |vx| s a_t, with a slip s for each m/s^2 of the tyres' acceleration a_t: that of
+    the car, plus the resistance at its body and its turned wheels, without what motor and gear
+    lose. So the controller's acceleration falls by w / (1 + w) a_t, w = k |vx| s. Where it was at
+    a limit, wanting more than it gave, it falls by so much less.
     """
 
     name = "driven_axle_slip"
@@ -89,7 +91,9 @@ class DrivenAxleSlip(ControllerEffect):
             probe=0.003,
         ),
     )
-    option_names = ("coasting", "speed_gain", "full_speed")
+    option_names = ("coasting", "resistance", "speed_gain", "full_speed")
+    resistance: tuple[float, float] = (0.0, 0.0)
+    """r0 [m/s^2] and r1 [1/s] of the resistance at the body, which the driven tyres carry."""
     speed_gain: float = 10.0
     """k of the simulated controller: acceleration over the speed that is missing [1/s]."""
     full_speed: float = 5.0
@@ -104,14 +108,23 @@ class DrivenAxleSlip(ControllerEffect):
         )
 
     def _change(self, motion: Motion) -> Tensor:
-        given = self._controlled(motion)
         vx = 0.5 * (motion.before[..., 0] + motion.after[..., 0])
+        slip = self._value("slip_per_acceleration").clamp_min(0.0)
+        weight = self.speed_gain * vx.abs() * slip
+        body = self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
+        ax, _, _ = motion.acceleration
+        pulled = ax + body + turning_drag(motion, self.dimensions)
+        less = weight / (1 + weight) * pulled
+        return along(-self.dt * slowed_by(less, self._held_back(motion, vx)))
+
+    def _held_back(self, motion: Motion, vx: Tensor) -> Tensor:
+        """What is wanted beyond what is given [n] [m/s^2], but for the errors of both."""
+        given = self._controlled(motion)
         command = motion.action[..., 0] if motion.asked is None else motion.asked
         wanted = self.speed_gain * (self.full_speed * drive_of(command, self.rest) - vx)
-        stronger = (wanted / torch.where(given.abs() < LEAST_PULL, LEAST_PULL, given)).abs()
-        ratio = stronger.clamp_min(1.0) / self._weaker(vx)
-        return along(self.dt * given * (ratio.clamp_max(1.0) - 1))
+        return (wanted.abs() - (1 + UNSURE) * given.abs() - UNSURE_BY).clamp_min(0.0)
 
-    def _weaker(self, vx: Tensor) -> Tensor:
-        slip = self._value("slip_per_acceleration").clamp_min(0.0)
-        return 1 + self.speed_gain * vx.abs() * slip
+
+def slowed_by(change: Tensor, held: Tensor) -> Tensor:
+    """A change [n] made smaller by `held` [n] >= 0, not beyond 0."""
+    return torch.sign(change) * (change.abs() - held).clamp_min(0.0)

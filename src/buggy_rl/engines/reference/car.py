@@ -152,7 +152,7 @@ class Car:
         asked = 0.5 * (car.duty + duty)
         heat = fault_state[HEAT].squeeze(0) if "heating_motor" in faults else None
         mean_duty, current = drivetrain.motor(asked, car, setting, heat)
-        brakes = drivetrain.brakes(asked, car)
+        brakes = drivetrain.brakes(asked, target, car)
         car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
         if heat is not None:
             drivetrain.warmed(fault_state, current, dt)

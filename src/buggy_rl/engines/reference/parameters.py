@@ -206,8 +206,9 @@ COMMANDED: dict[str, tuple[Parameter, ...]] = {
     "speed": (
         Parameter("full_speed", 5.0, 1.0, 20.0, "m/s", "Setpoint of a full command."),
         Parameter("speed_gain", 16.0, 2.0, 100.0, "N s/m", "Force over the speed that is missing."),
-        # The rear tyres hold 6.5 N standing and less when braked: with more the car spins.
-        Parameter("brake_force", 4.0, 1.0, 40.0, "N", "Largest force against the motion."),
+        # The rear tyres hold 6.5 N standing, less when braked: with more the car spins.
+        Parameter("brake_force", 3.0, 1.0, 40.0, "N", "Largest force against the motion."),
+        Parameter("pull_force", 5.0, 1.0, 60.0, "N", "Largest force along the motion."),
     ),
     "current": (Parameter("full_current", 15.0, 2.0, 60.0, "A", "Of a full command."),),
 }

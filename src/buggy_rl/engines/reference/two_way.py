@@ -19,7 +19,7 @@ from buggy_rl.longitudinal import LongitudinalCommand, command_of, drive_of
 from buggy_rl.vehicle import GRAVITY
 
 STANDS = 0.1  # [m/s] forward speed from which on a two-way controller reverses; chosen
-IDLE = 1e-3  # [-] duty cycle below which the drag brake is on; chosen
+IDLE = 1e-3  # [-] duty cycle asked for below which the drag brake is on; chosen
 
 
 class TwoWayDrivetrain(Drivetrain):
@@ -103,11 +103,11 @@ class TwoWayDrivetrain(Drivetrain):
         used = self.motor_resistance * current + self.motor_constant * axle
         return used / setting.voltage, current
 
-    def brakes(self, duty: Tensor, car: CarState) -> tuple[Tensor, Tensor] | None:
+    def brakes(self, duty: Tensor, target: Tensor, car: CarState) -> tuple[Tensor, Tensor] | None:
         if self.command.kind != "throttle_brake_reverse":
             return None
         pressed = torch.where(car.vx > STANDS, (-duty).clamp_min(0.0), 0.0) * self.brake
-        drag = torch.where(duty.abs() < IDLE, self.dragged, torch.zeros_like(self.dragged))
+        drag = torch.where(target.abs() < IDLE, self.dragged, torch.zeros_like(self.dragged))
         return self.in_front * pressed, (1.0 - self.in_front) * pressed + drag
 
     def current(
@@ -128,17 +128,19 @@ class TwoWayDrivetrain(Drivetrain):
     def _wanted(self, asked: Tensor, car: CarState, axle: Tensor) -> Tensor:
         """Current [*] [A] that a speed or current controller wants.
 
-        i = K (v_set - v) / k, with v the car's speed, or in part the driven axle's; against the
-        motion no more than the braking current.
+        i = K (v_set - v) / k, with v the car's speed, or in part the driven axle's; no more than
+        its limits along and against the motion.
         """
         if self.command.kind == "current":
             return asked * self.values["full_current"]
         seen = car.vx + self.at_axle * (axle - car.vx)
         missing = self.values["full_speed"] * asked - seen
         wanted = self.values["speed_gain"] * missing / self.motor_constant
-        most = self.values["brake_force"] / self.motor_constant
-        wanted = torch.where(seen > 0, torch.maximum(wanted, -most), wanted)
-        return torch.where(seen < 0, torch.minimum(wanted, most), wanted)
+        pull = self.values["pull_force"] / self.motor_constant
+        brake = self.values["brake_force"] / self.motor_constant
+        most = torch.where(seen < 0, brake, pull)
+        least = torch.where(seen > 0, -brake, -pull)
+        return torch.clamp(wanted, least, most)
 
     def _reachable(self, current: Tensor, axle: Tensor, voltage: Tensor) -> Tensor:
         """A current [*] [A] within what the battery drives against the back-EMF, either way."""

@@ -29,6 +29,8 @@ FOLLOWING = (  # [-] chances of the next phase after each; chosen
 BRAKES = (0.2, 1.0)  # [-] commands of a brake: a touch to an emergency
 REVERSES = (0.3, 0.7)  # [-] commands of reverse
 BACKWARD = (0.4, 1.3)  # [m/s] setpoints in reverse
+CURRENT = 0.4  # [-] share of those commands where they are a motor force, without a brake of its own
+FASTEST_BACK = 1.5  # [m/s] speed in reverse above which a person lets go; chosen
 BEHIND = 1.2  # [m] looked behind the car for a wall
 
 
@@ -70,8 +72,10 @@ class ManoeuvringDriver(TensorDictModuleBase):
         """Writes `action` [*, 2] for `pose` [*, 3] and `velocity` [*, 3]."""
         tensordict = self.room(tensordict)
         throttle, steering = tensordict[keys.ACTION].unbind(-1)
-        self._renew(tensordict[keys.POSE])
+        vx = tensordict[keys.VELOCITY][..., 0]
+        self._renew(tensordict[keys.POSE].cpu(), vx.cpu())
         drive = self._drive(0.5 * (throttle + 1)).clamp(-1.0, 1.0)
+        drive = torch.where(vx < -FASTEST_BACK, drive.clamp_min(0.0), drive)
         if not self.command.two_way:
             drive = drive.clamp_min(0.0)
         action = torch.stack([command_of(drive, self.command.rest), steering], -1)
@@ -80,14 +84,15 @@ class ManoeuvringDriver(TensorDictModuleBase):
     def _uniform(self, shape: torch.Size) -> Tensor:
         return torch.rand(shape, generator=self._generator)
 
-    def _renew(self, pose: Tensor) -> None:
-        """Draws the next phase of cars whose phase has ended."""
+    def _renew(self, pose: Tensor, vx: Tensor) -> None:
+        """Draws the next phase of cars whose phase has ended, or that near a wall backward."""
         shape = pose.shape[:-1]
         if self._phase.shape != shape:
             self._phase = torch.zeros(shape, dtype=torch.int64)
             self._left, self._size = 1.0 + self._uniform(shape), self._uniform(shape)
         self._left = self._left - self.dt
-        ended = (self._left <= 0) | ((self._phase == REVERSE) & ~self._room_behind(pose))
+        backing = (self._phase == REVERSE) | ((self._phase == BRAKE) & (vx < 0))
+        ended = (self._left <= 0) | (backing & ~self._room_behind(pose))
         if not ended.any():
             return
         chances = torch.tensor(FOLLOWING).cumsum(-1)[self._phase]
@@ -101,7 +106,7 @@ class ManoeuvringDriver(TensorDictModuleBase):
     def _room_behind(self, pose: Tensor) -> Tensor:
         """Whether there is room [*] to back up."""
         back = torch.tensor([-BEHIND, 0.0]).expand_as(pose[..., :2])
-        point = pose[..., :2].cpu() + rotate(back, pose[..., 2].cpu())
+        point = pose[..., :2] + rotate(back, pose[..., 2])
         config = self.room.config
         return point.abs().amax(-1) < config.size / 2 - config.clearance
 
@@ -109,7 +114,10 @@ class ManoeuvringDriver(TensorDictModuleBase):
         """Drive [*] in -1..1 of the phase; `forward` [*] in 0..1 is the room driver's."""
         if self.command.kind == "speed":
             return self._setpoint(forward) / self.full_speed
-        brake, reverse = (low + (high - low) * self._size for low, high in (BRAKES, REVERSES))
+        share = CURRENT if self.command.kind == "current" else 1.0
+        brake, reverse = (
+            share * (low + (high - low) * self._size) for low, high in (BRAKES, REVERSES)
+        )
         none = torch.zeros_like(forward)
         by_phase = torch.stack([forward, -brake, none, -reverse])
         return by_phase.gather(0, self._phase.unsqueeze(0)).squeeze(0)
