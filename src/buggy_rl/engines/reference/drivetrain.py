@@ -145,9 +145,7 @@ class Drivetrain:
         axle_speed = 0.5 * (car.tread[2] + car.tread[3])
         return asked, self.current(asked, axle_speed, setting.voltage, heat)
 
-    def brakes(
-        self, duty: Tensor, target: Tensor, car: CarState
-    ) -> tuple[Tensor, Tensor] | None:
+    def brakes(self, duty: Tensor, target: Tensor, car: CarState) -> tuple[Tensor, Tensor] | None:
         """Brake force [N] of the front axle [*] and of the rear one [*]; None without brakes."""
         del duty, target, car
 

@@ -29,7 +29,9 @@ FOLLOWING = (  # [-] chances of the next phase after each; chosen
 BRAKES = (0.2, 1.0)  # [-] commands of a brake: a touch to an emergency
 REVERSES = (0.3, 0.7)  # [-] commands of reverse
 BACKWARD = (0.4, 1.3)  # [m/s] setpoints in reverse
-CURRENT = 0.4  # [-] share of those commands where they are a motor force, without a brake of its own
+CURRENT = (
+    0.4  # [-] share of those commands where they are a motor force, without a brake of its own
+)
 FASTEST_BACK = 1.5  # [m/s] speed in reverse above which a person lets go; chosen
 BEHIND = 1.2  # [m] looked behind the car for a wall
 
