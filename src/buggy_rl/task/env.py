@@ -24,6 +24,7 @@ from buggy_rl.config import belongs_to, one_line
 from buggy_rl.effects import make_effects
 from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.single_precision import in_single_precision
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.scale import scaled_task
@@ -177,6 +178,7 @@ def make_env(
     context = {
         "paths": make_paths(task.paths) if paths is None else paths,
         "dt": getattr(base, "dt", CONTROL_PERIOD),
+        "rest": declared_by(base).rest,
     }
     stack = [make_transform(c.name, c.options, **context) for c in in_order(task.transforms)]
     for transform in (*beneath, *effects):
