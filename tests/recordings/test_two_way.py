@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from buggy_rl.car_file import load_car
+from buggy_rl.engines import make_engine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.recordings import RecordingError, load_recording
 from buggy_rl.recordings.checks.commands import speed_along
 from buggy_rl.recordings.columns import ColumnMap, Throttle
 from buggy_rl.recordings.raw_recording import RawRecording
+from buggy_rl.recordings.recording import refuse_another_rest
 from tests.recordings.test_foreign_cars import REVERSING, VELOCITY, retraced
 
 ESC = LongitudinalCommand("throttle_brake_reverse")
@@ -114,3 +116,11 @@ def test_the_speed_along_the_heading_is_negative_in_reverse():
     pose = np.stack([np.zeros(5), -2.0 * t, up], -1)
     raw = RawRecording("mine", t, pose, None, None, np.zeros((5, 2)), np.arange(5), {})
     assert speed_along(raw).tolist() == pytest.approx([-2.0] * 5)
+
+
+def test_a_simulator_that_takes_another_command_is_refused_these_recordings(make_drive, write):
+    recording = load_recording(write(two_way(make_drive)), ColumnMap(command=ESC))
+    refuse_another_rest([recording], make_engine("kinematic", command="current"))  # rest 0 too
+    refuse_another_rest([recording], make_engine("hold"))  # it takes none
+    with pytest.raises(ValueError, match="whose rest is 0; the simulator takes throttle"):
+        refuse_another_rest([recording], make_engine("kinematic"))

@@ -1,6 +1,8 @@
 """One drive as a TensorDict over time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from tensordict import TensorDict
 
@@ -39,3 +41,24 @@ class Recording:
 
     def __len__(self) -> int:
         return self.data.batch_size[0]
+
+
+def refuse_another_rest(recordings: Sequence[Recording], simulator: Any) -> None:
+    """Refuses recordings whose commands a simulator takes in another sense.
+
+    A simulator that does not say what it takes, by an attribute `command`, is not judged.
+
+    Raises:
+        ValueError: No drive is 0 of one and -1 of the other.
+    """
+    takes = getattr(simulator, "command", None)
+    if not isinstance(takes, LongitudinalCommand):
+        return
+    for recording in recordings:
+        if recording.command.rest != takes.rest:
+            raise ValueError(
+                f"{recording.name} has the command {recording.command}, whose rest is "
+                f"{recording.command.rest:g}; the simulator takes {takes}, whose rest is "
+                f"{takes.rest:g}: declare one command in the column map and in the simulator's "
+                "options, or name the car (car=...) of both"
+            )
