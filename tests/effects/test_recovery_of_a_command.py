@@ -32,7 +32,7 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     "brake_balance": ("shift", 0.4, 0.3),
     "driven_axle_slip": ("slip_per_acceleration", 0.03, 0.4),
 }
-FAST = ("brake_gain", "drag_brake")
+FAST = ("drag_brake",)
 
 
 def maker(command):

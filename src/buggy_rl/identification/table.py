@@ -17,7 +17,7 @@ from buggy_rl.identification.open_loop import (
     open_loop_error,
 )
 from buggy_rl.recordings.filters import filtered
-from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.recording import Recording, refuse_another_rest
 
 ORIGINAL = {  # 1 s position MSE [m^2] printed in the original study's table 7.1, on its own car
     "MLP": 0.0596,
@@ -65,7 +65,12 @@ def held_out_segments(recordings: Sequence[Recording], count: int) -> HeldOut:
 
 
 def judge(candidate: Candidate, test: HeldOut) -> tuple[TensorDict, OpenLoopError]:
-    """Rolls a simulator out along the test segments; its rollouts and their errors."""
+    """Rolls a simulator out along the test segments; its rollouts and their errors.
+
+    Raises:
+        ValueError: It takes another command than the recordings have.
+    """
+    refuse_another_rest(test.recordings, candidate.make(1))
     segments = replace(test.segments, smooth_pose=test.segments.pose)
     velocity = test.segments.velocity
     if candidate.filter_width > 1:
