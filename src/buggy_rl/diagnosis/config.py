@@ -114,6 +114,8 @@ class DiagnosisConfig:
     threads: int = 1
     """On which MuJoCo steps its environments. PyTorch has one: on two, steps as small as these
     take twice as long."""
+    workers: int = 0
+    """Processes among which large rollouts are divided; 0 for one a core."""
     method: Literal["stepwise", "joint"] = "stepwise"
     """How hypotheses are searched and judged: one effect after the other by `selection`, or sets
     of effects at once by calibrated probabilities (docs/evidence.md)."""

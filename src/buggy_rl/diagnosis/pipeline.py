@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
-
-from torchrl.envs import EnvBase
 
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.posterior import posterior
 from buggy_rl.diagnosis.preflight_recordings import (
@@ -37,9 +35,9 @@ from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.misfit import baseline_misfit
 from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
 from buggy_rl.task.augment import effects_of
-from buggy_rl.task.env import make_simulator
 
 Progress = Callable[[str], None]
 
@@ -85,10 +83,10 @@ def diagnose(
     stages = Stages(kept, config, [*recordings, *baseline])
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
-    with blaming(config.simulator):
+    with blaming(config.simulator), Workers(config.workers) as workers:
         step = _step(config, recordings)
-        make = maker(config, options=step.options)
-        case, correction, more = _case(config, make, recordings, baseline, stages, progress)
+        simulation = Simulation(maker(config, options=step.options), workers=workers)
+        case, correction, more = _case(config, simulation, recordings, baseline, stages, progress)
         notes += more
         short = check_blocks(case.problem.segments)
         notes += _checked(case, config.simulator)
@@ -110,27 +108,21 @@ def opened(
     baseline: Sequence[Recording] = (),
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
-    make = maker(config, options=_step(config, recordings).options)
+    simulation = Simulation(maker(config, options=_step(config, recordings).options))
     stages = Stages(None, config, ())
-    return _case(config, make, recordings, baseline, stages, lambda _: None)[0]
+    return _case(config, simulation, recordings, baseline, stages, lambda _: None)[0]
 
 
 def maker(
     config: DiagnosisConfig,
     parameters: Mapping[str, float] | None = None,
     options: Mapping[str, Any] | None = None,
-) -> Callable[[int], EnvBase]:
+) -> Maker:
     """Builds the simulator for a number of environments, once for each number."""
     threads: dict[str, Any] = (
         {"nthread": config.threads} if _engine(config.simulator) == "mujoco" else {}
     )
-
-    @cache
-    def make(count: int) -> EnvBase:
-        own = {**threads, **(options or {})}
-        return make_simulator(config.simulator, count, parameters=parameters, **own)
-
-    return make
+    return Maker(config.simulator, parameters, {**threads, **(options or {})})
 
 
 def _preflight(
@@ -149,19 +141,19 @@ def _preflight(
 
 def _case(
     config: DiagnosisConfig,
-    make: Callable[[int], EnvBase],
+    simulation: Simulation,
     recordings: Sequence[Recording],
     baseline: Sequence[Recording],
     stages: Stages,
     progress: Progress,
 ) -> tuple[Case, Correction | None, list[str]]:
     """What is computed with, the correction of the baseline, and notes."""
-    own = not baseline if config.parameters is None else config.parameters
+    own, make = not baseline if config.parameters is None else config.parameters, simulation.make
     inside = [effect.name for effect in effects_of(make(1))]
     declared = getattr(make(1), "declared", {}) if own else {}
     library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
     options, notes = measurable_options(make)
-    simulation = Simulation(make, options=options)
+    simulation = replace(simulation, options=options)
     if not baseline:
         return prepared(simulation, recordings, library, config), None, notes
     before = segments_of(baseline, config)

@@ -1,7 +1,9 @@
 """Rollouts of a simulator along segments: many parameter sets at once, each a part of the batch."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import torch
@@ -13,6 +15,7 @@ from buggy_rl import keys
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import Effect
 from buggy_rl.estimation.segments import AHEAD, WARM_UP, Segments
+from buggy_rl.estimation.workers import Workers
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
 from buggy_rl.vehicle import rotate
@@ -60,6 +63,8 @@ class Simulation:
     """Effects in every rollout, with one value for all environments."""
     options: Options = field(default_factory=dict)
     """Of effects under test: what they must know of this simulator."""
+    workers: Workers | None = None
+    """Among which parameter sets are divided; then `make` and effects can be pickled."""
 
     def instants(self, segments: Segments) -> Tensor:
         """Rows [K] after the start that are read."""
@@ -90,13 +95,20 @@ class Simulation:
         """What the sensor shows at the instants, [C, N, K, 6] pose (world) and velocity."""
         sets = len(settings) if start_error is None else len(start_error)
         settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
-        per = max(1, MOST_ENVIRONMENTS // len(segments))
-        parts = []
-        for first in range(0, sets, per):
-            rows = slice(first, first + per)
-            error = None if start_error is None else start_error[rows]
-            parts.append(self._readings(segments, settings.map(lambda v: v[rows]), error))  # noqa: B023
-        return torch.cat(parts)
+        each = [_part(settings, start_error, r) for r in self._shares(sets, len(segments))]
+        play = partial(replace(self, workers=None)._readings, segments)
+        if self.workers is None:
+            return torch.cat([play(*part) for part in each])
+        return torch.cat(self.workers.results(play, each))
+
+    def _shares(self, sets: int, count: int) -> list[slice]:
+        """Sets that are rolled out together: bounded by memory, and divided among workers."""
+        parts = math.ceil(sets * count / MOST_ENVIRONMENTS)
+        if self.workers is not None:
+            busy = self.workers.busy(sets * count)
+            parts = busy * math.ceil(parts / busy)
+        per = math.ceil(sets / min(parts, sets))
+        return [slice(first, first + per) for first in range(0, sets, per)]
 
     @torch.no_grad()
     def _readings(self, segments, settings: Settings, start_error: Tensor | None) -> Tensor:
@@ -180,6 +192,12 @@ class Simulation:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)
         return state
+
+
+def _part(
+    settings: Settings, start_error: Tensor | None, rows: slice
+) -> tuple[Settings, Tensor | None]:
+    return settings.map(lambda v: v[rows]), None if start_error is None else start_error[rows]
 
 
 def sensed(state: TensorDictBase) -> Tensor:
