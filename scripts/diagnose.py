@@ -27,6 +27,7 @@ def main() -> None:
     from buggy_rl.diagnosis.repair import repaired
     from buggy_rl.diagnosis.report import report
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
+    from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
     from buggy_rl.recordings import load_recordings
 
@@ -45,10 +46,10 @@ def main() -> None:
             raise ValueError("no baseline drive is left: the lines above say why")
     folder = Path(config.output)
     save_run(config, folder)
-    with tqdm(bar_format="{elapsed} {desc}") as bar:
-        done = diagnose(config, recordings, bar.set_description_str, baseline, folder / STAGES)
+    with StepBar() as bar:
+        done = diagnose(config, recordings, bar.says, baseline, folder / STAGES, bar.show)
         answer = done.answer
-        bar.set_description_str("drawing the report")
+        bar.says("drawing the report")
         page = report(done.case, done.found, answer)
     for note in answer.notes:
         tqdm.write(f"note: {note}")

@@ -114,6 +114,9 @@ class DiagnosisConfig:
     threads: int = 1
     """On which MuJoCo steps its environments. PyTorch has one: on two, steps as small as these
     take twice as long."""
+    minutes: float = 10.0
+    """[min] that it may take: a slow simulator gets fewer rollouts, and what is lost by that is
+    said; 0 for as many as there are."""
     workers: int = 0
     """Processes among which large rollouts are divided; 0 for one a core."""
     method: Literal["stepwise", "joint"] = "stepwise"

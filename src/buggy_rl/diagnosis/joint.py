@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.constancy import conditions
 from buggy_rl.diagnosis.evidence_features import PRICE
@@ -33,9 +34,6 @@ from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.screening import trials
 from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
-FITTED = {1: 6, 2: 6, 3: 4}  # effects of a set -> sets of that size that are fitted at first
-AROUND = 3  # sets of each size that are fitted about the leading one
-ROUNDS = 3  # times that the leading set is looked at anew, at most
 MOST = 4  # effects of a set
 
 
@@ -85,6 +83,7 @@ def joint_search(
     criteria: Criteria,
     also: Sequence[Effects] = (),
     progress: Progress = lambda _: None,
+    budget: Budget = FULL,
 ) -> JointSearch:
     """Finds sets of effects by the superposition of their secants, fits and weighs the best.
 
@@ -93,17 +92,21 @@ def joint_search(
         criteria: Blocks and iterations.
         also: Sets that are fitted whether they are promising or not.
         progress: Told what is being done.
+        budget: How much is rolled out.
     """
+    criteria = criteria.within(budget.iterations)
     state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
     state = state.dispersed(criteria.rules.expected_left * null.typical)
     progress(f"rolling out {len(problem.library.names)} effects")
-    rolled = state.problem.rolled_out(trials(state.problem, null.fit))
+    rolled = state.problem.rolled_out(trials(state.problem, null.fit, budget.sizes))
     first = Secants.of(state.problem, null.fit, rolled)
-    proposed = proposals(first, max(FITTED), also=also)
-    starts = [p for size, most in FITTED.items() for p in _of_size(proposed, size)[:most]]
+    proposed = proposals(
+        first, max(size for size, most in budget.fitted.items() if most), also=also
+    )
+    starts = [p for size, most in budget.fitted.items() for p in _of_size(proposed, size)[:most]]
     progress(f"fitting {len(starts)} hypotheses")
     state, _ = tried_too(state, [p.start for p in starts], criteria, null)
-    state = _settled(state, criteria, progress)
+    state = _settled(state, criteria, progress, budget)
     found = set(state.tried)
     asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
     state, _ = tried_too(state, [p.start for p in asked], criteria)
@@ -112,16 +115,16 @@ def joint_search(
     return JointSearch(state.problem, state.null, weighed, proposed)
 
 
-def _settled(state: State, criteria: Criteria, progress: Progress) -> State:
-    """Looks about the leading set until it stays, or `ROUNDS` times."""
+def _settled(state: State, criteria: Criteria, progress: Progress, budget: Budget) -> State:
+    """Looks about the leading set until it stays, or so many rounds."""
     seen: set[Effects] = set()
-    for _ in range(ROUNDS):
+    for _ in range(budget.rounds):
         best = leading(state)
         if best.key in seen:
             break
         seen.add(best.key)
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
-        state = _about(renoised(state, best, criteria), best.key, criteria)
+        state = _about(renoised(state, best, criteria), best.key, criteria, budget)
     return state.dispersed(leading(state).typical)
 
 
@@ -130,7 +133,7 @@ def leading(state: State) -> Candidate:
     return min(state.tried.values(), key=lambda c: state.loss(c) + PRICE * len(c.effects))
 
 
-def _about(state: State, key: Effects, criteria: Criteria) -> State:
+def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> State:
     """Fits a set further, what is left of it without each of its effects, and sets near it.
 
     All in one batch: a rollout of few environments takes as long as one of many.
@@ -142,7 +145,7 @@ def _about(state: State, key: Effects, criteria: Criteria) -> State:
         problem.library.at([e for e in base.effects if e != out], base.named())
         for out in base.effects
     ]
-    rolled = problem.rolled_out([*shaken, *less, *trials(problem, base)])
+    rolled = problem.rolled_out([*shaken, *less, *trials(problem, base, budget.sizes)])
     first, last = len(shaken), len(shaken) + len(less)
     secants = Secants.of(problem, base, rolled[last:], rolled[first:last])
     near = proposals(secants, MOST, added=2, removed=min(2, len(less)))
@@ -151,7 +154,7 @@ def _about(state: State, key: Effects, criteria: Criteria) -> State:
     known = {*state.tried, *(tuple(sorted(h.effects)) for h in starts)}
     for size in range(1, MOST + 1):
         new = [p.start for p in _of_size(near, size) if p.key not in known]
-        starts += new[: AROUND if abs(size - len(less)) < 2 else 1]
+        starts += new[: budget.around if abs(size - len(less)) < 2 else 1]
     return tried_too(state, starts, criteria)[0]
 
 

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.diagnosis.answer import Answer
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.joint import joint_search
 from buggy_rl.diagnosis.maker import Maker
+from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.planning import plan_of
 from buggy_rl.diagnosis.posterior import posterior
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
@@ -63,6 +66,7 @@ def diagnose(
     progress: Progress = lambda _: None,
     baseline: Sequence[Recording] = (),
     kept: Path | None = None,
+    show: Callable[[Reading], None] = lambda _: None,
 ) -> Diagnosis:
     """Compares a simulator with recordings.
 
@@ -75,26 +79,36 @@ def diagnose(
         progress: Told what is being done.
         baseline: Recordings on which it was right.
         kept: Folder in which stages are kept, so that an interrupted diagnosis goes on from them.
+        show: Told after every rollout how far it is and how long it will take.
 
     Raises:
         ValueError: The recordings cannot be used, or the simulator breaks its contract; the
             message says which and what to do.
     """
-    stages = Stages(kept, config, [*recordings, *baseline])
+    stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
     with blaming(config.simulator), Workers(config.workers) as workers:
         step = _step(config, recordings)
-        simulation = Simulation(maker(config, options=step.options), workers=workers)
-        case, correction, more = _case(config, simulation, recordings, baseline, stages, progress)
-        notes += more
+        simulation = Simulation(
+            maker(config, options=step.options), workers=workers, rolled=meter.rolled
+        )
+        simulation, library, more = _measured(config, simulation, own=not baseline)
+        plan = stages.done(
+            "plan", lambda: plan_of(config, simulation, library, recordings, baseline)
+        )
+        meter.begin(plan)
+        case, correction = _case(
+            config, simulation, library, (recordings, baseline), stages, progress, plan.budget
+        )
+        notes += [*more, *plan.notes, *([correction.note] if correction else [])]
         short = check_blocks(case.problem.segments)
         notes += _checked(case, config.simulator)
-        done = _diagnosed(config, case, stages, "", progress)
+        done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step=step.options)
         unknown = done.answer.remaining.share > config.selection.unknown_share
         if case.problem.library.parameters and not baseline and unknown:
-            done = _retuned_first(config, done, stages, progress)
+            done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
     notes += check_latency(done.found.best.effects)
@@ -109,8 +123,9 @@ def opened(
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
-    stages = Stages(None, config, ())
-    return _case(config, simulation, recordings, baseline, stages, lambda _: None)[0]
+    simulation, library, _ = _measured(config, simulation, own=not baseline)
+    stages, drives = Stages(None, config, ()), (recordings, baseline)
+    return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
 
 def maker(
@@ -139,34 +154,43 @@ def _preflight(
     return notes
 
 
-def _case(
-    config: DiagnosisConfig,
-    simulation: Simulation,
-    recordings: Sequence[Recording],
-    baseline: Sequence[Recording],
-    stages: Stages,
-    progress: Progress,
-) -> tuple[Case, Correction | None, list[str]]:
-    """What is computed with, the correction of the baseline, and notes."""
-    own, make = not baseline if config.parameters is None else config.parameters, simulation.make
+def _measured(
+    config: DiagnosisConfig, simulation: Simulation, own: bool
+) -> tuple[Simulation, Library, list[str]]:
+    """With what effects must know of the simulator, what it may lack, and notes."""
+    make = simulation.make
+    own = own if config.parameters is None else config.parameters
     inside = [effect.name for effect in effects_of(make(1))]
     declared = getattr(make(1), "declared", {}) if own else {}
     library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
     options, notes = measurable_options(make)
-    simulation = replace(simulation, options=options)
+    return replace(simulation, options=options), library, notes
+
+
+def _case(
+    config: DiagnosisConfig,
+    simulation: Simulation,
+    library: Library,
+    drives: tuple[Sequence[Recording], Sequence[Recording]],
+    stages: Stages,
+    progress: Progress,
+    budget: Budget = FULL,
+) -> tuple[Case, Correction | None]:
+    """What is computed with of recordings and of a baseline, and the baseline's correction."""
+    recordings, baseline = drives
     if not baseline:
-        return prepared(simulation, recordings, library, config), None, notes
-    before = segments_of(baseline, config)
+        return prepared(simulation, recordings, library, config, budget=budget), None
+    before = segments_of(baseline, config, budget)
     correction = stages.done("correction", lambda: correct(simulation, before, 0, progress))
     simulation = correction.simulation(simulation)
-    case = prepared(simulation, recordings, library, config, correction.covariance)
+    case = prepared(simulation, recordings, library, config, correction.covariance, budget)
     others = len(case.criteria.group.unique())
     criteria = replace(
         case.criteria,
         usual=baseline_misfit(correction.held_out, blocks(before), others),
         baseline=Problem(simulation, before, correction.noise, library),
     )
-    return replace(case, criteria=criteria), correction, [*notes, correction.note]
+    return replace(case, criteria=criteria), correction
 
 
 def _checked(case: Case, name: str) -> list[str]:
@@ -178,7 +202,7 @@ def _checked(case: Case, name: str) -> list[str]:
 def _searched(config: DiagnosisConfig, case: Case, progress: Progress) -> SearchResult:
     if config.method == "stepwise":
         return search(case.problem, case.criteria, progress)
-    found = joint_search(case.problem, case.criteria, progress=progress)
+    found = joint_search(case.problem, case.criteria, progress=progress, budget=case.budget)
     return found.result(posterior(observed(case.criteria, found)))
 
 
@@ -187,18 +211,20 @@ def _diagnosed(
     case: Case,
     stages: Stages,
     stage: str,
-    progress: Progress,
+    meter: Meter,
     wrong: Sequence = (),
 ) -> Diagnosis:
     """Searches and answers, or takes what was kept under the stage's name."""
-    found = stages.done(f"{stage}search", lambda: _searched(config, case, progress))
+    meter.stage("search")
+    found = stages.done(f"{stage}search", lambda: _searched(config, case, meter.says))
     case = replace(case, problem=found.problem(case.problem))
-    said = stages.done(f"{stage}answer", lambda: answered(case, found, progress, wrong))
+    meter.stage("answer")
+    said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, wrong))
     return Diagnosis(case, found, said)
 
 
 def _retuned_first(
-    config: DiagnosisConfig, done: Diagnosis, stages: Stages, progress: Progress
+    config: DiagnosisConfig, done: Diagnosis, stages: Stages, meter: Meter
 ) -> Diagnosis:
     """Looks again with all parameters of the simulator fitted; the better answer of both.
 
@@ -207,14 +233,15 @@ def _retuned_first(
     """
     given = done.case.problem.simulation
     first = replace(done.case, problem=replace(done.case.problem, dispersion=1.0))
-    tuned = stages.done("retuning", lambda: retuned(first, progress))
+    tuned = stages.done("retuning", lambda: retuned(first, meter.says))
     make = maker(config, tuned.values, done.step)
     simulation = replace(given, make=make, options=measurable_options(make)[0])
     declared = getattr(make(1), "declared", {})
     library = Library(done.case.problem.library.effects, declared, own=False)
-    case = prepared(simulation, done.case.recordings, library, config)
+    budget = done.case.budget
+    case = prepared(simulation, done.case.recordings, library, config, budget=budget)
     case = replace(case, retuned_from=given)
-    again = _diagnosed(config, case, stages, "second_", progress, tuned.wrong)
+    again = _diagnosed(config, case, stages, "second_", meter, tuned.wrong)
     if not again.answer.proof.better_than(done.answer.proof):
         return done
     return replace(again, tuned=tuned.values, step=done.step)

@@ -49,6 +49,11 @@ class Settings:
 
 
 AS_GIVEN = Settings()
+ALONE = Workers(1)
+
+
+def tell_nobody(environments: int, rows: int) -> None:
+    """Of a rollout that has ended."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,10 @@ class Simulation:
     """Effects in every rollout, with one value for all environments."""
     options: Options = field(default_factory=dict)
     """Of effects under test: what they must know of this simulator."""
-    workers: Workers | None = None
+    workers: Workers = ALONE
     """Among which parameter sets are divided; then `make` and effects can be pickled."""
+    rolled: Callable[[int, int], None] = tell_nobody
+    """Told of every rollout when it has ended: environments and steps."""
 
     def instants(self, segments: Segments) -> Tensor:
         """Rows [K] after the start that are read."""
@@ -96,17 +103,16 @@ class Simulation:
         sets = len(settings) if start_error is None else len(start_error)
         settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
         each = [_part(settings, start_error, r) for r in self._shares(sets, len(segments))]
-        play = partial(replace(self, workers=None)._readings, segments)
-        if self.workers is None:
-            return torch.cat([play(*part) for part in each])
-        return torch.cat(self.workers.results(play, each))
+        here = replace(self, workers=ALONE, rolled=tell_nobody)
+        read = torch.cat(self.workers.results(partial(here._readings, segments), each))
+        self.rolled(sets * len(segments), segments.pose.shape[1] - 1)
+        return read
 
     def _shares(self, sets: int, count: int) -> list[slice]:
         """Sets that are rolled out together: bounded by memory, and divided among workers."""
         parts = math.ceil(sets * count / MOST_ENVIRONMENTS)
-        if self.workers is not None:
-            busy = self.workers.busy(sets * count)
-            parts = busy * math.ceil(parts / busy)
+        busy = self.workers.busy(sets * count)
+        parts = busy * math.ceil(parts / busy)
         per = math.ceil(sets / min(parts, sets))
         return [slice(first, first + per) for first in range(0, sets, per)]
 

@@ -72,6 +72,12 @@ class Segments:
         parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}
         return replace(self, **parts)
 
+    def shortened(self, rows: int) -> "Segments":
+        """The same, of rollouts of so many rows."""
+        length = WARM_UP + rows + 1
+        parts = ("pose", "velocity", "smooth_pose", "smooth_velocity", "action")
+        return replace(self, **{name: getattr(self, name)[:, :length] for name in parts})
+
     def length_blocks(self) -> Tensor:
         """[N] A number shared by segments that start within one length of each other."""
         return self.recording * 1_000_000 + self.row // self.pose.shape[1]

@@ -27,7 +27,7 @@ class Workers:
 
     Args:
         count: Processes, this one included; 0 for as many as there are cores for this one.
-        least: Environments of which a process is worth its while.
+        least: Environments of which a process is worth its while; may be set later.
     """
 
     def __init__(self, count: int, least: int = LEAST) -> None:
@@ -35,6 +35,10 @@ class Workers:
         self.least = least
         self._others: list[_Worker] = []
         self._closed = False
+
+    def __reduce__(self) -> tuple[type["Workers"], tuple[int]]:
+        """In another process there is nobody else."""
+        return Workers, (1,)
 
     def __enter__(self) -> Self:
         return self
