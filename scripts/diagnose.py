@@ -32,14 +32,15 @@ def main() -> None:
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(1)
-    recordings, refusals = load_recordings(config.recordings, config.columns or None)
+    read = (config.columns or None, config.dt, iter, config.car)
+    recordings, refusals = load_recordings(config.recordings, *read)
     for refusal in refusals:
         tqdm.write(f"refused: {refusal}")
     if not recordings:
         raise ValueError("no drive is left to look at: the lines above say why")
     baseline = []
     if config.baseline:
-        baseline, refusals = load_recordings(config.baseline, config.columns or None)
+        baseline, refusals = load_recordings(config.baseline, *read)
         for refusal in refusals:
             tqdm.write(f"refused: {refusal}")
         if not baseline:

@@ -8,7 +8,6 @@ from buggy_rl.diagnosis.constancy import WORDS, Variation, conditions, variation
 from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import Problem, fitted
-from buggy_rl.estimation.segments import WARM_UP
 from tests.diagnosis.planted import planted_drives, problem_of
 
 SAME, VARIED = DEFAULTS.constant_gain, DEFAULTS.varying_share
@@ -70,7 +69,7 @@ def test_conditions_are_standardised_about_their_median(problems):
 
 def test_how_fast_the_steering_moves_is_a_mean_magnitude(problems):
     segments, simulation = problems[0].segments, problems[0].simulation
-    rows = WARM_UP + simulation.instants(segments)
+    rows = segments.start + simulation.instants(segments)
     moved = segments.action[:, rows, 1] - segments.action[:, rows - 10, 1]
     rate = moved.abs().double().mean(1)
     expected = ((rate - rate.median()) / rate.std()).clamp(-3.0, 3.0)

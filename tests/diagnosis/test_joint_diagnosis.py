@@ -87,3 +87,21 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     assert readings[-1].left < 0.2 * readings[0].left
     counts = [reading.done for reading in readings]
     assert counts == sorted(counts)
+
+
+def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(answers, tmp_path):
+    recordings = planted_drives([{"throttle_gain": {"gain": 0.7}}, {}], seconds=18.0)[0]
+    told = []
+
+    def stopped(text):
+        told.append(text)
+        if text.startswith("looking about"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(CONFIG, recordings, stopped, kept=tmp_path)
+    assert any(text.startswith("rolling out") for text in told)
+    told.clear()
+    done = diagnose(CONFIG, recordings, told.append, kept=tmp_path)
+    assert not any(text.startswith(("rolling out", "fitting")) for text in told)
+    assert done.answer.to_dict() == answers["weak"].answer.to_dict()

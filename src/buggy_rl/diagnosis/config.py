@@ -86,6 +86,7 @@ class SelectionConfig:
 
 
 DEFAULTS = SelectionConfig()
+RATES = (20.0, 200.0)  # [Hz] 50 ms is a car's length at 5 m/s; above 200 Hz nothing was tried
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,11 @@ class DiagnosisConfig:
     parameters: bool | None = None
     """Whether the simulator's own parameters may be what is wrong; by default they may unless
     baseline recordings show that they are right."""
+    car: str = ""
+    """The car: a name in configs/cars or a file of one's own; empty for the buggy. Its limits hold
+    for the recordings, its numbers for an engine of ours, its speeds for what counts as driven."""
+    rate: float = 100.0
+    """[Hz] at which recordings are kept and the simulator is stepped, 20 to 200."""
     seconds: float = 1.0
     """Length of a rollout that is fitted [s]."""
     stretches: int = 150
@@ -123,3 +129,14 @@ class DiagnosisConfig:
     """How hypotheses are searched and judged: one effect after the other by `selection`, or sets
     of effects at once by calibrated probabilities (docs/evidence.md)."""
     selection: SelectionConfig = field(default_factory=SelectionConfig)
+
+    @property
+    def dt(self) -> float:
+        """Control period [s].
+
+        Raises:
+            ValueError: The rate is outside `RATES`.
+        """
+        if not RATES[0] <= self.rate <= RATES[1]:
+            raise ValueError(f"rate={self.rate:g}: must be {RATES[0]:g} to {RATES[1]:g} Hz")
+        return 1 / self.rate

@@ -7,8 +7,10 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,10 +33,13 @@ from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.evidence import Evidence, evidence
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.estimation.screening import trials
 from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
 MOST = 4  # effects of a set
+Keep = Callable[[str, Callable[[], Any]], Any]
+"""A name and how its result is computed -> the result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,7 @@ def joint_search(
     also: Sequence[Effects] = (),
     progress: Progress = lambda _: None,
     budget: Budget = FULL,
+    kept: Keep = lambda _, compute: compute(),
 ) -> JointSearch:
     """Finds sets of effects by the superposition of their secants, fits and weighs the best.
 
@@ -93,8 +99,56 @@ def joint_search(
         also: Sets that are fitted whether they are promising or not.
         progress: Told what is being done.
         budget: How much is rolled out.
+        kept: Gives the result of a part, computed or as it was kept before an interruption.
     """
-    criteria = criteria.within(budget.iterations)
+    rules = criteria.rules
+    rules = replace(rules, iterations=min(budget.iterations, rules.iterations))
+    criteria = replace(criteria, rules=rules)
+    begun = kept("begun", lambda: _begun(problem, criteria, also, progress, budget))
+    null, rolled, proposed = begun.null, begun.rolled, begun.proposed
+    state = _settled(begun.fitted.state(problem), criteria, progress, budget, kept)
+    found = set(state.tried)
+    asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
+    state, _ = tried_too(state, [p.start for p in asked], criteria)
+    progress(f"weighing {len(state.tried)} hypotheses")
+    weighed = _weighed(state, null, rolled, problem, found)
+    return JointSearch(state.problem, state.null, weighed, proposed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """What a state has beyond its problem, which cannot be written to a file."""
+
+    tried: Mapping[Effects, Candidate]
+    noise: NoiseModel
+    dispersion: float
+
+    @classmethod
+    def of(cls, state: State) -> "_Tried":
+        return cls(state.tried, state.problem.noise, state.problem.dispersion)
+
+    def state(self, problem: Problem) -> State:
+        return State(replace(problem, noise=self.noise, dispersion=self.dispersion), self.tried)
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """What a search is before it looks about the leading set."""
+
+    null: Candidate
+    rolled: list[Fit]
+    proposed: list[Proposal]
+    fitted: _Tried
+
+
+def _begun(
+    problem: Problem,
+    criteria: Criteria,
+    also: Sequence[Effects],
+    progress: Progress,
+    budget: Budget,
+) -> _Begun:
+    """Rolls out every effect, and fits what their superposition proposes."""
     state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
     state = state.dispersed(criteria.rules.expected_left * null.typical)
     progress(f"rolling out {len(problem.library.names)} effects")
@@ -106,26 +160,27 @@ def joint_search(
     starts = [p for size, most in budget.fitted.items() for p in _of_size(proposed, size)[:most]]
     progress(f"fitting {len(starts)} hypotheses")
     state, _ = tried_too(state, [p.start for p in starts], criteria, null)
-    state = _settled(state, criteria, progress, budget)
-    found = set(state.tried)
-    asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
-    state, _ = tried_too(state, [p.start for p in asked], criteria)
-    progress(f"weighing {len(state.tried)} hypotheses")
-    weighed = _weighed(state, null, rolled, problem, found)
-    return JointSearch(state.problem, state.null, weighed, proposed)
+    return _Begun(null, rolled, proposed, _Tried.of(state))
 
 
-def _settled(state: State, criteria: Criteria, progress: Progress, budget: Budget) -> State:
+def _settled(
+    state: State, criteria: Criteria, progress: Progress, budget: Budget, kept: Keep
+) -> State:
     """Looks about the leading set until it stays, or so many rounds."""
     seen: set[Effects] = set()
-    for _ in range(budget.rounds):
+    for number in range(budget.rounds):
         best = leading(state)
         if best.key in seen:
             break
         seen.add(best.key)
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
-        state = _about(renoised(state, best, criteria), best.key, criteria, budget)
+        now = kept(f"round_{number}", partial(_round, state, best, criteria, budget))
+        state = now.state(state.problem)
     return state.dispersed(leading(state).typical)
+
+
+def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:
+    return _Tried.of(_about(renoised(state, best, criteria), best.key, criteria, budget))
 
 
 def leading(state: State) -> Candidate:

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from buggy_rl.car_file import load_car
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.integration import Step, fine_enough
-from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.joint import Keep, joint_search
 from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
@@ -41,6 +43,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
 from buggy_rl.task.augment import effects_of
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 Progress = Callable[[str], None]
 
@@ -105,7 +108,7 @@ def diagnose(
         short = check_blocks(case.problem.segments)
         notes += _checked(case, config.simulator)
         done = _diagnosed(config, case, stages, "", meter)
-        done = replace(done, correction=correction, step=step.options)
+        done = replace(done, correction=correction, step={**_own(config), **step.options})
         unknown = done.answer.remaining.share > config.selection.unknown_share
         if case.problem.library.parameters and not baseline and unknown:
             done = _retuned_first(config, done, stages, meter)
@@ -113,6 +116,9 @@ def diagnose(
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
     notes += check_latency(done.found.best.effects)
     verdict = "cannot_tell" if short else done.answer.verdict
+    if config.car:
+        driven = weak(done.case.problem.segments, load_car(config.car).similarity)
+        done = replace(done, answer=replace(done.answer, weak=driven))
     return replace(done, answer=replace(done.answer, notes=notes, verdict=verdict))
 
 
@@ -134,20 +140,29 @@ def maker(
     options: Mapping[str, Any] | None = None,
 ) -> Maker:
     """Builds the simulator for a number of environments, once for each number."""
-    threads: dict[str, Any] = (
-        {"nthread": config.threads} if _engine(config.simulator) == "mujoco" else {}
-    )
-    return Maker(config.simulator, parameters, {**threads, **(options or {})})
+    engine = _engine(config.simulator)
+    threads: dict[str, Any] = {"nthread": config.threads} if engine == "mujoco" else {}
+    return Maker(config.simulator, parameters, {**threads, **_own(config), **(options or {})})
+
+
+def _own(config: DiagnosisConfig) -> dict[str, Any]:
+    """Options of an engine of ours that the question says; a user's own factory takes none."""
+    engine, own = _engine(config.simulator), dict[str, Any]()
+    if engine in ENGINES or engine.endswith(".pt"):
+        own |= {} if config.dt == CONTROL_PERIOD else {"dt": config.dt}
+    if config.car and config.simulator in ENGINES:  # a file says itself which car it is
+        own["car"] = config.car
+    return own
 
 
 def _preflight(
     config: DiagnosisConfig, recordings: Sequence[Recording], baseline: Sequence[Recording]
 ) -> list[str]:
-    notes = check_drives(recordings, config.seconds)
+    notes = check_drives(recordings, config.seconds, config.dt)
     if baseline:
-        notes += check_drives(baseline, config.seconds)
+        notes += check_drives(baseline, config.seconds, config.dt)
     make = maker(config)
-    notes += check_simulator(make, config.simulator)
+    notes += check_simulator(make, config.simulator, config.dt)
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
@@ -199,10 +214,12 @@ def _checked(case: Case, name: str) -> list[str]:
     return check_residuals(residuals, segments, instants, case.names, name)
 
 
-def _searched(config: DiagnosisConfig, case: Case, progress: Progress) -> SearchResult:
+def _searched(config: DiagnosisConfig, case: Case, progress: Progress, kept: Keep) -> SearchResult:
     if config.method == "stepwise":
         return search(case.problem, case.criteria, progress)
-    found = joint_search(case.problem, case.criteria, progress=progress, budget=case.budget)
+    found = joint_search(
+        case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
+    )
     return found.result(posterior(observed(case.criteria, found)))
 
 
@@ -216,7 +233,11 @@ def _diagnosed(
 ) -> Diagnosis:
     """Searches and answers, or takes what was kept under the stage's name."""
     meter.stage("search")
-    found = stages.done(f"{stage}search", lambda: _searched(config, case, meter.says))
+
+    def kept(name: str, compute: Callable[[], Any]) -> Any:
+        return stages.done(f"{stage}{name}", compute)
+
+    found = kept("search", lambda: _searched(config, case, meter.says, kept))
     case = replace(case, problem=found.problem(case.problem))
     meter.stage("answer")
     said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, wrong))

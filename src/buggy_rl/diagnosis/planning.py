@@ -11,7 +11,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import HORIZONS, cut_segments
 from buggy_rl.recordings import Recording
 
-MEASURED = 10  # [rows] of a rollout by which time is measured, beside its warm-up
+MEASURED = 0.1  # [s] of a rollout by which time is measured, beside its warm-up
 
 
 def plan_of(
@@ -31,7 +31,9 @@ def plan_of(
         baseline: Recordings on which the simulator was right.
     """
     segments = segments_of(recordings, config)
-    cost = measured_cost(simulation, segments.shortened(MEASURED), library.effects)
+    cost = measured_cost(
+        simulation, segments.shortened(round(MEASURED / segments.dt)), library.effects
+    )
     simulation.workers.least = cost.least_share
     question = Question(
         segments=len(segments),

@@ -16,19 +16,22 @@ from buggy_rl.vehicle import CONTROL_PERIOD
 SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
 CARS = 5  # that are tried out: one for each of these commands, full drive to both sides included
 COMMANDS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-TRIAL = 100  # rows (1 s) of them
+TRIAL = 1.0  # [s] of them
 SPEED = 1.5  # [m/s] at which they are set down
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
 PERIOD = 0.2  # share by which a control period may seem off: a car also speeds up in it
 
 
-def check_simulator(make: Callable[[int], EnvBase], name: str) -> list[str]:
+def check_simulator(
+    make: Callable[[int], EnvBase], name: str, dt: float = CONTROL_PERIOD
+) -> list[str]:
     """Tries a simulator out before it is used (contract 2).
 
     Args:
         make: Builds it for a number of cars.
         name: What the user calls it.
+        dt: Control period that it must have [s].
 
     Returns:
         Notes on what can be lived with.
@@ -36,10 +39,10 @@ def check_simulator(make: Callable[[int], EnvBase], name: str) -> list[str]:
     Raises:
         ValueError: It cannot be used; the message names it, what was found and what to do.
     """
-    env = _built(make, name)
+    env = _built(make, name, dt)
     state = _set_down(env, name)
-    _check_step(env, name, state)
-    return _check_commands(env, name, state)
+    _check_step(env, name, state, dt)
+    return _check_commands(env, name, state, dt)
 
 
 @contextmanager
@@ -68,7 +71,7 @@ def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {line}" if line else type(error).__name__
 
 
-def _built(make: Callable[[int], EnvBase], name: str) -> EnvBase:
+def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
     try:
         env = make(CARS)
     except Exception as error:
@@ -84,9 +87,12 @@ def _built(make: Callable[[int], EnvBase], name: str) -> EnvBase:
             f"simulator {name} has batch size {list(env.batch_size)} where [{CARS}] was asked for: "
             "factory(batch_size, device) must build that many cars"
         )
-    dt = getattr(env, "dt", CONTROL_PERIOD)
-    if abs(dt - CONTROL_PERIOD) > 1e-9:
-        raise ValueError(f"simulator {name} has control period {dt} s: must be {CONTROL_PERIOD} s")
+    dt = getattr(env, "dt", period)
+    if abs(dt - period) > 1e-9:
+        raise ValueError(
+            f"simulator {name} has control period {dt:g} s: must be {period:g} s, that of the "
+            f"recordings; set rate={1 / dt:g}, or build it with that period"
+        )
     return env
 
 
@@ -124,7 +130,7 @@ def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None
         )
 
 
-def _check_step(env: EnvBase, name: str, state: TensorDictBase) -> None:
+def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> None:
     """Two steps from one state, and steps from edited ones."""
     gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
     one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
@@ -137,7 +143,7 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase) -> None:
                 "TensorDict, noise included"
             )
     _check_edit(env, name, one, gentle)
-    _check_period(env, name, state, one)
+    _check_period(name, (state, one), dt)
 
 
 def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> None:
@@ -155,8 +161,9 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
             )
 
 
-def _check_period(env: EnvBase, name: str, before: TensorDictBase, after: TensorDictBase) -> None:
+def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expected: float) -> None:
     """How far a step goes at a known speed says how long it is."""
+    before, after = ends
     moved, vx = torch.stack(
         [
             (after.get(keys.POSE) - before.get(keys.POSE))[:, 0],
@@ -164,17 +171,17 @@ def _check_period(env: EnvBase, name: str, before: TensorDictBase, after: Tensor
         ]
     )
     period = float((moved / vx).quantile(0.5))
-    if abs(period - CONTROL_PERIOD) > PERIOD * CONTROL_PERIOD:
+    if abs(period - expected) > PERIOD * expected:
         raise ValueError(
             f"simulator {name} seems to have a control period of {period:.3g} s, by how far a step "
-            f"moves it at {SPEED} m/s; it must be {CONTROL_PERIOD} s"
+            f"moves it at {SPEED} m/s; it must be {expected:g} s"
         )
 
 
-def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
+def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> list[str]:
     """A second of each command: numbers, no running away, and different motions."""
     action = torch.tensor(COMMANDS)
-    for row in range(TRIAL):
+    for row in range(round(TRIAL / dt)):
         state = _step(env, name, state, action)
         rate = state[keys.VELOCITY]
         fine = (rate.abs() < FASTEST).all(-1) & torch.isfinite(state[keys.POSE]).all(-1)
@@ -182,7 +189,7 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]
             car = int(fine.int().argmin())
             what = "runs away" if bool(rate[car].isfinite().all()) else "returns NaN"
             raise ValueError(
-                f"simulator {name} {what} {(row + 1) * CONTROL_PERIOD:.2f} s after {SPEED} m/s "
+                f"simulator {name} {what} {(row + 1) * dt:.2f} s after {SPEED} m/s "
                 f"under throttle {COMMANDS[car][0]:g}, steering {COMMANDS[car][1]:g}: velocity "
                 f"{[round(v, 1) for v in rate[car].tolist()]}"
             )

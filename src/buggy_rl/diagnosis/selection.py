@@ -1,6 +1,6 @@
 """Selection: what an effect must do on held-out blocks to be accepted."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -22,11 +22,6 @@ class Criteria:
     baseline: Problem | None = None
     """On segments on which the simulator counts as right."""
     rules: SelectionConfig = DEFAULTS
-
-    def within(self, iterations: int) -> "Criteria":
-        """The same, of fits with so many iterations at most."""
-        least = min(iterations, self.rules.iterations)
-        return replace(self, rules=replace(self.rules, iterations=least))
 
 
 def accepted(

@@ -143,7 +143,8 @@ def _networks(problem: Problem, aside: Sequence[Tensor]) -> list[Simulation]:
     result = []
     for rows in aside:
         rest = _rest(problem.segments, rows)
-        effect = ResidualAcceleration(model=trained(inputs[rest], lacking[rest], 0), strength=1.0)
+        network, dt = trained(inputs[rest], lacking[rest], 0), problem.segments.dt
+        effect = ResidualAcceleration(model=network, strength=1.0, dt=dt)
         result.append(replace(simulation, standing=(*simulation.standing, effect)))
     return result
 

@@ -29,6 +29,7 @@ from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest first
 ACTUATOR = "actuator"  # [2] throttle and steering behind dead time and lag
 
+SUBSTEP = 0.005  # [s] longest integration step; two of them in the 10 ms of the car's own rate
 LONGEST_DEAD_TIME = 0.25  # [s] length of the memory `commands`; DART's longest dead time is 0.14 s
 LEFT_RIGHT_BLEND = 30.0  # [-] steepness of the blend from right to left; dart_dynamic_models.py
 STEERING_DRAG_ONSET = 0.3  # [m/s] speed at which steering drag begins; dart_dynamic_models.py
@@ -197,7 +198,8 @@ class ActuatedEngine(Engine):
 
     Args:
         preset: Parameter set: `buggy`, `dart` or `dart_lag`.
-        substeps: Integration steps in a control period.
+        substeps: Integration steps in a control period; None for as few as are no longer than
+            `SUBSTEP`.
         command: `throttle`, the drive of the motor, or `speed`, a setpoint that a controller on
             the car follows: then `full_speed`, `speed_gain`, `brake_force` are its parameters.
         dimensions: Of another car, or what is known of it; ranges and values are scaled to it.
@@ -216,13 +218,13 @@ class ActuatedEngine(Engine):
         self,
         *args: Any,
         preset: str = "buggy",
-        substeps: int = 2,
+        substeps: int | None = None,
         command: Command = "throttle",
         dimensions: VehicleDimensions | Mapping[str, float] | None = None,
         speed_ratio: float | None = None,
         **common: Any,
     ) -> None:
-        if substeps < 1:
+        if substeps is not None and substeps < 1:
             raise ValueError(f"substeps is {substeps}: at least 1 is needed")
         if dimensions is not None and not isinstance(dimensions, VehicleDimensions):
             dimensions = similar_dimensions(dimensions)
@@ -233,7 +235,8 @@ class ActuatedEngine(Engine):
         rows = self._parameter_rows()
         declared = declare(preset, rows, dimensions, speed_ratio)
         super().__init__(*args, declared=declared, **common)
-        self.preset, self.substeps = preset, substeps
+        self.preset = preset
+        self.substeps = substeps or math.ceil(self.dt / SUBSTEP - 1e-6)
         self._remembered = math.ceil(LONGEST_DEAD_TIME / self.dt)  # past commands kept
         self._finish()
         self._parameters_changed()

@@ -219,7 +219,7 @@ def fit_segments(recordings: Sequence[Recording], config: FitConfig) -> Segments
             f"segments of {round(config.horizon / dt)} rows hold no instant to compare every "
             f"{config.every} rows: lengthen fit.horizon or lower fit.every"
         )
-    stride = WARM_UP * dt + config.horizon + dt
+    stride = WARM_UP + config.horizon + dt
     segments = cut_segments(recordings, config.horizon, stride, config.smoothing)
     return replace(segments, smooth_pose=segments.pose).spread(config.windows)
 

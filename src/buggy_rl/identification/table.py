@@ -8,7 +8,13 @@ from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.estimation.segments import CHANNELS, HORIZONS, WARM_UP, Segments, cut_segments
+from buggy_rl.estimation.segments import (
+    CHANNELS,
+    HORIZONS,
+    Segments,
+    cut_segments,
+    segment_rows,
+)
 from buggy_rl.identification.open_loop import (
     OpenLoopError,
     bootstrap_interval,
@@ -58,7 +64,7 @@ def held_out_segments(recordings: Sequence[Recording], count: int) -> HeldOut:
     if count < 2:
         raise ValueError(f"a table needs at least 2 segments, got windows={count}")
     seconds, dt = max(HORIZONS), recordings[0].dt
-    length = WARM_UP + round(seconds / dt) + 1
+    length = segment_rows(seconds, dt)
     total = sum(max(0, len(r) - length) for r in recordings)
     stride = max(1, total // (2 * count)) * dt
     return HeldOut(cut_segments(recordings, seconds, stride).spread(count), recordings)

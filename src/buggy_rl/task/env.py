@@ -125,7 +125,10 @@ def make_simulator(
     merged = {**content["parameters"], **(parameters or {})}
     settings = {**content["options"], **options}
     engine = make_simulator(content["engine"], batch_size, device, merged or None, **settings)
-    return with_effects(engine, make_effects(content["effects"]))
+    dt = getattr(engine, "dt", CONTROL_PERIOD)
+    own = {} if dt == CONTROL_PERIOD else {"dt": dt}
+    effects = {name: {**own, **(values or {})} for name, values in content["effects"].items()}
+    return with_effects(engine, make_effects(effects))
 
 
 def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:

@@ -15,7 +15,7 @@ from buggy_rl.vehicle import CONTROL_PERIOD
 Make = Callable[[int], EnvBase]
 """Builds the simulator for a number of environments."""
 
-SETTLING = 40  # [steps] 0.4 s: DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
+SETTLING = 0.4  # [s] DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
 THROTTLES = (-1.0, 0.0)  # [-] range of commands searched for one that gives an acceleration
 
 
@@ -48,6 +48,7 @@ def next_velocities(
         ValueError: A velocity is not finite.
     """
     engine = make(len(held))
+    settling = round(SETTLING / period(make))
     state = engine.reset(TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device))
     drive = torch.as_tensor(throttle).expand(len(held))
     straight = torch.stack([drive, torch.zeros_like(drive)], -1)
@@ -55,11 +56,11 @@ def next_velocities(
 
     def hold(row: int, state: TensorDictBase) -> TensorDictBase:
         state[keys.VELOCITY] = held.to(state[keys.VELOCITY])
-        action = straight if row < SETTLING else turned
+        action = straight if row < settling else turned
         return state.set(keys.ACTION, action.to(state[keys.VELOCITY]))
 
-    states = trajectory(engine, state, hold, SETTLING + rows)
-    after = torch.stack([s[keys.VELOCITY].cpu() for s in islice(states, SETTLING, None)])
+    states = trajectory(engine, state, hold, settling + rows)
+    after = torch.stack([s[keys.VELOCITY].cpu() for s in islice(states, settling, None)])
     if not bool(after.isfinite().all()):
         raise ValueError(
             f"the simulator is not finite when held in motion at throttle {float(drive.max()):g} "

@@ -11,6 +11,7 @@ State in the TensorDict, after the batch dimensions:
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -32,7 +33,7 @@ from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
 from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.similarity import Similarity, similar_dimensions
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 PHYSICS_STATE = "physics_state"
 COMMANDS = "commands"
@@ -217,7 +218,8 @@ class MujocoEngine(RowsEngine):
 
 def default_timestep(tyres: Tyres, dt: float) -> float:
     """Physics timestep [s] for a control period [s]."""
-    return dt / SUBSTEPS.get(tyres, 1)  # `make_car` refuses what is no tyre model
+    periods = math.ceil(dt / CONTROL_PERIOD - 1e-6)  # a longer one takes as many more steps
+    return dt / periods / SUBSTEPS.get(tyres, 1)  # `make_car` refuses what is no tyre model
 
 
 def whole_substeps(dt: float, timestep: float) -> int:
