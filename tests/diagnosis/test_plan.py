@@ -38,6 +38,12 @@ def test_one_that_cannot_end_in_time_gets_the_least_and_is_told_how_long_it_take
     assert "minutes are expected, more than minutes=10" in plan.notes[-1]
 
 
+def test_a_slow_reset_is_told_with_its_price_in_steps():
+    assert planned(QUESTION, replace(FAST, reset=1e-3), 10.0).notes == ()
+    [note] = planned(QUESTION, replace(FAST, reset=2.0), 0.0).notes
+    assert note.startswith("a reset of the simulator takes 2 s, as long as 5695 of its steps")
+
+
 def test_without_a_limit_everything_is_rolled_out():
     assert planned(QUESTION, SERIAL, 0.0).budget == FULL
 

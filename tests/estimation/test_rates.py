@@ -121,4 +121,4 @@ def test_segments_last_as_long_at_every_rate(true):
 
 
 def test_the_parabola_is_odd_and_never_so_short_that_it_follows_the_noise():
-    assert [smoothing_rows(1 / rate) for rate in RATES] == [5, 7, 15, 31]
+    assert [smoothing_rows(1 / rate) for rate in RATES] == [5, 7, 15, 29]

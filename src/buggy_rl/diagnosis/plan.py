@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from buggy_rl.diagnosis.budget import Budget, smaller
-from buggy_rl.estimation.cost import Cost
+from buggy_rl.estimation.cost import MANY, Cost
 
 Stage = Literal["prepare", "search", "answer"]
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
@@ -14,6 +14,7 @@ DAMPED = 3  # steps of an iteration that are tried
 MEASURED = 700  # steps of a few environments in which effects measure a simulator
 CORRECTED = 20  # rollouts in which a correction is learned from a baseline
 PROVED = 12  # rollouts of half the segments in which an answer is proved
+SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
 HELD = 0.85  # [-] of the time that is allowed, which a plan may fill; its error is larger
 
 
@@ -103,6 +104,12 @@ def _notes(question: Question, plan: Plan, minutes: float) -> Iterator[str]:
     loss = plan.budget.loss(question.segments)
     if loss:
         yield f"the simulator makes {plan.cost.rate:,.0f} environment steps a second: {loss}"
+    step = MANY / plan.cost.rate
+    if plan.cost.reset > SLOW_RESET * question.rows * step:
+        yield (
+            f"a reset of the simulator takes {plan.cost.reset:.2g} s, as long as "
+            f"{plan.cost.reset / step:.0f} of its steps: every rollout waits for it"
+        )
     if minutes and plan.seconds > 60 * minutes:
         yield (
             f"about {plan.seconds / 60:.0f} minutes are expected, more than minutes={minutes:g}: "

@@ -20,6 +20,10 @@ TRIAL = 1.0  # [s] of them
 SPEED = 1.5  # [m/s] at which they are set down
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
+TOGETHER = 30  # [steps] after which a command has acted, late ones too
+MIXED = 1e-4  # [m/s, rad/s] by which environments of a batch may differ; a batch's rounding
+SMALL = 1e-3  # [m/s] edits of vx; within a few of them the next one is a straight line of it
+COARSE = 2e-4  # [m/s] distance from that line that is worth a word; float32 at 5 m/s has 5e-7
 PERIOD = 0.2  # share by which a control period may seem off: a car also speeds up in it
 
 
@@ -42,7 +46,7 @@ def check_simulator(
     env = _built(make, name, dt)
     state = _set_down(env, name)
     _check_step(env, name, state, dt)
-    return _check_commands(env, name, state, dt)
+    return [*_odd(env, name, state), *_check_commands(env, name, state, dt)]
 
 
 @contextmanager
@@ -139,11 +143,61 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> No
         if not torch.equal(one[key].nan_to_num(), two[key].nan_to_num()):
             raise ValueError(
                 f"simulator {name}: two steps from one TensorDict differ in {key!r} by "
-                f"{float((one[key] - two[key]).abs().max()):.3g}; keep its whole state in the "
-                "TensorDict, noise included"
+                f"{float((one[key] - two[key]).abs().max()):.3g}: it is stochastic, or remembers "
+                "what is not in the TensorDict; switch noise off, keep its whole state there"
             )
     _check_edit(env, name, one, gentle)
     _check_period(name, (state, one), dt)
+
+
+def _odd(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
+    """What can be lived with: one environment at a time, coarse numbers, a batch that mixes.
+
+    Raises:
+        ValueError: What one environment does depends on another's command.
+    """
+    gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
+    other = gentle.clone()
+    other[0] = torch.tensor([0.8, 0.5])
+    ends = []
+    for action in (gentle, other):
+        now = state
+        for _ in range(TOGETHER):
+            now = _step(env, name, now, action)
+        ends.append(now[keys.VELOCITY])
+    mixed = float((ends[0] - ends[1])[1:].nan_to_num().abs().max())
+    if mixed > MIXED:
+        raise ValueError(
+            f"simulator {name}: another command for one environment moved the others by "
+            f"{mixed:.2g}; step every environment of a batch by itself"
+        )
+    notes = []
+    if getattr(env, "one_at_a_time", False):
+        notes.append(
+            f"simulator {name} has one environment, which is stepped for each in turn: a batch "
+            "would take a small part of the time"
+        )
+    coarse = _resolution(env, name, state, gentle)
+    if coarse > COARSE:
+        notes.append(
+            f"simulator {name} rounds its velocities by {coarse:.1g} m/s: what is smaller "
+            "drowns in that; compute in float64 and do not round"
+        )
+    return notes
+
+
+def _resolution(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> float:
+    """How far vx a step later [m/s] is from a straight line over small edits of it."""
+    edits = SMALL * torch.arange(-10.0, 11.0)
+    after = []
+    for edit in edits:
+        edited = state.clone()
+        edited[keys.VELOCITY] = state[keys.VELOCITY] + edit * torch.eye(3)[0]
+        after.append(_step(env, name, edited, action)[keys.VELOCITY][:, 0].double())
+    felt = torch.stack(after) - torch.stack(after).mean(0)  # (21, CARS)
+    line = edits.double().unsqueeze(1)
+    rest = felt - line * (line * felt).sum(0) / line.square().sum()
+    return float(rest.nan_to_num().abs().max())
 
 
 def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> None:

@@ -33,7 +33,9 @@ def trials(problem: Problem, base: Fit, at: Sequence[float] = TRIAL_SIZES) -> li
     return [start for name in others for start in _trials(problem, base, name, at)]
 
 
-def _trials(problem: Problem, base: Fit, name: str, at: Sequence[float]) -> list[Hypothesis]:
+def _trials(
+    problem: Problem, base: Fit, name: str, at: Sequence[float] = TRIAL_SIZES
+) -> list[Hypothesis]:
     start = problem.library.hypothesis((*base.effects, name))
     kept, clock = base.vector[:-1], base.vector[-1:]
     # With the base's clock, and with a right one: without the effect, the clock may have taken
