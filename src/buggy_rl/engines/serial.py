@@ -33,8 +33,9 @@ class SerialBatch(EnvBase):
         self.full_action_spec = self._many(simulator.full_action_spec)
         self.full_reward_spec = self._many(simulator.full_reward_spec)
         self.full_done_spec = self._many(simulator.full_done_spec)
-        if hasattr(simulator, "dt"):
-            setattr(self, "dt", float(simulator.dt))  # noqa: B010  TorchRL types attributes as modules
+        period: Any = getattr(simulator, "dt", None)
+        if period is not None:
+            self.dt = float(period)
 
     def _many(self, spec: Any) -> Any:
         one = spec if self._single else spec[0]
