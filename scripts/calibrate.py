@@ -8,7 +8,7 @@ Prints what is named, case by case from weights that were fitted without its kin
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
 weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights are
-counted on other cases, and nothing is fitted.
+counted on other cases, and nothing is fitted. `beside=FILE` holds another method's answers.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,11 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.blind_test.calibration:CalibrateConfig")
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
+    from buggy_rl.blind_test.compared import compared
     from buggy_rl.blind_test.development import entries
-    from buggy_rl.blind_test.named import Answered, Claimed, counted, lowest_loss
-    from buggy_rl.diagnosis.posterior import SHIPPED, posterior
+    from buggy_rl.blind_test.intervals import form_error, intervals, numbers
+    from buggy_rl.blind_test.named import Answered, counted, lowest_loss
+    from buggy_rl.diagnosis.posterior import SHIPPED, posterior, shipped
     from buggy_rl.files import write_atomically
 
     files = [Path(file) for file in config.ledgers]
@@ -37,12 +39,14 @@ def main() -> None:
         found, mean = left_out(cases, ridge)
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
-            write_atomically(SHIPPED, content(calibration, files, len(cases), ridge))
+            form = form_error(numbers(cases))
+            write_atomically(SHIPPED, content(calibration, form, files, len(cases), ridge))
     methods: dict[str, Sequence[Answered]]
     methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
-    if all("stepwise" in e for e in cases):
-        methods["stepwise"] = [Claimed(**e["stepwise"]) for e in cases]
     print(counted(cases, methods))
+    if config.beside:
+        print(f"\n{compared(cases, found, Path(config.beside))}")
+    print(f"\n{intervals(cases, shipped().form_error if config.apply else None)}")
 
 
 if __name__ == "__main__":

@@ -27,28 +27,30 @@ def main() -> None:
     from buggy_rl.diagnosis.repair import repaired
     from buggy_rl.diagnosis.report import report
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
+    from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(1)
-    recordings, refusals = load_recordings(config.recordings, config.columns or None)
+    read = (config.columns or None, config.dt, iter, config.car)
+    recordings, refusals = load_recordings(config.recordings, *read)
     for refusal in refusals:
         tqdm.write(f"refused: {refusal}")
     if not recordings:
         raise ValueError("no drive is left to look at: the lines above say why")
     baseline = []
     if config.baseline:
-        baseline, refusals = load_recordings(config.baseline, config.columns or None)
+        baseline, refusals = load_recordings(config.baseline, *read)
         for refusal in refusals:
             tqdm.write(f"refused: {refusal}")
         if not baseline:
             raise ValueError("no baseline drive is left: the lines above say why")
     folder = Path(config.output)
     save_run(config, folder)
-    with tqdm(bar_format="{elapsed} {desc}") as bar:
-        done = diagnose(config, recordings, bar.set_description_str, baseline, folder / STAGES)
+    with StepBar() as bar:
+        done = diagnose(config, recordings, bar.says, baseline, folder / STAGES, bar.show)
         answer = done.answer
-        bar.set_description_str("drawing the report")
+        bar.says("drawing the report")
         page = report(done.case, done.found, answer)
     for note in answer.notes:
         tqdm.write(f"note: {note}")

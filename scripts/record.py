@@ -4,10 +4,13 @@ r"""Drives a simulator in an 8 m room and writes the recordings of a simulated t
     python scripts/record.py output=runs/drives drives=20 seconds=60 seed=7 format=parquet
     python scripts/record.py output=runs/late faults.steering_dead_time.dead_time=0.06 \
         camera.latency=0.03 sealed=runs/late_answer
+    python scripts/record.py output=runs/brakes driver=manoeuvring \
+        options.command=throttle_brake_reverse
 
 Writes OUTPUT/PREFIX_00.csv and so on, one recording a drive, and the config beside them, or to
-SEALED for a blind test. src/buggy_rl/engines/reference/faults.py lists the faults of the reference
-car.
+SEALED for a blind test; for a command other than a one-way throttle also OUTPUT/columns.yaml, the
+column map to read them with. src/buggy_rl/engines/reference/faults.py lists the faults of the
+reference car.
 """
 
 from pathlib import Path
@@ -25,9 +28,9 @@ def main() -> None:
     from tqdm import tqdm
 
     from buggy_rl import keys
-    from buggy_rl.policies.controllers.recording import driven
-    from buggy_rl.policies.controllers.room import RoomDriver
-    from buggy_rl.recordings import Recording, save_recording
+    from buggy_rl.longitudinal import ONE_WAY, declared_by
+    from buggy_rl.policies.controllers.recording import driven, make_driver
+    from buggy_rl.recordings import Recording, save_command, save_recording
     from buggy_rl.recordings.camera import Camera
     from buggy_rl.task.env import make_simulator
     from buggy_rl.vehicle import CONTROL_PERIOD
@@ -37,11 +40,11 @@ def main() -> None:
     about = Path(config.sealed or config.output)
     if config.sealed and about.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"sealed={about} is inside output={folder}: name a folder elsewhere")
-    options = {"faults": config.faults} if config.faults else {}
+    options = config.options | ({"faults": config.faults} if config.faults else {})
     engine = make_simulator(config.simulator, config.drives, **options)
     camera = Camera(config.camera, config.seed)
     steps = round(config.seconds / CONTROL_PERIOD)
-    rows = driven(engine, RoomDriver(config.room, config.seed), steps)
+    rows = driven(engine, make_driver(config, engine), steps)
     rows = list(tqdm(rows, "driving", steps, unit="step"))
     drives = cast(TensorDict, TensorDict.stack(rows, 1))
 
@@ -49,8 +52,11 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for index, drive in enumerate(drives.unbind(0)):
         name = f"{config.prefix}_{index:02d}"
-        recording = Recording(name, camera.recorded(drive), CONTROL_PERIOD)
+        data = camera.recorded(drive)
+        recording = Recording(name, data, CONTROL_PERIOD, command=declared_by(engine))
         save_recording(recording, folder / f"{name}.{config.format}")
+    if declared_by(engine) != ONE_WAY:
+        save_command(declared_by(engine), folder / "columns.yaml")
     farthest = float(drives[keys.POSE][..., :2].abs().max())
     print(
         f"{config.drives} drives of {config.seconds:g} s of {config.simulator!r} in {folder}; "

@@ -10,7 +10,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "buggy_rl"
 
 GROUND = {
     *("keys", "parameters", "vehicle", "similarity", "car_file", "config", "files", "jobs"),
-    *("stepping", "kernels"),
+    *("stepping", "kernels", "longitudinal"),
 }
 SIMULATION = GROUND | {"recordings", "models", "engines", "effects", "task"}
 ALLOWED = {  # a part of the package and what it may import of ours, beside itself
@@ -18,7 +18,8 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "parameters": {"keys"},
     "vehicle": {"keys", "parameters"},
     "similarity": {"parameters", "vehicle"},
-    "car_file": {"config", "similarity", "vehicle"},
+    "longitudinal": set(),
+    "car_file": {"config", "longitudinal", "similarity", "vehicle"},
     "config": set(),
     "files": set(),
     "jobs": {"files"},
@@ -48,7 +49,10 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "simulated_car": SIMULATION | {"car"},
 }
 # Beside these, no engine knows of another.
-SHARED_BY_ENGINES = {"base", "actuation", "preset", "speed_control", "rows"}
+SHARED_BY_ENGINES = {
+    *("base", "rows", "preset", "actuation", "delays", "steady", "steering_map"),
+    *("longitudinal_force", "speed_control", "two_way"),
+}
 ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("viz", "study.figures", "blind_test.pictures", "transfer.pictures"),
     "mujoco": ("engines.mujoco", "viz", "blind_test.baselines.sysid"),

@@ -4,6 +4,7 @@ import re
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from buggy_rl.car_file import PRESETS, load_car
 from buggy_rl.config import ConfigError
@@ -63,7 +64,7 @@ def test_the_buggys_file_is_the_buggy_of_the_code():
 
 
 def test_full_lock_turns_the_wheels_by_the_stated_angle():
-    from buggy_rl.engines.actuation import road_wheel_angle
+    from buggy_rl.engines.steering_map import road_wheel_angle
 
     engine = make_engine("single_track", car="dart")
     left = road_wheel_angle(torch.tensor(1.0), engine.values)
@@ -88,9 +89,11 @@ def test_mujoco_stands_still_and_drives_as_the_car(name):
     assert state["velocity"][0, 2] > 0.1 * car.similarity.of("rad/s")
 
 
-def test_an_all_wheel_driven_car_is_refused_by_mujoco_with_what_to_do():
-    with pytest.raises(ValueError, match=r"f1tenth drives its all wheels.*use single_track"):
-        make_engine("mujoco", car="f1tenth")
+def test_an_all_wheel_driven_car_with_a_speed_command_is_one_in_mujoco_too():
+    engine = make_engine("mujoco", 2, car="f1tenth")
+    assert engine.command.kind == "speed"
+    assert engine.declared["full_speed"].value == 20.0
+    assert engine.with_parameters(TensorDict({}, [3])).car.drive == "all"
 
 
 @pytest.mark.parametrize("engine", ["reference", "buggy_rl.engines.hold:HoldEngine"])

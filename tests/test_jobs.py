@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.jobs import Job, in_processes, read_outcome, run_jobs
+from buggy_rl.jobs import Job, cores, in_processes, read_outcome, run_jobs
 
 ROOT = Path(__file__).parents[1]
 POLL = 0.02
@@ -257,3 +257,14 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
 def test_results_of_a_function_come_from_other_processes():
     found = list(in_processes(os.getppid, [(), ()], 2))
     assert found == [os.getpid()] * 2
+
+
+def test_jobs_that_share_a_machine_share_its_cores(monkeypatch):
+    monkeypatch.delenv("BUGGY_RL_CORES", raising=False)
+    own = len(os.sched_getaffinity(0))
+    assert cores() == own
+    assert list(in_processes(cores, [()], 1)) == [own]
+    assert list(in_processes(cores, [()], own)) == [1]
+    monkeypatch.setenv("BUGGY_RL_CORES", "0")
+    with pytest.raises(ValueError, match="BUGGY_RL_CORES=0: must be"):
+        cores()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from buggy_rl.config import ConfigError, from_plain
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions
 
@@ -21,7 +22,6 @@ FRONT_SHARE = {"rear": 0.0, "front": 1.0, "all": 0.5}
 """Drive -> share of the wheel force at the front axle."""
 
 Drive = Literal["rear", "front", "all"]
-CommandKind = Literal["throttle", "speed"]
 SensorKind = Literal["tracking_camera", "motion_capture", "lidar", "gps"]
 
 
@@ -41,16 +41,6 @@ class CarLimits:
 
     top_speed: float | None = None
     """Fastest that it drives [m/s]; None: the buggy's, scaled."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """What the first of the two commands is."""
-
-    kind: CommandKind = "throttle"
-    """`throttle`: drive of the motor; `speed`: a setpoint that a controller on the car follows."""
-    full_speed: float | None = None
-    """Setpoint of a full `speed` command [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +67,8 @@ class CarFile:
     """Driven axle: rear, front or all."""
     steering: SteeringGeometry = field(default_factory=SteeringGeometry)
     limits: CarLimits = field(default_factory=CarLimits)
-    command: Command = field(default_factory=Command)
+    command: LongitudinalCommand = field(default_factory=LongitudinalCommand)
+    """What the first command is."""
     sensor: Sensor = field(default_factory=Sensor)
 
     def __post_init__(self) -> None:
@@ -137,36 +128,32 @@ class CarFile:
         Raises:
             ValueError: The engine cannot drive these wheels, or take this command.
         """
-        if engine == "mujoco" and self.drive != "rear":
-            raise ValueError(
-                f"car {self.name} drives its {self.drive} wheels, engine mujoco the rear ones "
-                "only: use single_track, or neglect it by drive: rear in the car's file"
-            )
         options: dict[str, Any] = {
             "dimensions": asdict(self.vehicle),
             "speed_ratio": self.similarity.speed,
         }
-        if self.command.kind == "speed":
-            if engine == "mujoco":
-                raise ValueError(
-                    f"car {self.name} takes a speed, engine mujoco a throttle only: use "
-                    "single_track"
-                )
-            options["command"] = "speed"
+        if self.command.plain != "throttle":
+            options["command"] = self.command.plain
+        if engine == "mujoco" and self.drive != "rear":
+            options["drive"] = self.drive
         return {"options": options, "parameters": self._parameters(engine)}
 
     def _parameters(self, engine: str) -> dict[str, float]:
         locks = {"left": self.steering.left, "right": self.steering.right}
         known = {side: angle for side, angle in locks.items() if angle is not None}
         if engine == "mujoco":
-            return {f"steering_{side}": angle for side, angle in known.items()}
+            return {f"steering_{side}": angle for side, angle in known.items()} | self._setpoint()
         # Full lock is angle * tanh(steepness): `road_wheel_angle` of the bicycle engines.
         angles = {f"{side}_angle": angle / math.tanh(STEEPNESS) for side, angle in known.items()}
         steepness = {f"{side}_steepness": STEEPNESS for side in known}
         own = {"front_drive_share": FRONT_SHARE[self.drive]} if engine == "single_track" else {}
-        if self.command.kind == "speed" and self.command.full_speed is not None:
-            own["full_speed"] = self.command.full_speed
-        return angles | steepness | own
+        if self.command.kind == "throttle_brake_reverse":  # the motor brakes what it drives
+            own["brake_front_share"] = FRONT_SHARE[self.drive]
+        return angles | steepness | own | self._setpoint()
+
+    def _setpoint(self) -> dict[str, float]:
+        full_speed = self.command.full_speed
+        return {} if full_speed is None else {"full_speed": full_speed}
 
 
 def load_car(car: str) -> CarFile:

@@ -29,6 +29,8 @@ POLL = 0.2  # [s] between two looks at running processes
 GRACE = 10.0  # [s] from SIGTERM to SIGKILL
 TAIL = 2000  # [characters] of the log that the outcome keeps
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+CORES = "BUGGY_RL_CORES"
+"""Environment variable: cores that a process may keep busy, where several share the machine."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,12 @@ class Job:
         # Before there was an outcome.json, job.json said whether a job was done.
         return outcome.get("status") == "done" or record.get("done", False)
 
-    def start(self) -> subprocess.Popen:
-        """Starts the script in a session of its own; from its checkpoint where there is one."""
+    def start(self, cores: int = 1) -> subprocess.Popen:
+        """Starts the script in a session of its own; from its checkpoint where there is one.
+
+        Args:
+            cores: That it may keep busy.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / OUTCOME).unlink(missing_ok=True)
         if not self.final:
@@ -108,7 +114,7 @@ class Job:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env=os.environ | ONE_THREAD,
+                env=os.environ | ONE_THREAD | {CORES: str(cores)},
             )
 
     def finish(self, status: str, seconds: float) -> Outcome:
@@ -147,13 +153,14 @@ def run_jobs(
         ValueError: Jobs that are not `final` have failed; raised when all have ended.
     """
     waiting = [job for job in jobs if not job.done]
+    each = max(1, cores() // workers)
     running: list[tuple[Job, subprocess.Popen, float]] = []
     failed = []
     try:
         while waiting or running:
             while waiting and len(running) < workers:
                 job = waiting.pop(0)
-                running.append((job, job.start(), time.monotonic()))
+                running.append((job, job.start(each), time.monotonic()))
             time.sleep(poll)
             for entry in list(running):
                 job, process, begun = entry
@@ -202,6 +209,18 @@ def digest(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
 
 
+def cores() -> int:
+    """Cores that this process may keep busy: its share where it is a job, else its affinity.
+
+    Raises:
+        ValueError: The environment variable is no number above 0.
+    """
+    given = os.environ.get(CORES, "")
+    if given and not (given.isdecimal() and int(given)):
+        raise ValueError(f"{CORES}={given}: must be a number of cores above 0, or not set")
+    return int(given) if given else len(os.sched_getaffinity(0))
+
+
 def in_processes(
     function: Callable[..., Any], arguments: Sequence[tuple], workers: int
 ) -> Iterator[Any]:
@@ -210,7 +229,8 @@ def in_processes(
     Every worker is a process with one PyTorch thread. Closed or interrupted, they are ended.
     """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _use_one_thread) as pool:
+    share = max(1, cores() // workers)
+    with ProcessPoolExecutor(workers, context, _use_one_thread, (share,)) as pool:
         futures = [pool.submit(function, *each) for each in arguments]
         try:
             for future in as_completed(futures):
@@ -222,7 +242,8 @@ def in_processes(
             raise
 
 
-def _use_one_thread() -> None:
+def _use_one_thread(cores: int) -> None:
     import torch
 
+    os.environ[CORES] = str(cores)
     torch.set_num_threads(1)

@@ -100,7 +100,8 @@ def shift_pose(pose: Tensor, x: float, y: float = 0.0) -> Tensor:
 def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float | Tensor) -> Tensor:
     """Slip angle of an axle: direction of its motion relative to that of its wheels.
 
-    alpha = atan2(vy + l r, |vx|) - delta. Positive slip (moving to the left of where the wheel
+    alpha = atan2(vy + l r, |vx|) - sign(vx) delta: in reverse a wheel turned to the left points to
+    the right of where it rolls. Positive slip (moving to the left of where the wheel
     points) makes a force to the right: Fy = -C alpha.
 
     Args:
@@ -112,4 +113,6 @@ def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float 
         [*] rad.
     """
     vx, vy, yaw_rate = velocity.unbind(-1)
-    return torch.atan2(vy + to_axle * yaw_rate, vx.abs().clamp_min(1e-3)) - steering_angle
+    return torch.atan2(vy + to_axle * yaw_rate, vx.abs().clamp_min(1e-3)) - steering_angle * (
+        torch.where(vx < 0, -1.0, 1.0)
+    )

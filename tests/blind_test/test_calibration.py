@@ -13,12 +13,15 @@ from buggy_rl.blind_test.calibration import (
     group,
     left_out,
     meant,
+    of_another_form,
+    outside,
     table,
     truth,
     unknown,
     weights,
 )
 from buggy_rl.blind_test.named import counted, listed, lowest_loss, sure
+from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.plants.composed import SORTS
 from tests.diagnosis.observations import case, hypothesis
@@ -27,7 +30,7 @@ PLANTS = ("reference", "mujoco", "commonroad")
 
 
 def entry(seed, concealed, hypotheses, first=1.0):
-    told = {"seed": seed, "plant": PLANTS[seed % 3], "simulator": "reference", "baseline": False}
+    told = {"seed": seed, "plant": PLANTS[seed % 3], "simulator": "reference", "baseline": True}
     return case(hypotheses, first) | {"case": told | {"concealed": {c: {} for c in concealed}}}
 
 
@@ -103,10 +106,12 @@ def test_the_file_says_what_it_was_made_from_and_gives_the_same_answers(cases, t
     ledger = tmp_path / "ledger.jsonl"
     ledger.write_text("x")
     calibration, ridge = calibrated(cases)
-    read = yaml.safe_load(content(calibration, [ledger], len(cases), ridge))
+    form = FormError(0.05, 0.3)
+    read = yaml.safe_load(content(calibration, form, [ledger], len(cases), ridge))
     assert read["made_from"]["ledgers"] == {"ledger.jsonl": hashlib.sha256(b"x").hexdigest()}
     assert read["made_from"]["cases"] == 120
     assert read["hypothesis"] == dict(calibration.hypothesis)
+    assert read["form_error"] == {"always": 0.05, "remains": 0.3}
     assert posterior(cases[0], calibration).best == ("payload",)
 
 
@@ -148,6 +153,26 @@ def test_a_parameter_that_is_the_same_as_an_effect_counts_as_that_effect():
     said = Posterior({(): 0.1, own: 0.5, ("steering_dead_time",): 0.3, other: 0.1}, 0.0)
     assert sure(said) == {"parameter:mass": 0.1, "steering_dead_time": pytest.approx(0.9)}
     assert "| one effect: and nothing else said | 100 %" in counted([e], {"": [said]})
+
+
+@pytest.mark.parametrize(
+    ("seed", "concealed", "baseline", "form"),
+    [
+        (0, [], False, False),
+        (1, [], False, True),
+        (1, [], True, False),
+        (1, ["wind"], False, False),
+    ],
+)
+def test_a_simulator_of_another_make_differs_in_form_where_no_baseline_closes_that(
+    seed, concealed, baseline, form
+):
+    none, wind = (hypothesis(e, [10.0, 10.0], 0.5) for e in ((), ("wind",)))
+    e = entry(seed, concealed, [none, wind])  # seed 0 is the reference car's own simulator
+    e["case"]["baseline"] = baseline
+    assert (of_another_form(e), unknown(e), outside(e)) == (form, form, False)
+    nothing, effect, other = table([e]).true[0].tolist()
+    assert (nothing, effect, other) == (not concealed and not form, bool(concealed), form)
 
 
 def test_the_lowest_loss_is_named_without_a_doubt():

@@ -7,11 +7,11 @@ import pytest
 from buggy_rl.blind_test.draw import PAIRINGS, REFITTED, Settings, draw, draw_all
 from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
 from buggy_rl.effects import EFFECTS, effect_class
-from buggy_rl.engines.reference.faults import FAULTS
+from buggy_rl.engines.reference.faults import TEXTBOOK, UNKNOWN
 from buggy_rl.plants import PLANTS, abilities
 from buggy_rl.plants.composed import SORTS, WHERE, Sort
 
-CAR = frozenset(fault.name.partition(".")[0] for fault in FAULTS)
+CAR = frozenset(fault.name.partition(".")[0] for fault in (*TEXTBOOK, *UNKNOWN))
 ABLE = {"reference": CAR, "mujoco": CAR - set(UNKNOWN_SIZES), "commonroad": CAR}
 OLD = ("reference", "mujoco_fitted", "dropped", ("tire_grip", "top_speed"), "steady", 20.0, 0.0)
 MANY = draw_all(Settings(cases=600), ABLE)

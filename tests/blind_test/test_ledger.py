@@ -130,9 +130,9 @@ def test_an_answer_that_was_asked_about_and_is_gone_is_missed(store):
 
 def test_the_hash_can_be_checked_by_hand(store):
     content = json.loads(store.truth(CASE.id).read_text())
-    # A plant that is not drawn is not mentioned: hashes are older than drawn plants.
-    assert content["case"] | {"spread": 0.0} == asdict(CASE)
-    assert "spread" not in content["case"]
+    # Plants that are not drawn and one-way commands are not mentioned: hashes are older than both.
+    assert content["case"] | {"spread": 0.0, "command": "throttle"} == asdict(CASE)
+    assert not {"spread", "command"} & set(content["case"])
     assert set(store.digests()) == {CASE.id, OTHER.id}
 
 

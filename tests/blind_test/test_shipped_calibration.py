@@ -8,6 +8,7 @@ import yaml
 
 from buggy_rl.blind_test.calibration import calibrated, left_out
 from buggy_rl.blind_test.development import entries
+from buggy_rl.blind_test.intervals import form_error, intervals, numbers
 from buggy_rl.blind_test.named import counted, lowest_loss
 from buggy_rl.diagnosis.posterior import SHIPPED, shipped
 
@@ -38,6 +39,16 @@ def test_the_script_makes_the_weights_again(cases, made_from):
         assert list(new) == list(kept)
         for name, weight in new.items():
             assert weight == pytest.approx(kept[name], rel=1e-2, abs=1e-4)
+
+
+def test_the_form_error_is_that_of_the_least_interval_score(cases):
+    assert form_error(numbers(cases)) == shipped().form_error
+
+
+def test_the_coverage_of_the_docs_is_that_of_the_ledger(cases):
+    text = (DOCS / "evidence.md").read_text()
+    for line in intervals(cases).splitlines():
+        assert line in text
 
 
 def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):

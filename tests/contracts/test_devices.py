@@ -7,6 +7,7 @@ from torchrl.data import Unbounded
 
 from buggy_rl.config import load_named
 from buggy_rl.engines import ENGINES, base, make_engine
+from buggy_rl.engines.reference import engine as reference
 from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.models import MODELS
 from buggy_rl.models.factory import ModelConfig, make_model
@@ -42,6 +43,7 @@ def test_no_step_mixes_devices(name: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
         base, "Bounded", lambda _low, _high, shape, device: Unbounded(shape, device=device)
     )
+    monkeypatch.setattr(reference, "refuse_of_another_command", lambda *_: None)
     monkeypatch.setattr(torch.Tensor, "__bool__", lambda _: True)
     result = step(make(name, "meta"))
     assert {str(value.device) for value in result.values()} == {"meta"}

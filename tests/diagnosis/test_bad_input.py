@@ -1,17 +1,23 @@
 """Simulators and drives that are not fit to be compared, each refused or noted in one line."""
 
+import re
+
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import ExcludeTransform, TransformedEnv
+from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
 from buggy_rl.diagnosis import preflight_recordings as preflight
 from buggy_rl.diagnosis import preflight_simulator
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.kinematic import KinematicEngine
+from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from tests.drives import counting_drive, toy_drive
+from tests.plain_env import QuickCar
 
 
 class Frozen(KinematicEngine):
@@ -81,10 +87,28 @@ class Slow(KinematicEngine):
         return super()._advance(state.clone().update(halfway), action)
 
 
+class Mixing(KinematicEngine):
+    """Every car drags the others along."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        velocity = result[keys.VELOCITY]
+        return {**result, keys.VELOCITY: 0.99 * velocity + 0.01 * velocity.mean(0)}
+
+
+class Rounding(KinematicEngine):
+    """Rounds its velocities to a hundredth."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        return {**result, keys.VELOCITY: (100 * result[keys.VELOCITY]).round() / 100}
+
+
 FAULTS = {
+    Mixing: "another command for one environment moved the others by",
     Frozen: "ignores the pose that reset was given",
     Stubborn: "does not honour an edited velocity: 1 more was",
-    Random: "two steps from one TensorDict differ in 'velocity'",
+    Random: "two steps from one TensorDict differ in 'velocity' .*: it is stochastic, or",
     Undefined: r"returns NaN 0\.\d\d s after 1.5 m/s under throttle 1, steering 0",
     Exploding: "runs away|control period|honour",
     Crashing: "a step raised ZeroDivisionError: no current left$",
@@ -112,6 +136,32 @@ def test_a_simulator_that_ignores_its_actions_is_refused_and_one_ignored_command
     assert notes == [
         "simulator half moves alike whatever the steering: effects on it cannot be told"
     ]
+
+
+def test_a_simulator_with_coarse_numbers_is_told_how_coarse():
+    [note] = preflight_simulator.check_simulator(Rounding, "round")
+    assert re.search(r"simulator round rounds its velocities by 0\.00[2-9] m/s", note)
+
+
+@pytest.mark.parametrize("shape", [(), (1,)])
+def test_a_single_environment_is_stepped_for_each_in_turn_and_noted(tmp_path, shape):
+    file = tmp_path / "single.py"
+    file.write_text(
+        "from tests.plain_env import QuickCar\n"
+        f"def make(batch_size, device='cpu'):\n    return QuickCar({shape}, device)\n"
+    )
+    name = f"{file}:make"
+    one, many = make_engine(name, 5), in_single_precision(QuickCar(5))
+    [note] = preflight_simulator.check_simulator(lambda count: make_engine(name, count), "single")
+    assert "has one environment, which is stepped for each in turn" in note
+    given = TensorDict({keys.VELOCITY: torch.rand(5, 3), keys.POSE: torch.rand(5, 3)}, [5])
+    action = torch.rand(5, 2)
+    after = [
+        env.step(env.reset(given.clone()).set(keys.ACTION, action))["next"] for env in (one, many)
+    ]
+    for key in (keys.POSE, keys.VELOCITY, ("servo", "angle")):
+        torch.testing.assert_close(after[0][key], after[1][key])
+    check_env_specs(one, check_dtype=True)
 
 
 def test_what_is_no_simulator_or_of_another_size_is_refused():

@@ -2,16 +2,14 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.confidence import constancy
-from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.constancy import WORDS, Variation, conditions, variation
-from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.evidence_features import STEADY
 from buggy_rl.estimation.cross_validation import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import Problem, fitted
-from buggy_rl.estimation.segments import WARM_UP
 from tests.diagnosis.planted import planted_drives, problem_of
 
-SAME, VARIED = DEFAULTS.constant_gain, DEFAULTS.varying_share
+SAME = STEADY
 
 DRAGS = [
     {"viscous_drag": {"rate": 0.5}},
@@ -70,7 +68,7 @@ def test_conditions_are_standardised_about_their_median(problems):
 
 def test_how_fast_the_steering_moves_is_a_mean_magnitude(problems):
     segments, simulation = problems[0].segments, problems[0].simulation
-    rows = WARM_UP + simulation.instants(segments)
+    rows = segments.start + simulation.instants(segments)
     moved = segments.action[:, rows, 1] - segments.action[:, rows - 10, 1]
     rate = moved.abs().double().mean(1)
     expected = ((rate - rate.median()) / rate.std()).clamp(-3.0, 3.0)
@@ -81,18 +79,3 @@ def test_how_fast_the_steering_moves_is_a_mean_magnitude(problems):
 def test_what_is_equal_in_all_segments_is_no_condition(problems):
     same = problems[0].segments[torch.zeros(3, dtype=torch.long)]
     assert conditions(same, problems[0].simulation.instants(same)) == {}
-
-
-@pytest.mark.parametrize(
-    ("more", "closed", "probability"),
-    [
-        (0.0, 1.0, 1.0),
-        (SAME, 1.0, 1.0),
-        (SAME + 2.0 * VARIED, 2.0, 0.5),
-        (SAME + 2.0 * VARIED, 1.0, 0.2),
-        (1.0, 0.0, 0.0),
-    ],
-)
-def test_the_probability_of_constancy_falls_with_what_varying_closes(more, closed, probability):
-    found = constancy(Variation("vx", more, 100.0), closed, DEFAULTS)
-    assert found == pytest.approx(probability, abs=1e-6)

@@ -3,8 +3,9 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.joint import FITTED, MOST, joint_search, unit_changes
-from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.diagnosis.budget import FULL, smaller
+from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.joint import MOST, joint_search, unit_changes
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.screening import trials
 from tests.diagnosis.planted import problem_of
@@ -57,8 +58,8 @@ def test_so_many_of_each_size_are_fitted_and_what_is_asked_for_is_marked(drives)
     sizes = [len(key) for key in keys]
     assert sizes.count(0) == 1
     assert sizes.count(1) == 5  # as many as the library has
-    assert sizes.count(2) >= FITTED[2]
-    assert sizes.count(3) >= FITTED[3]
+    assert sizes.count(2) >= FULL.fitted[2]
+    assert sizes.count(3) >= FULL.fitted[3]
     assert max(sizes) <= MOST
     assert [w.candidate.key for w in more.weighed if w.asked] in ([asked], [])
     assert asked in keys
@@ -86,3 +87,11 @@ def test_unit_changes_are_by_direction_and_of_one_prior_scale(late):
         changes[..., owners.index("gyro_bias")].flatten(), expected.flatten(), 0
     )
     assert abs(float(cosine)) > 0.999
+
+
+def test_the_least_budget_still_finds_a_single_effect(drives):
+    problem, budget = problem_of(drives["late"]), [*smaller()][-1]
+    result = joint_search(problem, Criteria(blocks(problem.segments)), budget=budget)
+    best = max(result.weighed, key=lambda w: w.evidence.log_evidence - 10 * len(w.candidate.key))
+    assert best.candidate.key == ("steering_dead_time",)
+    assert len(result.weighed) < 12

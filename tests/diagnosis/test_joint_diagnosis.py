@@ -1,4 +1,4 @@
-"""From recordings to an answer by the joint method, on short recordings of a single-track car."""
+"""From recordings to an answer on short recordings of a single-track car."""
 
 import json
 from dataclasses import replace
@@ -17,7 +17,6 @@ CONFIG = DiagnosisConfig(
     effects=["throttle_gain", "viscous_drag", "steering_dead_time", "gyro_bias"],
     parameters=False,
     stretches=40,
-    method="joint",
 )
 
 
@@ -68,7 +67,34 @@ def test_probabilities_are_written_and_sum_to_one(answers):
     )
 
 
-def test_the_stepwise_answer_has_no_posterior():
-    recordings = planted_drives([{}], seconds=18.0)[0]
-    one = replace(CONFIG, effects=["throttle_gain"], method="stepwise")
-    assert diagnose(one, recordings).answer.to_dict()["posterior"] is None
+def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_left_out():
+    recordings = planted_drives([{"throttle_gain": {"gain": 0.7}}], seconds=18.0)[0]
+    readings = []
+    done = diagnose(replace(CONFIG, minutes=0.01), recordings, show=readings.append)
+    [lost] = [note for note in done.answer.notes if "environment steps a second: " in note]
+    assert "16 of 40 segments, 4 of 16 sets, 1 of 6 iterations" in lost
+    assert lost in done.answer.to_dict()["notes"]
+    assert len(done.case.problem.segments) == 16
+    assert done.answer.effects[0].name == "throttle_gain"
+    assert readings[0].left > 0  # before anything was rolled out
+    assert readings[-1].left < 0.2 * readings[0].left
+    counts = [reading.done for reading in readings]
+    assert counts == sorted(counts)
+
+
+def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(answers, tmp_path):
+    recordings = planted_drives([{"throttle_gain": {"gain": 0.7}}, {}], seconds=18.0)[0]
+    told = []
+
+    def stopped(text):
+        told.append(text)
+        if text.startswith("looking about"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(CONFIG, recordings, stopped, kept=tmp_path)
+    assert any(text.startswith("rolling out") for text in told)
+    told.clear()
+    done = diagnose(CONFIG, recordings, told.append, kept=tmp_path)
+    assert not any(text.startswith(("rolling out", "fitting")) for text in told)
+    assert done.answer.to_dict() == answers["weak"].answer.to_dict()

@@ -8,11 +8,13 @@ import yaml
 
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.evidence_features import of_hypotheses
 from buggy_rl.diagnosis.integration import Step
+from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import diagnose
 from buggy_rl.diagnosis.repair import repaired
-from buggy_rl.diagnosis.search import search
-from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.planted import planted_drives, problem_of
@@ -62,7 +64,7 @@ def test_one_thread_and_two_give_the_same_answer(recordings, done):
 def test_an_interrupted_diagnosis_resumes_at_the_stage_it_was_in(
     recordings, done, tmp_path, monkeypatch
 ):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     kept = tmp_path / "stages"
@@ -70,7 +72,7 @@ def test_an_interrupted_diagnosis_resumes_at_the_stage_it_was_in(
         patched.setattr(pipeline, "answered", interrupted)
         with pytest.raises(KeyboardInterrupt):
             diagnose(CONFIG, recordings, kept=kept)
-    monkeypatch.setattr(pipeline, "search", interrupted)  # it is kept, and does not run again
+    monkeypatch.setattr(pipeline, "joint_search", interrupted)  # it is kept, and does not run again
     again = diagnose(CONFIG, recordings, kept=kept)
     assert numbers(again.answer) == numbers(done.answer)
     # Another configuration does not take what was kept.
@@ -97,16 +99,20 @@ def test_options_of_an_effect_are_kept_in_the_repaired_simulator(done, tmp_path)
     assert [t.name for t in make_simulator(file, 2).transform] == ["throttle_gain"]
 
 
-def test_an_effect_that_the_baseline_has_too_is_not_found():
+def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     # Both cars steer too little; only the later one has drag as well.
     standing = {"steering_gain": {"gain": 0.8}}
     before, after = planted_drives([standing, {**standing, "viscous_drag": {"rate": 0.5}}])
     named = ["steering_gain", "viscous_drag"]
     problem, baseline = (problem_of(recordings, named) for recordings in (after, before))
-    criteria = Criteria(blocks(problem.segments))
-    assert set(search(problem, criteria).best.effects) == set(named)
-    changed = search(problem, replace(criteria, baseline=baseline))
-    assert changed.best.effects == ("viscous_drag",)
+    criteria = Criteria(blocks(problem.segments), baseline=baseline)
+    seen = observed(criteria, joint_search(problem, criteria))
+    share = {
+        tuple(h["effects"]): f["on_baseline"]
+        for h, f in zip(seen["hypotheses"], of_hypotheses(seen), strict=True)
+    }
+    assert share["steering_gain",] < -0.5  # of what it gains: it is nothing that changed
+    assert share["viscous_drag",] > -0.1
 
 
 def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(

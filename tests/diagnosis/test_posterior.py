@@ -5,6 +5,7 @@ import math
 import pytest
 
 from buggy_rl.diagnosis.evidence_features import beyond, leading, of_case, of_hypotheses
+from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Calibration, Posterior, load_calibration, posterior
 from tests.diagnosis.observations import case, hypothesis
 
@@ -12,16 +13,18 @@ NOTHING = hypothesis((), [50.0, 60.0], 1.0)
 DRAG = hypothesis(("viscous_drag",), [20.0, 25.0], 0.02)
 BOTH = hypothesis(("gyro_bias", "viscous_drag"), [19.5, 25.0], 0.02)
 OTHER = hypothesis(("wind",), [22.0, 26.0], 0.05)
-BY_LOSS = Calibration({"nats": 1.0, "effects": 3.0}, {"one": -20.0})
+BY_LOSS = Calibration({"nats": 10.0, "effects": 3.0}, {"one": -40.0})
 
 
 def test_probabilities_are_a_softmax_of_weighted_features_and_sum_to_one():
     found = posterior(case([NOTHING, DRAG, BOTH, OTHER]), BY_LOSS)
     assert sum(found.sets.values()) + found.unknown == pytest.approx(1.0)
-    # Losses 110, 45, 44.5 and 48 nats, 3 more for each effect.
+    # Losses 45, 44.5 and 48 nats: 10 ln(1 + d / 4) of what they are above the least, and 3 more
+    # for each effect.
     odds = found.sets["viscous_drag",] / found.sets["gyro_bias", "viscous_drag"]
-    assert odds == pytest.approx(math.exp(2.5))
-    assert found.sets["viscous_drag",] / found.sets["wind",] == pytest.approx(math.exp(3.0))
+    assert odds == pytest.approx(math.exp(3.0) / 1.125**10)
+    odds = found.sets["viscous_drag",] / found.sets["wind",]
+    assert odds == pytest.approx((1.875 / 1.125) ** 10)
     assert found.best == ("viscous_drag",)
     assert found.says == "effects"
 
@@ -32,6 +35,9 @@ def test_an_effect_is_as_probable_as_all_sets_that_have_it():
     assert found.of("b") == pytest.approx(0.2)
     assert found.of("d") == 0
     assert found.in_place_of("a") == {"c": 0.2}
+    # If effects are missing at all: 0.6 of the 0.8 that all sets of effects have.
+    assert found.whatever_else("a") == pytest.approx(0.75)
+    assert Posterior({(): 1.0}, 0.0).whatever_else("a") == 0
 
 
 @pytest.mark.parametrize(
@@ -51,7 +57,7 @@ def test_what_was_asked_for_is_no_answer():
 
 def test_features_speak_for_the_hypothesis_that_predicts_better():
     nothing, drag, both, other = of_hypotheses(case([NOTHING, DRAG, BOTH, OTHER]))
-    assert drag["nats"] == pytest.approx(-0.5)
+    assert drag["nats"] == pytest.approx(-math.log(1.125))
     assert both["nats"] == 0
     assert drag["left"] > other["left"] > nothing["left"]
     assert drag["blocks"] == 0  # the leading one is no worse than itself
@@ -103,14 +109,20 @@ def test_what_the_best_leaves_speaks_for_unknown_physics():
 
 def test_a_calibration_is_read_from_its_file(tmp_path):
     file = tmp_path / "calibration.yaml"
-    file.write_text("hypothesis: {nats: 1.0}\nunknown: {one: -2.0}\nmade_from: {cases: 3}\n")
-    assert load_calibration(file) == Calibration({"nats": 1.0}, {"one": -2.0}, 3)
+    file.write_text(
+        "hypothesis: {nats: 1.0}\nunknown: {one: -2.0}\nform_error: {always: 0.1, remains: 0.2}\n"
+        "made_from: {cases: 3}\n"
+    )
+    expected = Calibration({"nats": 1.0}, {"one": -2.0}, FormError(0.1, 0.2), 3)
+    assert load_calibration(file) == expected
 
 
 def test_no_answer_is_surer_than_the_cases_can_tell():
     sure = posterior(case([NOTHING, DRAG]), BY_LOSS)
     assert sure.of("viscous_drag") > 0.9999
-    few = posterior(case([NOTHING, DRAG]), Calibration(BY_LOSS.hypothesis, BY_LOSS.unknown, 48))
+    few = posterior(
+        case([NOTHING, DRAG]), Calibration(BY_LOSS.hypothesis, BY_LOSS.unknown, cases=48)
+    )
     assert few.of("viscous_drag") == pytest.approx(0.98 * sure.of("viscous_drag"))
     assert few.unknown == pytest.approx(0.02 + 0.98 * sure.unknown)
     assert sum(few.sets.values()) + few.unknown == pytest.approx(1.0)

@@ -13,12 +13,13 @@ from buggy_rl.diagnosis.answer import Answer, NamedEffect, Proof, Value
 from buggy_rl.diagnosis.case import prepared
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.localisation import Region, locate
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, wording
 from buggy_rl.diagnosis.report.figures import errors, replays
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking
-from buggy_rl.diagnosis.search import State, tried_too
 from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.search_state import State, tried_too
 from buggy_rl.diagnosis.unexplained import unexplained
 from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.engines import make_engine
@@ -57,7 +58,8 @@ def found_in(case):
     names = ((), ("steering_gain",), ("steering_offset",))
     starts = [case.problem.library.hypothesis(effects) for effects in names]
     state, [_, best, _] = tried_too(State(case.problem, {}), starts, case.criteria)
-    return SearchResult(best, state.tried, case.problem.noise, 1.0)
+    posterior = Posterior({(): 0.0, ("steering_gain",): 0.93, ("steering_offset",): 0.02}, 0.05)
+    return SearchResult(best, state.tried, case.problem.noise, 1.0, posterior)
 
 
 def said_of(case, found):

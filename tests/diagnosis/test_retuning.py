@@ -9,8 +9,8 @@ from buggy_rl.diagnosis import retuning
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import DEFAULTS
+from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.retuning import retuned, with_own
-from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.diagnosis.validation import validated
 from buggy_rl.engines import make_engine
 from buggy_rl.estimation.cross_validation import CrossValidated, blocks

@@ -8,7 +8,7 @@ from torchrl.envs.utils import check_env_specs
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.faults import FAULTS, NEUTRAL, Faults
+from buggy_rl.engines.reference.faults import FAULTS, NEUTRAL, OF_A_COMMAND, Faults
 from buggy_rl.engines.reference.state import CHARGE, HEAT, LINE, RACK
 from tests.engines.reference_drives import drive, held, start, varied
 
@@ -82,7 +82,8 @@ def faulty(commanded):
 
 def test_every_fault_is_tried_here():
     places = {"grip_patch.x", "grip_patch.y", "grip_patch.radius"}
-    assert set(FELT) | places == set(NEUTRAL)
+    commanded = {fault.name for fault in OF_A_COMMAND}  # in test_reference_two_way
+    assert set(FELT) | places | commanded == set(NEUTRAL)
 
 
 def test_a_car_without_a_fault_is_the_same_to_the_last_bit_beside_cars_with_faults(sound, faulty):

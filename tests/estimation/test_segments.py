@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.segments import SMOOTHING, WARM_UP, cut_segments
+from buggy_rl.estimation.segments import cut_segments, smoothing_rows
 from tests.drives import counting_drive
 
 
@@ -12,7 +12,7 @@ def test_a_recording_is_cut_into_segments_of_its_own_rows():
     assert segments.horizon == 100
     assert segments.row.tolist() == [0, 100, 200]
     assert segments.recording.tolist() == [1, 1, 1]  # the first is a row too short
-    assert segments.velocity[:, WARM_UP, 0].tolist() == [30, 130, 230]
+    assert segments.velocity[:, segments.start, 0].tolist() == [30, 130, 230]
     assert segments.action[1, :, 1].tolist() == [-row for row in range(100, 231)]
     torch.testing.assert_close(segments.elapsed, torch.tensor([0.0, 1.0, 2.0]))
     part = segments[torch.tensor([2])]
@@ -45,7 +45,7 @@ def test_smoothing_leaves_a_parabola_alone():
 def test_a_smoothed_row_has_the_share_of_the_noise_that_least_squares_says():
     # Middle of a parabola through 2 m + 1 rows: variance (3 (3 m^2 + 3 m - 1)) /
     # ((2 m + 3) (2 m + 1) (2 m - 1)); with m = 7: 501 / (17 * 15 * 13) = 0.151.
-    assert SMOOTHING == 15
+    assert smoothing_rows(0.01) == 15
     drive = counting_drive("a", 40_000)
     drive.data["velocity"] = torch.randn(40_000, 3, generator=torch.Generator().manual_seed(0))
     segments = cut_segments([drive], 1.0, 1.31)

@@ -65,6 +65,18 @@ def test_columns_units_and_signs_are_found_with_their_evidence(found):
     assert found.commands["steering"].delay == pytest.approx(0.1, abs=0.05)  # its lag
 
 
+def test_a_position_in_millimetres_beside_a_heading_of_many_turns_is_found(drive, tmp_path):
+    frame = foreign(drive)
+    frame["track_x"], frame["track_y"] = 1000 * frame.track_x, 1000 * frame.track_y
+    frame["heading"] = np.degrees(drive.yaw) + 3600  # ten turns on
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    assert re.search(r"units: \{.*x: mm, y: mm, yaw: deg", inspect_folder(tmp_path).proposal)
+
+
+def test_a_servo_about_another_centre_steers_to_both_sides(found):
+    assert not any("hardly steered" in line for line in found.suggestions)
+
+
 def test_the_proposed_map_reads_the_drives_after_its_ranges_are_edited(found, drive, tmp_path):
     text = re.sub(r"steering: \{.*\}", "steering: {left: 1100, right: 1900}", found.proposal)
     text = re.sub(r"throttle: \{.*\}", "throttle: {rest: 1500, full: 2000}", text)

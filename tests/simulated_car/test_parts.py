@@ -111,6 +111,13 @@ def test_a_course_is_written_as_the_task_has_it(name, tmp_path):
     assert torch.as_tensor(path.points).allclose(points, atol=1e-6)
 
 
+def test_a_car_that_is_at_rest_at_another_command_is_refused(tmp_path):
+    file = tmp_path / "brakes.yaml"
+    file.write_text("engine: kinematic\noptions: {command: throttle_brake_reverse}\n")
+    with pytest.raises(ValueError, match="give it a one-way command"):
+        Physics(SimulatedCarConfig(simulator=str(file)))
+
+
 def test_a_real_car_takes_no_options_beside_its_file():
     with pytest.raises(ValueError, match="into that file"):
         OnCarConfig("car.json", seconds=3.0)

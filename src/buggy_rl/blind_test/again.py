@@ -6,11 +6,10 @@ import shutil
 import torch
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import acting, driven, plant_parameters, save_drives
+from buggy_rl.blind_test.drives import acting, driven, plant_of, plant_parameters, save_drives
 from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.diagnosis.experiments import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
-from buggy_rl.plants import make_plant
 from buggy_rl.policies.controllers.replay import Replay
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -51,7 +50,7 @@ def drive_again(store: CaseStore, case: Case) -> int:
     pose[:, 2] = torch.arange(TIMES) * 2 * torch.pi / TIMES - torch.pi
     for place, manoeuvre in enumerate(suggested(store, case)):
         actions = manoeuvre.actions(CONTROL_PERIOD)
-        plant = make_plant(case.plant, TIMES, case.faults, plant_parameters(case))
+        plant = plant_of(case, TIMES, case.faults, plant_parameters(case))
         act = acting([case.disturbances], [TIMES])
         true = driven(plant, Replay(actions), pose, len(actions), act)
         numbers = range(place * TIMES, (place + 1) * TIMES)

@@ -2,14 +2,15 @@
 
 A case counts with the logarithm of the probability that its truth is given: the concealed set (a
 parameter of the simulator's that is the same as an effect counts as that), nothing, or `unknown`
-where what is concealed is no effect. A set that the search did not come to cannot be given, and the
-case does not count; in `named.counted` it does. Weights are shrunk by a Gaussian prior on scaled
-features, as wide as predicts left-out groups best.
+where no effect is what the simulator lacks: other physics is concealed, or nothing, and without
+drives from before the simulator of another make is not the car. A set that the search did not come
+to cannot be given, and the case does not count; in `named.counted` it does. Weights are shrunk by a
+Gaussian prior on scaled features, as wide as predicts left-out groups best.
 """
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from torch import Tensor
 
 from buggy_rl.blind_test.sizes import UNKNOWN_SIZES
 from buggy_rl.diagnosis.evidence_features import fitted, of_case, of_hypotheses
+from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Calibration, Posterior, posterior
 from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import OWN
@@ -40,6 +42,8 @@ class CalibrateConfig:
     """Files that scripts/develop.py wrote."""
     apply: bool = False
     """Counts what the weights that the package ships give, and fits none."""
+    beside: str = ""
+    """Another method's answers to some of the cases, to compare with."""
     write: bool = False
     """Whether the weights replace those that the package ships."""
 
@@ -65,9 +69,21 @@ class Table:
         )
 
 
-def unknown(entry: Entry) -> bool:
+def outside(entry: Entry) -> bool:
     """What is concealed is no effect of the library."""
     return any(is_composed(e) or e in UNKNOWN_SIZES for e in entry["case"]["concealed"])
+
+
+def of_another_form(entry: Entry) -> bool:
+    """Nothing is concealed, and yet simulator and car differ, which no baseline shows."""
+    case = entry["case"]
+    other = case["plant"] != case["simulator"]
+    return not case["concealed"] and other and not case["baseline"]
+
+
+def unknown(entry: Entry) -> bool:
+    """The truth is that something differs which no effect describes."""
+    return outside(entry) or of_another_form(entry)
 
 
 def truth(entry: Entry) -> tuple[str, ...]:
@@ -86,7 +102,7 @@ def meant(effects: Iterable[str]) -> tuple[str, ...]:
 
 def group(entry: Entry) -> str:
     """What is left out together: a kind of unknown physics, or cases of one pairing."""
-    if not unknown(entry):
+    if not outside(entry):
         case = entry["case"]
         return f"{case['plant']}, {case['simulator']}, {case['baseline']}, {case['seed'] % 4}"
     [sort] = truth(entry)
@@ -106,7 +122,7 @@ def table(entries: Sequence[Entry]) -> Table:
         hypotheses[row, : len(features)] = torch.tensor([[*f.values()] for f in features]).double()
         shut[row, : len(features)] = 0.0
         for column, h in enumerate(fitted(entry)):
-            true[row, column] = meant(h["effects"]) == truth(entry)
+            true[row, column] = meant(h["effects"]) == truth(entry) and not unknown(entry)
         true[row, -1] = unknown(entry)
     case = torch.tensor([[*c.values()] for c in cases]).double()
     return Table(hypotheses, shut, case, true, names)
@@ -176,16 +192,22 @@ def _calibration(of: Table, w: Tensor, v: Tensor) -> Calibration:
         {name: float(f"{x:.4g}") for name, x in zip(names, values.tolist(), strict=True)}
         for names, values in zip(of.names, (w, v), strict=True)
     )
-    return Calibration(hypothesis, case, len(of.case))
+    return Calibration(hypothesis, case, cases=len(of.case))
 
 
-def content(calibration: Calibration, ledgers: Sequence[Path], cases: int, ridge: float) -> str:
+def content(
+    calibration: Calibration, form: FormError, ledgers: Sequence[Path], cases: int, ridge: float
+) -> str:
     """The calibration as a file, with what it was made from."""
     made = {
         "ledgers": {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in ledgers},
         "cases": cases,
         "ridge": ridge,
     }
-    weights_of = {"hypothesis": calibration.hypothesis, "unknown": calibration.unknown}
+    weights_of = {
+        "hypothesis": dict(calibration.hypothesis),
+        "unknown": dict(calibration.unknown),
+        "form_error": asdict(form),
+    }
     head = "# Written by scripts/calibrate.py; not to be edited by hand.\n"
     return head + yaml.safe_dump({"made_from": made, **weights_of}, sort_keys=False)

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
+from buggy_rl.blind_test.sizes import CAMERA, COMMANDED_SIZES, SIZES, UNKNOWN_SIZES
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.plants.composed import Disturbance, is_composed
 
 NUISANCES = {
@@ -22,6 +23,14 @@ DRIVING = {
     "timid": "half the throttle, two thirds of the steering",
     "wild": "no throttle eased in bends or slides: it spins",
 }
+
+
+COMMANDS = {
+    "throttle": ONE_WAY,
+    "brakes": LongitudinalCommand("throttle_brake_reverse"),
+    "speed": LongitudinalCommand("speed", reverse=True),
+}
+"""What the first command of a case's car may be; the last two with the manoeuvring driver."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +55,15 @@ class Case:
     """Drives that are sealed, to measure by."""
     spread: float = 0.0
     """Share by which each parameter of the plant is drawn off its own, at most."""
+    command: str = "throttle"
+    """What the car's first command is, of `COMMANDS`; others than a throttle on the reference."""
 
     def __post_init__(self) -> None:
-        known = {*SIZES, *UNKNOWN_SIZES}
+        known = {*SIZES, *UNKNOWN_SIZES, *COMMANDED_SIZES}
         for what, name, names in (
             ("nuisance", self.nuisance, NUISANCES),
             ("driving", self.driving, DRIVING),
+            ("command", self.command, COMMANDS),
             *(("effect", effect, known) for effect in self.concealed),
         ):
             if name not in names and not (what == "effect" and is_composed(name)):
@@ -70,9 +82,19 @@ class Case:
     @property
     def family(self) -> str:
         """nothing, one, two, three, or unknown where the textbook has no name for it."""
-        if any(e in UNKNOWN_SIZES or is_composed(e) for e in self.concealed):
+        if any(self._is_unknown(e) or is_composed(e) for e in self.concealed):
             return "unknown"
         return ("nothing", "one", "two", "three")[len(self.concealed)]
+
+    def _is_unknown(self, effect: str) -> bool:
+        """Whether no effect describes it: a drag brake is known of a car whose command has one."""
+        named = self.command != "throttle" and effect in COMMANDED_SIZES
+        return effect in UNKNOWN_SIZES and not named
+
+    @property
+    def longitudinal(self) -> LongitudinalCommand:
+        """What the car's first command is."""
+        return COMMANDS[self.command]
 
     @property
     def pairing(self) -> str:

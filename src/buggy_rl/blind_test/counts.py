@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from buggy_rl.blind_test.case import COMMANDS
 from buggy_rl.diagnosis.evidence_features import fitted
-from buggy_rl.effects import EFFECTS
+from buggy_rl.effects import offered
 
 WORDS = {1: "one", 2: "two", 3: "three"}
 
@@ -30,7 +31,8 @@ def counts(entries: Sequence[Mapping[str, Any]]) -> str:
 def _is(entry: Mapping[str, Any], size: int, own: bool) -> bool:
     case, truth = entry["case"], set(entry["case"]["concealed"])
     same = case["plant"] == case["simulator"]
-    named = len(truth) == size and truth <= set(EFFECTS)
+    known = offered(COMMANDS[case.get("command", "throttle")])
+    named = len(truth) == size and truth <= set(known)
     return named and same == own and bool(entry["hypotheses"])
 
 

@@ -9,7 +9,7 @@ import json
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,6 @@ from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.joint import JointSearch, joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import opened
-from buggy_rl.diagnosis.search import search
-from buggy_rl.diagnosis.statement import judged
 from buggy_rl.effects import EFFECTS
 from buggy_rl.plants import abilities
 
@@ -43,8 +41,6 @@ class DevelopmentConfig:
     """Effects to choose from; empty for the whole library."""
     workers: int = 2
     """Groups of cases at a time."""
-    stepwise: bool = False
-    """Whether each case is diagnosed by `method=stepwise` too, to compare with."""
     ledger: str = ""
     """File of the lines; empty for OUTPUT/development.jsonl. A case in it is not run again."""
 
@@ -108,8 +104,6 @@ def developed(config: DevelopmentConfig, cases: Sequence[Case]) -> list[dict[str
             ready = opened(question.config, question.recordings, question.baseline)
             also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
             line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
-            if config.stepwise:
-                line["stepwise"] = by_steps(ready)
         except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
             line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
         seconds = round(time.monotonic() - begun, 1)
@@ -125,11 +119,3 @@ def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
     driven = [line.partition(" hardly")[0] for line in weak(ready.problem.segments)]
     seen = observed(ready.criteria, found)
     return {"rank": found.rank(case.truth), "weak": driven, **seen}
-
-
-def by_steps(ready: Opened) -> dict[str, Any]:
-    """What `method=stepwise` says: the verdict, and the confidence of each effect that it names."""
-    found = search(ready.problem, ready.criteria)
-    case = replace(ready, problem=found.problem(ready.problem))
-    said = judged(case, found)
-    return {"verdict": said.verdict, "named": {n.name: n.confidence for n in said.named}}

@@ -4,9 +4,17 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES, Range, composed_sizes
+from buggy_rl.blind_test.case import COMMANDS, Case
+from buggy_rl.blind_test.sizes import (
+    CAMERA,
+    COMMANDED_SIZES,
+    SIZES,
+    UNKNOWN_SIZES,
+    Range,
+    composed_sizes,
+)
 from buggy_rl.plants.composed import SORTS, WHERE, is_composed
+from buggy_rl.plants.reference import abilities_of
 
 FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
 COUNT = {"nothing": 0, "one": 1, "two": 2, "three": 3}
@@ -19,6 +27,8 @@ class Pairing:
     plant: str
     simulator: str
     baseline: bool
+    command: str = "throttle"
+    """What the car's first command is, of `case.COMMANDS`."""
 
 
 PAIRINGS = {
@@ -29,6 +39,9 @@ PAIRINGS = {
     "mujoco_single_track": Pairing("mujoco", "single_track_fitted", True),
     "commonroad_mujoco": Pairing("commonroad", "mujoco_fitted", True),
     "commonroad_single_track": Pairing("commonroad", "single_track_fitted", True),
+    # Cars with brakes and reverse, or with a speed controller and reverse.
+    "reference_brakes": Pairing("reference", "reference", False, "brakes"),
+    "reference_speed": Pairing("reference", "reference", False, "speed"),
     # For development: with and without drives from before the change.
     "reference_baseline": Pairing("reference", "reference", True),
     "reference_single_track": Pairing("reference", "single_track_fitted", True),
@@ -109,8 +122,10 @@ def draw_all(settings: Settings, abilities: dict[str, frozenset[str]]) -> list[C
     first = FIRST[settings.split] + settings.first
     if not settings.each:
         return [draw(first + i, settings, abilities) for i in range(settings.cases)]
-    names = settings.names or list(SIZES)
-    able = set(CAMERA).union(*(abilities[PAIRINGS[p].plant] for p in settings.pairings))
+    pairings = [PAIRINGS[p] for p in settings.pairings]
+    own = [e for p in pairings for e in commanded(p)]
+    names = settings.names or [*SIZES, *dict.fromkeys(own)]
+    able = set(CAMERA).union(own, *(abilities[p.plant] for p in pairings))
     wanted = [(n,) for n in names if n in able] + [()] * settings.nothing
     # Shuffled: a number that told the effect would leak it.
     random.Random(f"order {first}").shuffle(wanted)
@@ -136,21 +151,24 @@ def draw(
         ValueError: None of the plants can have it.
     """
     chance = random.Random(seed)
-    able = {plant: _able(can, settings) for plant, can in abilities.items()}
+    able = {
+        p: _able(p, abilities[p.plant], settings) for p in PAIRINGS.values() if p.plant in abilities
+    }
     family = "" if names is not None else chance.choice(settings.families)
     pairings = [PAIRINGS[name] for name in settings.pairings]
     if names is not None:
-        pairings = [p for p in pairings if set(names) <= set(able[p.plant])]
+        pairings = [p for p in pairings if set(names) <= set(able[p])]
     elif family == "unknown":
         # Not every plant has something that the textbook has no name for.
-        pairings = [p for p in pairings if set(able[p.plant]) & set(UNKNOWN_SIZES)]
+        pairings = [p for p in pairings if set(able[p]) & (set(UNKNOWN_SIZES) - commanded(p))]
     if not pairings:
         raise ValueError(f"seed {seed}: no plant of {settings.pairings} can have {names or family}")
     pairing = chance.choice(pairings)
     if names is None:
-        names = _names(chance, family, able[pairing.plant])
+        names = _names(chance, family, able[pairing], commanded(pairing))
     nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
-    sizes = {n: composed_sizes(n) if is_composed(n) else (SIZES | UNKNOWN_SIZES)[n] for n in names}
+    known = SIZES | UNKNOWN_SIZES | {n: COMMANDED_SIZES[n] for n in commanded(pairing)}
+    sizes = {n: composed_sizes(n) if is_composed(n) else known[n] for n in names}
     return Case(
         seed=seed,
         plant=pairing.plant,
@@ -163,23 +181,32 @@ def draw(
         drives=settings.drives,
         held_out=settings.held_out,
         spread=_spread(chance, settings, pairing.simulator),
+        command=pairing.command,
     )
+
+
+def commanded(pairing: Pairing) -> frozenset[str]:
+    """Effects that its car can have by its kind of command."""
+    return abilities_of(COMMANDS[pairing.command])
 
 
 def _spread(chance: random.Random, settings: Settings, simulator: str) -> float:
     return chance.choice(settings.spread) if simulator in REFITTED else 0.0
 
 
-def _able(can: frozenset[str], settings: Settings) -> list[str]:
-    return sorted(n for n in can | set(CAMERA) if not settings.names or n in settings.names)
+def _able(pairing: Pairing, can: frozenset[str], settings: Settings) -> list[str]:
+    every = can | set(CAMERA) | commanded(pairing)
+    return sorted(n for n in every if not settings.names or n in settings.names)
 
 
-def _names(chance: random.Random, family: str, able: Sequence[str]) -> list[str]:
+def _names(
+    chance: random.Random, family: str, able: Sequence[str], own: frozenset[str]
+) -> list[str]:
     if family == "unknown":
-        return [chance.choice([n for n in able if n in UNKNOWN_SIZES])]
+        return [chance.choice([n for n in able if n in UNKNOWN_SIZES and n not in own])]
     if family == "composed":
         return [_composed(chance)]
-    return chance.sample([n for n in able if n in SIZES], COUNT[family])
+    return chance.sample([n for n in able if n in SIZES or n in own], COUNT[family])
 
 
 def _composed(chance: random.Random) -> str:

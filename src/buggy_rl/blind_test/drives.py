@@ -19,8 +19,11 @@ from buggy_rl.blind_test.hands import TimidDriver, WildDriver
 from buggy_rl.blind_test.steady_driver import SteadyDriver
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.faults import NEUTRAL
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.plants import make_plant
 from buggy_rl.plants.composed import Disturbance
+from buggy_rl.plants.reference import make_reference
+from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
@@ -64,19 +67,19 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
     for case in cases:
         own = plant_parameters(case)
         sizes.append(case.drives + case.held_out)
-        drivers.append(DRIVERS[case.driving](seed=case.seed))
+        drivers.append(driver_of(case, case.seed))
         faults.append(case.faults)
         parameters.append(own)
         disturbances.append(case.disturbances)
         if case.baseline:
             sizes.append(case.drives)
-            drivers.append(DRIVERS[case.driving](seed=case.seed + BASELINE))
+            drivers.append(driver_of(case, case.seed + BASELINE))
             faults.append({})
             parameters.append(own)
             disturbances.append([])
     poses = [driver.start_pose([size]) for driver, size in zip(drivers, sizes, strict=True)]
     if plant == "reference":
-        engine = _reference_cars(faults, parameters, sizes)
+        engine = _reference_cars(faults, parameters, sizes, cases[0].longitudinal)
         act = acting(disturbances, sizes)
         parts = driven(engine, joined(drivers, sizes), torch.cat(poses), rows, act).split(sizes)
     else:
@@ -92,13 +95,38 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
     return [Motion(next(motion), next(motion) if case.baseline else None) for case in cases]
 
 
+def driver_of(case: Case, seed: int) -> ManoeuvringDriver | RoomDriver | SteadyDriver:
+    """Who drives the car of a case.
+
+    Raises:
+        ValueError: The case's driving is one that such a car has no driver for.
+    """
+    if case.longitudinal == ONE_WAY:
+        return DRIVERS[case.driving](seed=seed)
+    if case.driving != "rich":
+        raise ValueError(f"case {case.id}: only rich driving brakes and reverses: driving=[rich]")
+    return ManoeuvringDriver(seed=seed, command=case.longitudinal)
+
+
+def plant_of(
+    case: Case,
+    cars: int,
+    faults: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, float] | None = None,
+) -> EnvBase:
+    """Cars of a case's plant that take its command."""
+    if case.longitudinal == ONE_WAY:
+        return make_plant(case.plant, cars, faults, parameters)
+    return make_reference(cars, faults, parameters, case.longitudinal)
+
+
 def plant_parameters(case: Case) -> dict[str, float]:
     """The parameters of a case's plant that are not its own: each within `spread` of that."""
     if not case.spread:
         return {}
     chance = random.Random(f"plant {case.seed}")
     found = {}
-    for name, p in make_plant(case.plant, 1, {}).declared.items():  # type: ignore[attr-defined]
+    for name, p in plant_of(case, 1, {}).declared.items():  # type: ignore[attr-defined]
         value = p.value * (1 + chance.uniform(-case.spread, case.spread))
         found[name] = min(max(value, p.lower), p.upper)
     return found
@@ -108,11 +136,12 @@ def _reference_cars(
     faults: Sequence[Mapping[str, Mapping[str, float]]],
     parameters: Sequence[Mapping[str, float]],
     sizes: Sequence[int],
+    command: LongitudinalCommand = ONE_WAY,
 ) -> EnvBase:
     """One batch with the faults and parameters of each part."""
     count, first = sum(sizes), 0
     tensors: dict[str, Tensor] = {}
-    cars = ReferenceEngine(count)
+    cars = ReferenceEngine(count, command=command)
     numbers: dict[str, Tensor] = {}
     for own, size in zip(parameters, sizes, strict=True):
         for name, value in own.items():
@@ -225,7 +254,7 @@ def measured(case: Case, true: TensorDict, changed: bool, place: int) -> Recordi
         data = Camera(config, seed).recorded(true)
     if case.nuisance == "jitter":
         data[keys.TIME] = jittered(data[keys.TIME], seed)
-    return Recording(f"drive_{place}", data, CONTROL_PERIOD)
+    return Recording(f"drive_{place}", data, CONTROL_PERIOD, command=case.longitudinal)
 
 
 def stamped_off(true: TensorDict, early: bool) -> TensorDict:

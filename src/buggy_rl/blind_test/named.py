@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from buggy_rl.blind_test.calibration import meant, truth, unknown
+from buggy_rl.blind_test.calibration import meant, of_another_form, outside, truth, unknown
 from buggy_rl.blind_test.statistics import Figure, calibration_error, share
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
@@ -42,7 +42,7 @@ Said = Sequence[tuple[Entry, Answered]]
 
 @dataclass(frozen=True)
 class Claimed:
-    """The answer of `method=stepwise`, of which only verdict and confidences are known."""
+    """An answer of which only verdict and confidences are known."""
 
     verdict: str
     named: Mapping[str, float]
@@ -84,7 +84,8 @@ def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Answered]])
 
 def _figures(said: Said) -> dict[str, str]:
     of = {n: [s for s in said if not unknown(s[0]) and len(truth(s[0])) == n] for n in range(4)}
-    outside = [s for s in said if unknown(s[0])]
+    sorts = [s for s in said if outside(s[0])]
+    forms = [s for s in said if of_another_form(s[0])]
     claims = [c for entry, p in said for c in listed(entry, p)]
     figures = {
         "one effect: first name right": _share(of[1], _first_right),
@@ -93,9 +94,15 @@ def _figures(said: Said) -> dict[str, str]:
         "three effects: exact set": _share(of[3], _exact),
         "true set fitted (one, two, three)": _share(of[1] + of[2] + of[3], _came_to),
         "nothing: a name above 0.5": _share(of[0], _says_a_name),
-        "no effect describes it: a name above 0.5": _share(outside, _says_a_name),
-        "no effect describes it: called unknown": _share(outside, _says_unknown),
-        "no effect describes it: called nothing": _share(outside, _says_nothing),
+        "no effect describes it: a name above 0.5": _share(sorts, _says_a_name),
+        "no effect describes it: called unknown": _share(sorts, _says_unknown),
+        "no effect describes it: called nothing": _share(sorts, _says_nothing),
+        "another form, no baseline, nothing concealed: a name above 0.5": _share(
+            forms, _says_a_name
+        ),
+        "another form, no baseline, nothing concealed: called unknown": _share(
+            forms, _says_unknown
+        ),
     }
     squares = [(p - right) ** 2 for p, right in claims]
     return {

@@ -12,7 +12,7 @@ from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.equivalents import expected
 from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.effects import EFFECTS
+from buggy_rl.effects import offered
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.estimation.baseline import correct
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
@@ -22,11 +22,13 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.screening import screened
 from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.files import write_json
-from buggy_rl.recordings import load_recordings
+from buggy_rl.recordings import ColumnMap, load_recordings
+from buggy_rl.recordings.columns import load_columns
 from buggy_rl.task.env import make_simulator
 
 SECONDS = 1.0  # [s] of a rollout
 ITERATIONS = 8  # of a fit
+MEASURED = 150  # segments of sealed recordings, at most, on which errors are measured
 
 
 def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int = 6) -> int:
@@ -43,6 +45,11 @@ def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int
     return 1
 
 
+def _described(case: Case) -> bool:
+    """Whether effects describe what is concealed, and something is."""
+    return bool(case.truth) and set(case.truth) <= set(offered(case.longitudinal))
+
+
 def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -> dict[str, Any]:
     """What `weigh` writes: losses in nats, parameters, alternatives, errors on sealed drives."""
     seen = store.inputs(case.id)
@@ -50,15 +57,17 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     most = question.get("stretches", DiagnosisConfig.stretches)
     make = _maker(seen / question["simulator"])
     simulation = Simulation(make, options=measurable_options(make)[0])
-    extra = None
+    extra, columns = None, None
+    if "columns" in question:
+        columns = load_columns(seen / question["columns"])
     if case.baseline:
-        correction = correct(simulation, _cut(seen / "baseline", most))
+        correction = correct(simulation, _cut(seen / "baseline", most, columns))
         simulation, extra = correction.simulation(simulation), correction.covariance
-    segments, library = _cut(seen / "recordings", most), Library(list(effects) or None)
+    segments, library = _cut(seen / "recordings", most, columns), Library(list(effects) or None)
     noise = noise_model(simulation, segments, extra=extra)
     problem = Problem(simulation, segments, noise, library)
     [null] = fitted(problem, [library.hypothesis(())], ITERATIONS)
-    truth = _truth(problem, case) if set(case.truth) <= set(EFFECTS) and case.truth else None
+    truth = _truth(problem, case) if _described(case) else None
     result: dict[str, Any] = {"null": problem.cost(null)}
     if truth is not None:
         # The truth's own misfit is the dispersion that is expected.
@@ -75,7 +84,7 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
         starts = _others(problem, null, truth, rivals) if single else _fewer(problem, truth)
         found = fitted(problem, starts, ITERATIONS)
         result["rivals"] = {"+".join(f.effects): problem.cost(f) - own for f in found}
-    held_out = replace(problem, segments=_cut(store.held_out(case.id), DiagnosisConfig.stretches))
+    held_out = replace(problem, segments=_cut(store.held_out(case.id), MEASURED, columns))
     repaired = store.diagnosis(case.id) / "repaired.yaml"
     result["held_out"] = _measured(held_out, null, truth, repaired)
     return result
@@ -144,7 +153,7 @@ def _maker(simulator: Path) -> Callable[[int], Any]:
     return cache(lambda count: make_simulator(str(simulator), count))
 
 
-def _cut(folder: Path, most: int) -> Segments:
+def _cut(folder: Path, most: int, columns: ColumnMap | None) -> Segments:
     """Segments of the recordings in a folder, at most so many."""
-    recordings, _ = load_recordings([str(folder)])
+    recordings, _ = load_recordings([str(folder)], columns)
     return cut_segments(recordings, SECONDS, SECONDS).spread(most)

@@ -19,9 +19,17 @@ import yaml
 
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import BASELINE_NOISE, Motion, moved, save_drives
-from buggy_rl.blind_test.simulators import MODEL, prepared_name, question, simulator_content
+from buggy_rl.blind_test.simulators import (
+    COLUMNS,
+    MODEL,
+    prepared_name,
+    question,
+    simulator_content,
+)
 from buggy_rl.files import write_atomically
 from buggy_rl.jobs import OUTCOME
+from buggy_rl.longitudinal import ONE_WAY
+from buggy_rl.recordings import save_command
 
 TOGETHER = 16  # cases that are driven in one batch
 
@@ -113,11 +121,11 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
     """Cases that can be driven in one batch, `TOGETHER` at most."""
     alike: dict[tuple, list[Case]] = {}
     for case in cases:
-        alike.setdefault((case.plant, case.seconds), []).append(case)
+        alike.setdefault((case.plant, case.command, case.seconds), []).append(case)
     most = {"reference": TOGETHER}
     return [
         same[first : first + most.get(plant, 1)]
-        for (plant, _), same in alike.items()
+        for (plant, _, _), same in alike.items()
         for first in range(0, len(same), most.get(plant, 1))
     ]
 
@@ -177,6 +185,8 @@ def _sealed_text(case: Case, secret: str) -> str:
     content = asdict(case)
     if not case.spread:
         del content["spread"]  # hashes of cases were published before there was such a field
+    if case.command == "throttle":
+        del content["command"]  # likewise
     return json.dumps({"case": content, "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
@@ -188,6 +198,8 @@ def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:
     if motion.clean is not None:
         numbers = {name: BASELINE_NOISE + number for name, number in numbers.items()}
         save_drives(case, motion.clean, folder / "baseline", numbers, changed=False)
+    if case.longitudinal != ONE_WAY:
+        save_command(case.longitudinal, folder / COLUMNS)
     content = simulator_content(case, store.prepared)
     if content["engine"] == MODEL:
         shutil.copyfile(store.prepared / f"{prepared_name(case)}.pt", folder / MODEL)

@@ -13,15 +13,18 @@ import yaml
 
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import moved, plant_parameters, save_drives
+from buggy_rl.effects import offered
 from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.base import Engine
 from buggy_rl.files import write_atomically
 from buggy_rl.jobs import Job, run_jobs
+from buggy_rl.longitudinal import ONE_WAY
 
 PLAIN = ("reference", "mujoco")  # simulators as they are shipped; all others are prepared
 COARSE = {"reference": {"substep": 0.005}, "mujoco": {"timestep": 0.005}}  # five times, twice
 SLOW = {"mujoco": 60, "mujoco_fitted": 60}  # segments that are diagnosed where time counts
 MODEL = "simulator.pt"
+COLUMNS = "columns.yaml"  # the column map of drives whose command is no one-way throttle
 DRIVES, SECONDS = 6, 40.0  # as many and as long as the sample drives
 PREPARING = 300  # number of the first drive that a case's own simulator is fitted to
 SEED = 900_000_000  # of the drives that simulators are made from: no case has it
@@ -54,6 +57,9 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
         content = {key: value for key, value in file.items() if value}
     if content["engine"] == "reference" and shutil.which("g++"):
         content["options"] = {"compiled": True}  # the same motion, sooner
+    if case.longitudinal != ONE_WAY:
+        own = {"command": case.longitudinal.plain}
+        content["options"] = content.get("options", {}) | own
     if case.nuisance == "integrator":
         content["options"] = content.get("options", {}) | COARSE[content["engine"]]
     if case.nuisance.startswith("parameters"):
@@ -65,7 +71,7 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
 def off(content: dict[str, Any], share: float, seed: int) -> dict[str, float]:
     """All parameters of a simulator, each up or down by a share of itself, within its range."""
     chance = random.Random(f"parameters {seed}")
-    engine = make_engine(content["engine"], 1)
+    engine = make_engine(content["engine"], 1, **content.get("options", {}))
     assert isinstance(engine, Engine)
     values = {}
     for name, parameter in engine.declared.items():
@@ -136,6 +142,9 @@ def question(case: Case, effects: list[str], segments: int = 0) -> str:
         content["baseline"] = ["baseline"]
     if case.simulator == "reference":
         content["parameters"] = False
+    if case.longitudinal != ONE_WAY:
+        content["columns"] = COLUMNS
+        effects = effects or offered(case.longitudinal)
     if effects:
         content["effects"] = effects
     if segments or case.simulator in SLOW:

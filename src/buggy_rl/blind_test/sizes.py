@@ -94,6 +94,20 @@ UNKNOWN_SIZES: dict[str, dict[str, Range]] = {
     "heating_motor": {"rise": Range(0.005, 0.015, False, "half the power after a burst")},
     "loose_differential": {"time_constant": Range(0.08, 0.2, False, "the left half comes later")},
 }
+COMMANDED_SIZES: dict[str, dict[str, Range]] = {  # of cars with brakes, or a speed controller
+    "brake_gain": {"gain": Range(0.6, 0.85, False, "brake end point of the radio set by thumb")},
+    "brake_balance": {"shift": Range(0.25, 0.5, True, "a pair of brakes that drags or has faded")},
+    "reverse_deadband": {"width": Range(0.05, 0.15, False, "a controller not calibrated: to 15 %")},
+    "drag_brake": {
+        "deceleration": Range(0.4, 1.2, False, "10 to 30 % of the motor's brake, as menus offer")
+    },
+    "speed_controller_lag": {
+        "time_constant": Range(0.06, 0.15, False, "an integral gain set low, a filtered encoder")
+    },
+    "driven_axle_slip": {
+        "slip_per_acceleration": Range(0.015, 0.04, False, "the rear tyres' own to twice as soft")
+    },
+}
 CAMERA = {  # where a sensing effect is an error of the camera: parameter -> field of its config
     "sensor_latency": {"dead_time": "latency"},
     "sensor_lag": {"time_constant": "lag"},

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.localisation import Located
-from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.posterior import STANDING, Posterior
 from buggy_rl.diagnosis.unexplained import Unexplained
 from buggy_rl.effects import effect_class
 
@@ -49,12 +49,8 @@ class NamedEffect:
     """Parameters at a bound of their range."""
     varies_with: str = ""
     """Condition with which its parameters vary: then it is probably misspecified."""
-
-    @property
-    def sound(self) -> float:
-        """Probability that it is right given that none of its alternatives is."""
-        alone = 1.0 - sum(self.confused_with.values())
-        return self.confidence / alone if alone > self.confidence else 1.0
+    whatever_else: float = 0.0
+    """Share of the probability of all sets of effects that those with it have."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ class Alternative:
     excess: float
     """Excess misfit on what was held out."""
     log_evidence: float | None = None
-    """Of a joint search [nats]."""
+    """[nats]"""
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class Answer:
     """The closest ones, best first."""
     notes: list[str] = field(default_factory=list)
     posterior: Posterior | None = None
-    """Of a joint search."""
+    """Of all sets that were fitted."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -188,7 +184,8 @@ class Answer:
             result.append(
                 f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
             )
-        result += [_line(e) for e in self.effects[:SPOKEN]]
+        unknown = self.verdict == "unknown_physics"
+        result += [_line(e, unknown) for e in self.effects[:SPOKEN]]
         if more := [e.name for e in self.effects[SPOKEN:]]:
             result.append(f"And {', '.join(more)}: see the report.")
         p = self.proof
@@ -237,9 +234,11 @@ def described(remaining: Unexplained) -> str:
     return f"The unexplained residual is largest in {channel}{grows}{memory}."
 
 
-def _line(effect: NamedEffect) -> str:
+def _line(effect: NamedEffect, unknown: bool = False) -> str:
     """Sentence, name and confidence of an effect, and what speaks against it."""
     text = f"{effect.name}, confidence {effect.confidence:.0%}"
+    if unknown and effect.whatever_else >= STANDING:
+        text += f"; whatever else is missing: in {effect.whatever_else:.0%} of what may explain it"
     if effect.confused_with:
         others = ", ".join(f"{name} ({p:.0%})" for name, p in effect.confused_with.items())
         text += f"; alternatives: {others}"
@@ -266,6 +265,7 @@ def _named(e: NamedEffect) -> dict[str, Any]:
         "confused_with": [{"name": n, "confidence": c} for n, c in e.confused_with.items()],
         "at_bound": list(e.at_bound),
         "varies_with": e.varies_with,
+        "whatever_else": e.whatever_else,
     }
 
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.selection import Criteria
+from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
@@ -25,6 +26,8 @@ class Case:
     recordings: Sequence[Recording]
     retuned_from: Simulation | None = None
     """Of the simulator as it was given, where it has been re-tuned since."""
+    budget: Budget = FULL
+    """How much the search may roll out."""
 
     @property
     def names(self) -> list[str]:
@@ -51,6 +54,7 @@ def prepared(
     library: Library,
     config: DiagnosisConfig,
     extra: Tensor | None = None,
+    budget: Budget = FULL,
 ) -> Case:
     """Cuts recordings and linearises their noise model.
 
@@ -60,13 +64,18 @@ def prepared(
         library: Effects to choose from.
         config: Length and number of the segments, and thresholds.
         extra: [D, D] covariance of what the simulator gets wrong on its baseline.
+        budget: How much the search may roll out.
     """
-    segments = segments_of(recordings, config)
+    segments = segments_of(recordings, config, budget)
     noise = noise_model(simulation, segments, extra=extra)
     problem = Problem(simulation, segments, noise, library)
-    return Case(problem, Criteria(blocks(segments), rules=config.selection), recordings)
+    criteria = Criteria(blocks(segments), rules=config.search)
+    return Case(problem, criteria, recordings, budget=budget)
 
 
-def segments_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Segments:
-    """As many segments as are asked for, spread evenly."""
-    return cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)
+def segments_of(
+    recordings: Sequence[Recording], config: DiagnosisConfig, budget: Budget = FULL
+) -> Segments:
+    """As many segments as are asked for and the budget has, spread evenly."""
+    segments = cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)
+    return segments.spread(budget.segments(len(segments)))

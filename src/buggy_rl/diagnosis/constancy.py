@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.localisation import features
-from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.misfit import misfit
 from buggy_rl.estimation.segments import Segments

@@ -16,6 +16,7 @@ LEFT = 0.01  # [noise] excess misfit that counts as none: added before a logarit
 STEADY = 0.02  # [noise], and [-] of what a set closes: variation of its numbers that counts as none
 SPREAD = 2.0  # [nats] standard deviation of a block's loss difference, at least
 PRICE = 12.0  # [nats] of an effect more, by which the leading hypothesis is chosen
+SCALE = 4.0  # [nats] from which differences count by their logarithm
 
 
 def fitted(case: Observed) -> list[Observed]:
@@ -54,8 +55,8 @@ def of_hypotheses(case: Observed) -> list[dict[str, float]]:
     return [
         _common(case, h, best)
         | {
-            "nats": least - loss(h),
-            "evidence": h["evidence"]["log_evidence"] - evident,
+            "nats": -_scaled(loss(h) - least),
+            "evidence": -_scaled(evident - h["evidence"]["log_evidence"]),
             "nothing": float(not h["effects"]),
             "first": 0.0 if h["effects"] else -math.log(first + LEFT),
         }
@@ -68,7 +69,7 @@ def _common(case: Observed, h: Observed, best: Observed) -> dict[str, float]:
     left = beyond(h["excess"], case["usual"])
     gained = loss_of_null(case) - loss(h)
     return {
-        "blocks": -_by_blocks(h["held_out"], best["held_out"]),
+        "blocks": -_scaled(_by_blocks(h["held_out"], best["held_out"])),
         "left": -math.log(left + LEFT),
         "effects": -float(len(effects)),
         "numbers": float(1 + len(effects) - len(h["z"])),
@@ -77,6 +78,11 @@ def _common(case: Observed, h: Observed, best: Observed) -> dict[str, float]:
         "own": -float(sum(e.startswith(OWN) for e in effects)),
         "on_baseline": -_share(h["on_baseline"] * case["segments"], gained) if effects else 0.0,
     }
+
+
+def _scaled(nats: float) -> float:
+    """sign(x) ln(1 + |x| / SCALE): in a simulator of another form, nats are thousands."""
+    return math.copysign(math.log1p(abs(nats) / SCALE), nats)
 
 
 def loss_of_null(case: Observed) -> float:
@@ -100,21 +106,38 @@ def _by_blocks(held_out: Sequence[float], best: Sequence[float]) -> float:
 def _varies(case: Observed, h: Observed) -> float:
     """ln(1 + what numbers that vary would close, over what counts as none)."""
     closes = max([0.0, *(v[1] for v in h["varies"].values())])  # held out, it may be below 0
+    return math.log1p(closes / _steady(case, h))
+
+
+def _steady(case: Observed, h: Observed) -> float:
+    """Excess that numbers which vary may close without a doubt."""
     own = beyond(case["first"], case["usual"]) - beyond(h["excess"], case["usual"])
-    return math.log1p(closes / (STEADY + STEADY * max(own, 0.0)))
+    return STEADY + STEADY * max(own, 0.0)
+
+
+def varying(case: Observed, effects: Sequence[str]) -> dict[str, str]:
+    """Effect of a fitted set -> condition with which its numbers vary, where they do."""
+    [own] = [h for h in fitted(case) if h["effects"] == list(effects)]
+    most = _steady(case, own)
+    return {e: condition for e, (condition, closes, _) in own["varies"].items() if closes > most}
 
 
 def of_case(case: Observed) -> dict[str, float]:
     """Features of the alternative that no effect describes what is seen."""
     best = leading(fitted(case))
-    first, left = (beyond(x, case["usual"]) for x in (case["first"], best["excess"]))
+    alone = float(case["usual"][1] <= 0)  # no baseline says what the simulator's form leaves
+    first, left = (
+        math.log(beyond(x, case["usual"]) + LEFT) for x in (case["first"], best["excess"])
+    )
     return {
         "one": 1.0,
-        "left": math.log(left + LEFT),
-        "share": math.log((left + LEFT) / (first + LEFT)),
-        "first": math.log(first + LEFT),
+        "left": left,
+        "share": left - first,
+        "first": first,
+        "left_alone": alone * left,
+        "first_alone": alone * first,
         "varies": _varies(case, best),
         "dispersion": math.log(case["dispersion"]),
         "effects": float(len(best["effects"])),
-        "baseline": float(case["usual"][1] > 0),
+        "baseline": 1.0 - alone,
     }

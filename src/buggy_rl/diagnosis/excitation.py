@@ -2,16 +2,26 @@
 
 import torch
 
-from buggy_rl.estimation.segments import WARM_UP, Segments
+from buggy_rl.estimation.segments import Segments
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import wrap_angle
 
 SHOWN = 0.03  # [-] share of the time from which a condition counts as driven
 HEADINGS = 8  # sectors of the heading
+FAST, SLOW, ROLLING, CRAWLING = 2.0, 1.0, 0.5, 0.1  # [m/s] of the buggy; chosen
+BUGGY = Similarity()
+QUICK = 5.0  # [1/s] change of the steering command that counts as quick; chosen
 
 
-def weak(segments: Segments) -> list[str]:
-    """A line for each condition that was hardly or never driven, with the effects that it hides."""
-    rows = slice(WARM_UP, None)
+def weak(segments: Segments, similarity: Similarity = BUGGY) -> list[str]:
+    """A line for each condition that was hardly or never driven, with the effects that it hides.
+
+    Args:
+        segments: What was driven.
+        similarity: Of the car to the buggy, for which the speeds were chosen.
+    """
+    fast, slow, rolling, crawling = (similarity.speed * v for v in (FAST, SLOW, ROLLING, CRAWLING))
+    rows = slice(segments.start, None)
     vx, yaw_rate = segments.smooth_velocity[:, rows, 0], segments.smooth_velocity[:, rows, 2]
     throttle, steering = segments.action[:, rows].unbind(-1)
     drive, lateral = (throttle + 1) / 2, (vx * yaw_rate).abs()
@@ -20,11 +30,15 @@ def weak(segments: Segments) -> list[str]:
     seen = torch.bincount(heading.flatten(), minlength=HEADINGS) / heading.numel()
     checks = (
         ("more than 0.6 of full drive", drive > 0.6, "motor_power_limit, top_speed"),
-        ("above 2 m/s", vx > 2.0, "aerodynamic_drag, top_speed"),
-        ("below 1 m/s", (vx < 1.0) & (vx > 0.1), "rolling_resistance, throttle_deadband"),
+        (f"above {fast:g} m/s", vx > fast, "aerodynamic_drag, top_speed"),
+        (
+            f"below {slow:g} m/s",
+            (vx < slow) & (vx > crawling),
+            "rolling_resistance, throttle_deadband",
+        ),
         (
             "coasting without drive",
-            (drive < 0.05) & (vx > 0.5),
+            (drive < 0.05) & (vx > rolling),
             "rolling_resistance, viscous_drag, aerodynamic_drag apart from the throttle's effects",
         ),
         ("hard left turns", steering > 0.6, "steering_asymmetry"),
@@ -32,10 +46,10 @@ def weak(segments: Segments) -> list[str]:
         ("bends near the limit of grip (5 m/s^2)", lateral > 5.0, "tire_grip, grip_balance"),
         (
             "quick steering",
-            segments.action[:, WARM_UP:, 1].diff(dim=1).abs() > 0.05,
+            segments.action[:, rows, 1].diff(dim=1).abs() > QUICK * segments.dt,
             "steering_dead_time from steering_lag, steering_rate_limit, steering_backlash",
         ),
-        ("going straight", (steering.abs() < 0.1) & (vx > 0.5), "steering_offset"),
+        ("going straight", (steering.abs() < 0.1) & (vx > rolling), "steering_offset"),
     )
     found = [
         f"{what} hardly driven: hides {hides}"

@@ -14,6 +14,7 @@ from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import sensed
 from buggy_rl.estimation.segments import Segments, cut_segments
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.recordings import Recording
 
 TIMES = 6  # as often as a manoeuvre is expected to be driven, each time facing another way,
@@ -137,9 +138,10 @@ def _simulated(problem: Problem, truth: Candidate) -> tuple[list[Recording], Ten
         Recordings, and which of their rows [recordings, T] the simulator calls out of its range.
     """
     dt = problem.segments.dt
-    actions = [m.actions(dt) for m in MANOEUVRES for _ in range(HEADINGS)]
+    rest = declared_by(problem.simulation.make(1)).rest
+    actions = [m.actions(dt, rest) for m in MANOEUVRES for _ in range(HEADINGS)]
     longest, count = max(map(len, actions)), len(actions)
-    idle = torch.tensor([-1.0, 0.0])
+    idle = torch.tensor([rest, 0.0])
     padded = torch.stack([torch.cat([a, idle.expand(longest - len(a), 2)]) for a in actions])
     settings = problem.library.settings([(truth.fit, truth.fit.vector)])
     start = TensorDict(

@@ -7,17 +7,22 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.constancy import conditions
+from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.evidence_features import PRICE
 from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.search import (
+from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.search_state import (
     Progress,
     State,
     renoised,
@@ -25,18 +30,17 @@ from buggy_rl.diagnosis.search import (
     restarts,
     tried_too,
 )
-from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.estimation.evidence import Evidence, evidence
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.estimation.screening import trials
 from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
-FITTED = {1: 6, 2: 6, 3: 4}  # effects of a set -> sets of that size that are fitted at first
-AROUND = 3  # sets of each size that are fitted about the leading one
-ROUNDS = 3  # times that the leading set is looked at anew, at most
+LOOKED_AT = 24  # segments, spread evenly, on which sets about the leading one are proposed
 MOST = 4  # effects of a set
+Keep = Callable[[str, Callable[[], Any]], Any]
+"""A name and how its result is computed -> the result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +65,15 @@ class JointSearch:
     proposed: list[Proposal]
     """All sets, by the loss of their superposition about the simulator as given."""
 
-    def result(self, posterior: Posterior) -> SearchResult:
-        """With the most probable answer as the best; nothing, where that is most probable."""
+    def result(
+        self, posterior: Posterior, varying: Callable[[Effects], Mapping[str, str]]
+    ) -> SearchResult:
+        """With the most probable answer as the best; nothing, where that is most probable.
+
+        Args:
+            posterior: Of what was fitted.
+            varying: Of a set: effect -> condition with which its numbers vary.
+        """
         tried = {w.candidate.key: w.candidate for w in self.weighed}
         best = tried[() if posterior.says == "nothing" else posterior.best]
         return SearchResult(
@@ -72,6 +83,7 @@ class JointSearch:
             max(1.0, best.typical),
             posterior,
             {w.candidate.key: w.evidence.log_evidence for w in self.weighed},
+            varying(best.key),
         )
 
     def rank(self, effects: Effects) -> int:
@@ -85,6 +97,8 @@ def joint_search(
     criteria: Criteria,
     also: Sequence[Effects] = (),
     progress: Progress = lambda _: None,
+    budget: Budget = FULL,
+    kept: Keep = lambda _, compute: compute(),
 ) -> JointSearch:
     """Finds sets of effects by the superposition of their secants, fits and weighs the best.
 
@@ -93,17 +107,15 @@ def joint_search(
         criteria: Blocks and iterations.
         also: Sets that are fitted whether they are promising or not.
         progress: Told what is being done.
+        budget: How much is rolled out.
+        kept: Gives the result of a part, computed or as it was kept before an interruption.
     """
-    state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
-    state = state.dispersed(criteria.rules.expected_left * null.typical)
-    progress(f"rolling out {len(problem.library.names)} effects")
-    rolled = state.problem.rolled_out(trials(state.problem, null.fit))
-    first = Secants.of(state.problem, null.fit, rolled)
-    proposed = proposals(first, max(FITTED), also=also)
-    starts = [p for size, most in FITTED.items() for p in _of_size(proposed, size)[:most]]
-    progress(f"fitting {len(starts)} hypotheses")
-    state, _ = tried_too(state, [p.start for p in starts], criteria, null)
-    state = _settled(state, criteria, progress)
+    rules = criteria.rules
+    rules = replace(rules, iterations=min(budget.iterations, rules.iterations))
+    criteria = replace(criteria, rules=rules)
+    begun = kept("begun", lambda: _begun(problem, criteria, also, progress, budget))
+    null, rolled, proposed = begun.null, begun.rolled, begun.proposed
+    state = _settled(begun.fitted.state(problem), criteria, progress, budget, kept)
     found = set(state.tried)
     asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
     state, _ = tried_too(state, [p.start for p in asked], criteria)
@@ -112,17 +124,72 @@ def joint_search(
     return JointSearch(state.problem, state.null, weighed, proposed)
 
 
-def _settled(state: State, criteria: Criteria, progress: Progress) -> State:
-    """Looks about the leading set until it stays, or `ROUNDS` times."""
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """What a state has beyond its problem, which cannot be written to a file."""
+
+    tried: Mapping[Effects, Candidate]
+    noise: NoiseModel
+    dispersion: float
+
+    @classmethod
+    def of(cls, state: State) -> "_Tried":
+        return cls(state.tried, state.problem.noise, state.problem.dispersion)
+
+    def state(self, problem: Problem) -> State:
+        return State(replace(problem, noise=self.noise, dispersion=self.dispersion), self.tried)
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """What a search is before it looks about the leading set."""
+
+    null: Candidate
+    rolled: list[Fit]
+    proposed: list[Proposal]
+    fitted: _Tried
+
+
+def _begun(
+    problem: Problem,
+    criteria: Criteria,
+    also: Sequence[Effects],
+    progress: Progress,
+    budget: Budget,
+) -> _Begun:
+    """Rolls out every effect, and fits what their superposition proposes."""
+    state, [null] = tried_too(State(problem, {}), [problem.library.hypothesis(())], criteria)
+    state = state.dispersed(criteria.rules.expected_left * null.typical)
+    progress(f"rolling out {len(problem.library.names)} effects")
+    rolled = state.problem.rolled_out(trials(state.problem, null.fit, budget.sizes))
+    first = Secants.of(state.problem, null.fit, rolled)
+    proposed = proposals(
+        first, max(size for size, most in budget.fitted.items() if most), also=also
+    )
+    starts = [p for size, most in budget.fitted.items() for p in _of_size(proposed, size)[:most]]
+    progress(f"fitting {len(starts)} hypotheses")
+    state, _ = tried_too(state, [p.start for p in starts], criteria, null)
+    return _Begun(null, rolled, proposed, _Tried.of(state))
+
+
+def _settled(
+    state: State, criteria: Criteria, progress: Progress, budget: Budget, kept: Keep
+) -> State:
+    """Looks about the leading set until it stays, or so many rounds."""
     seen: set[Effects] = set()
-    for _ in range(ROUNDS):
+    for number in range(budget.rounds):
         best = leading(state)
         if best.key in seen:
             break
         seen.add(best.key)
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
-        state = _about(renoised(state, best, criteria), best.key, criteria)
+        now = kept(f"round_{number}", partial(_round, state, best, criteria, budget))
+        state = now.state(state.problem)
     return state.dispersed(leading(state).typical)
+
+
+def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:
+    return _Tried.of(_about(renoised(state, best, criteria), best.key, criteria, budget))
 
 
 def leading(state: State) -> Candidate:
@@ -130,10 +197,10 @@ def leading(state: State) -> Candidate:
     return min(state.tried.values(), key=lambda c: state.loss(c) + PRICE * len(c.effects))
 
 
-def _about(state: State, key: Effects, criteria: Criteria) -> State:
+def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> State:
     """Fits a set further, what is left of it without each of its effects, and sets near it.
 
-    All in one batch: a rollout of few environments takes as long as one of many.
+    Few batches: a rollout of few environments takes as long as one of many.
     """
     state = state.dispersed(criteria.rules.expected_left * state.tried[key].typical)
     problem, base = state.problem, state.tried[key].fit
@@ -142,17 +209,28 @@ def _about(state: State, key: Effects, criteria: Criteria) -> State:
         problem.library.at([e for e in base.effects if e != out], base.named())
         for out in base.effects
     ]
-    rolled = problem.rolled_out([*shaken, *less, *trials(problem, base)])
-    first, last = len(shaken), len(shaken) + len(less)
-    secants = Secants.of(problem, base, rolled[last:], rolled[first:last])
+    rolled = problem.rolled_out([*shaken, *less])
+    shifted, without = rolled[: len(shaken)], rolled[len(shaken) :]
+    secants = _secants(problem, base, without, budget.sizes)
     near = proposals(secants, MOST, added=2, removed=min(2, len(less)))
-    starts: list[Hypothesis] = [base, restarted(problem, base, rolled[:first])]
+    starts: list[Hypothesis] = [base, restarted(problem, base, shifted)]
     starts += [h for h in less if tuple(sorted(h.effects)) not in state.tried]
     known = {*state.tried, *(tuple(sorted(h.effects)) for h in starts)}
     for size in range(1, MOST + 1):
         new = [p.start for p in _of_size(near, size) if p.key not in known]
-        starts += new[: AROUND if abs(size - len(less)) < 2 else 1]
+        starts += new[: budget.around if abs(size - len(less)) < 2 else 1]
     return tried_too(state, starts, criteria)[0]
+
+
+def _secants(
+    problem: Problem, base: Fit, removals: Sequence[Fit], sizes: Sequence[float]
+) -> Secants:
+    """About a base, on some of the segments: they only propose what is fitted to all."""
+    count = len(problem.segments)
+    rows = torch.linspace(0, count - 1, min(count, LOOKED_AT)).round().long()
+    few = problem[rows]
+    at, *less = (fit[rows] for fit in (base, *removals))
+    return Secants.of(few, at, few.rolled_out(trials(problem, base, sizes)), less)
 
 
 def _weighed(

@@ -10,6 +10,7 @@ from torch import Tensor
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import CHANNELS, WARM_UP, Segments
 
+STEERED = 0.1  # [s] over which the rate of the steering command is taken
 SHORT = 0.3  # [s] within which an error stays where it began
 LARGE = 50.0  # times the noise, as which a change of a residual counts at most
 BINS = 6  # of each feature, with equal shares of the data
@@ -66,18 +67,19 @@ FEATURES = (
 
 def features(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
     """What was driven at the instants [N, K], from smoothed measurements."""
-    rows = WARM_UP + instants
+    rows = segments.start + instants
     pose, velocity, action = (
         segments.smooth_pose[:, rows],
         segments.smooth_velocity[:, rows],
         segments.action,
     )
-    past = action[:, rows - min(10, WARM_UP)]
+    back = max(1, round(STEERED / segments.dt))
+    past = action[:, rows - back]
     return {
         "vx": velocity[..., 0],
         "steering": action[:, rows, 1],
         "throttle": action[:, rows, 0],
-        "steering_rate": (action[:, rows, 1] - past[..., 1]) / (10 * segments.dt),
+        "steering_rate": (action[:, rows, 1] - past[..., 1]) / (back * segments.dt),
         "lateral_acceleration": velocity[..., 0] * velocity[..., 2],
         "heading": torch.atan2(torch.sin(pose[..., 2]), torch.cos(pose[..., 2])),
         "elapsed": segments.elapsed[:, None] + rows * segments.dt,
@@ -183,7 +185,7 @@ def _intervals(segments, instants, error, names) -> list[Interval]:
     for index in per.argsort(descending=True)[:12].tolist():
         if float(per[index]) <= limit:
             break
-        begin = float(segments.elapsed[index]) + WARM_UP * segments.dt
+        begin = float(segments.elapsed[index]) + WARM_UP
         end = begin + float(instants[-1]) * segments.dt
         drive = names[int(segments.recording[index])]
         found.append(Interval(drive, begin, end, float(per[index]) / total))
@@ -205,7 +207,7 @@ def _lags(segments: Segments, instants: Tensor, change: Tensor) -> dict[str, dic
     Commands are differenced first (prewhitened): a held command is like itself at any lag.
     """
     step = segments.action.diff(dim=1, prepend=segments.action[:, :1])  # (N, L, 2)
-    rows = WARM_UP + instants
+    rows = segments.start + instants
     most = min(round(MOST_LAG / segments.dt), int(rows[0]))
     result: dict[str, dict[str, float]] = {}
     for command, name in enumerate(("throttle", "steering")):

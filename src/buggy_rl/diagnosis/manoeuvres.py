@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from buggy_rl.longitudinal import ONE_WAY_REST, command_of
+
 STAND = 0.5  # [s] at rest before each: latent states settle
 ROLL = 1.0  # [s] without drive after each
 
@@ -20,13 +22,18 @@ class Manoeuvre:
     command: Callable[[Tensor], tuple[Tensor, Tensor]]
     """Times [T] [s] -> drive in 0..1 and steering in -1..1, [T] each."""
 
-    def actions(self, dt: float) -> Tensor:
-        """Commands [T, 2]: at rest, the manoeuvre, then rolling without drive."""
+    def actions(self, dt: float, rest: float = ONE_WAY_REST) -> Tensor:
+        """Commands [T, 2]: at rest, the manoeuvre, then rolling without drive.
+
+        Args:
+            dt: Control period [s].
+            rest: Command without drive.
+        """
         before, after = round(STAND / dt), round(ROLL / dt)
         time = torch.arange(round(self.seconds / dt)) * dt
         drive, steering = self.command(time)
-        driven = torch.stack([2 * drive - 1, steering], -1).float()
-        idle = torch.tensor([-1.0, 0.0]).expand(max(before, after), 2)
+        driven = torch.stack([command_of(drive, rest), steering], -1).float()
+        idle = torch.tensor([rest, 0.0]).expand(max(before, after), 2)
         return torch.cat([idle[:before], driven.clamp(-1.0, 1.0), idle[:after]])
 
 

@@ -10,8 +10,8 @@ import torch
 
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.constancy import variation
+from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.joint import JointSearch, Weighed
-from buggy_rl.diagnosis.selection import Criteria
 from buggy_rl.diagnosis.unexplained import CLIPPED, by_condition, unexplained
 
 DIGITS = 5  # of every number

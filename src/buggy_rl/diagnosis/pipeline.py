@@ -2,18 +2,23 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from torchrl.envs import EnvBase
-
+from buggy_rl.car_file import load_car
 from buggy_rl.diagnosis.answer import Answer
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.evidence_features import varying
+from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.integration import Step, fine_enough
-from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.joint import Keep, joint_search
+from buggy_rl.diagnosis.maker import Maker
+from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.planning import plan_of
 from buggy_rl.diagnosis.posterior import posterior
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
@@ -24,11 +29,10 @@ from buggy_rl.diagnosis.preflight_recordings import (
 )
 from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
 from buggy_rl.diagnosis.retuning import retuned
-from buggy_rl.diagnosis.search import search
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import answered
-from buggy_rl.effects import EFFECTS
+from buggy_rl.effects import offered
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.engines import ENGINES, read_simulator
 from buggy_rl.estimation.baseline import Correction, correct
@@ -37,9 +41,12 @@ from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.misfit import baseline_misfit
 from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.workers import Workers
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.recording import refuse_another_rest
 from buggy_rl.task.augment import effects_of
-from buggy_rl.task.env import make_simulator
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 Progress = Callable[[str], None]
 
@@ -65,6 +72,7 @@ def diagnose(
     progress: Progress = lambda _: None,
     baseline: Sequence[Recording] = (),
     kept: Path | None = None,
+    show: Callable[[Reading], None] = lambda _: None,
 ) -> Diagnosis:
     """Compares a simulator with recordings.
 
@@ -77,30 +85,43 @@ def diagnose(
         progress: Told what is being done.
         baseline: Recordings on which it was right.
         kept: Folder in which stages are kept, so that an interrupted diagnosis goes on from them.
+        show: Told after every rollout how far it is and how long it will take.
 
     Raises:
         ValueError: The recordings cannot be used, or the simulator breaks its contract; the
             message says which and what to do.
     """
-    stages = Stages(kept, config, [*recordings, *baseline])
+    stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
-    with blaming(config.simulator):
+    with blaming(config.simulator), Workers(config.workers) as workers:
         step = _step(config, recordings)
-        make = maker(config, options=step.options)
-        case, correction, more = _case(config, make, recordings, baseline, stages, progress)
-        notes += more
+        simulation = Simulation(
+            maker(config, options=step.options), workers=workers, rolled=meter.rolled
+        )
+        simulation, library, more = _measured(config, simulation, own=not baseline)
+        plan = stages.done(
+            "plan", lambda: plan_of(config, simulation, library, recordings, baseline)
+        )
+        meter.begin(plan)
+        case, correction = _case(
+            config, simulation, library, (recordings, baseline), stages, progress, plan.budget
+        )
+        notes += [*more, *plan.notes, *([correction.note] if correction else [])]
         short = check_blocks(case.problem.segments)
         notes += _checked(case, config.simulator)
-        done = _diagnosed(config, case, stages, "", progress)
-        done = replace(done, correction=correction, step=step.options)
-        unknown = done.answer.remaining.share > config.selection.unknown_share
+        done = _diagnosed(config, case, stages, "", meter)
+        done = replace(done, correction=correction, step={**_own(config), **step.options})
+        unknown = done.found.posterior.says == "unknown"
         if case.problem.library.parameters and not baseline and unknown:
-            done = _retuned_first(config, done, stages, progress)
+            done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
     notes += check_latency(done.found.best.effects)
     verdict = "cannot_tell" if short else done.answer.verdict
+    if config.car:
+        driven = weak(done.case.problem.segments, load_car(config.car).similarity)
+        done = replace(done, answer=replace(done.answer, weak=driven))
     return replace(done, answer=replace(done.answer, notes=notes, verdict=verdict))
 
 
@@ -110,71 +131,86 @@ def opened(
     baseline: Sequence[Recording] = (),
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
-    make = maker(config, options=_step(config, recordings).options)
-    stages = Stages(None, config, ())
-    return _case(config, make, recordings, baseline, stages, lambda _: None)[0]
+    simulation = Simulation(maker(config, options=_step(config, recordings).options))
+    simulation, library, _ = _measured(config, simulation, own=not baseline)
+    stages, drives = Stages(None, config, ()), (recordings, baseline)
+    return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
 
 def maker(
     config: DiagnosisConfig,
     parameters: Mapping[str, float] | None = None,
     options: Mapping[str, Any] | None = None,
-) -> Callable[[int], EnvBase]:
+) -> Maker:
     """Builds the simulator for a number of environments, once for each number."""
-    threads: dict[str, Any] = (
-        {"nthread": config.threads} if _engine(config.simulator) == "mujoco" else {}
-    )
+    engine = _engine(config.simulator)
+    threads: dict[str, Any] = {"nthread": config.threads} if engine == "mujoco" else {}
+    return Maker(config.simulator, parameters, {**threads, **_own(config), **(options or {})})
 
-    @cache
-    def make(count: int) -> EnvBase:
-        own = {**threads, **(options or {})}
-        return make_simulator(config.simulator, count, parameters=parameters, **own)
 
-    return make
+def _own(config: DiagnosisConfig) -> dict[str, Any]:
+    """Options of an engine of ours that the question says; a user's own factory takes none."""
+    engine, own = _engine(config.simulator), dict[str, Any]()
+    if engine in ENGINES or engine.endswith(".pt"):
+        own |= {} if config.dt == CONTROL_PERIOD else {"dt": config.dt}
+    if config.car and config.simulator in ENGINES:  # a file says itself which car it is
+        own["car"] = config.car
+    return own
 
 
 def _preflight(
     config: DiagnosisConfig, recordings: Sequence[Recording], baseline: Sequence[Recording]
 ) -> list[str]:
-    notes = check_drives(recordings, config.seconds)
+    notes = check_drives(recordings, config.seconds, config.dt)
     if baseline:
-        notes += check_drives(baseline, config.seconds)
+        notes += check_drives(baseline, config.seconds, config.dt)
     make = maker(config)
-    notes += check_simulator(make, config.simulator)
+    notes += check_simulator(make, config.simulator, config.dt)
+    refuse_another_rest([*recordings, *baseline], make(1))
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
     return notes
 
 
-def _case(
-    config: DiagnosisConfig,
-    make: Callable[[int], EnvBase],
-    recordings: Sequence[Recording],
-    baseline: Sequence[Recording],
-    stages: Stages,
-    progress: Progress,
-) -> tuple[Case, Correction | None, list[str]]:
-    """What is computed with, the correction of the baseline, and notes."""
-    own = not baseline if config.parameters is None else config.parameters
+def _measured(
+    config: DiagnosisConfig, simulation: Simulation, own: bool
+) -> tuple[Simulation, Library, list[str]]:
+    """With what effects must know of the simulator, what it may lack, and notes."""
+    make = simulation.make
+    own = own if config.parameters is None else config.parameters
     inside = [effect.name for effect in effects_of(make(1))]
     declared = getattr(make(1), "declared", {}) if own else {}
-    library = Library([e for e in config.effects or EFFECTS if e not in inside], declared)
+    names = config.effects or offered(declared_by(make(1)))
+    library = Library([e for e in names if e not in inside], declared)
     options, notes = measurable_options(make)
-    simulation = Simulation(make, options=options)
+    return replace(simulation, options=options), library, notes
+
+
+def _case(
+    config: DiagnosisConfig,
+    simulation: Simulation,
+    library: Library,
+    drives: tuple[Sequence[Recording], Sequence[Recording]],
+    stages: Stages,
+    progress: Progress,
+    budget: Budget = FULL,
+) -> tuple[Case, Correction | None]:
+    """What is computed with of recordings and of a baseline, and the baseline's correction."""
+    recordings, baseline = drives
     if not baseline:
-        return prepared(simulation, recordings, library, config), None, notes
-    before = segments_of(baseline, config)
+        return prepared(simulation, recordings, library, config, budget=budget), None
+    before = segments_of(baseline, config, budget)
     correction = stages.done("correction", lambda: correct(simulation, before, 0, progress))
     simulation = correction.simulation(simulation)
-    case = prepared(simulation, recordings, library, config, correction.covariance)
+    case = prepared(simulation, recordings, library, config, correction.covariance, budget)
     others = len(case.criteria.group.unique())
     criteria = replace(
         case.criteria,
         usual=baseline_misfit(correction.held_out, blocks(before), others),
         baseline=Problem(simulation, before, correction.noise, library),
     )
-    return replace(case, criteria=criteria), correction, [*notes, correction.note]
+    return replace(case, criteria=criteria), correction
 
 
 def _checked(case: Case, name: str) -> list[str]:
@@ -183,11 +219,12 @@ def _checked(case: Case, name: str) -> list[str]:
     return check_residuals(residuals, segments, instants, case.names, name)
 
 
-def _searched(config: DiagnosisConfig, case: Case, progress: Progress) -> SearchResult:
-    if config.method == "stepwise":
-        return search(case.problem, case.criteria, progress)
-    found = joint_search(case.problem, case.criteria, progress=progress)
-    return found.result(posterior(observed(case.criteria, found)))
+def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
+    found = joint_search(
+        case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
+    )
+    seen = observed(case.criteria, found)
+    return found.result(posterior(seen), partial(varying, seen))
 
 
 def _diagnosed(
@@ -195,18 +232,24 @@ def _diagnosed(
     case: Case,
     stages: Stages,
     stage: str,
-    progress: Progress,
+    meter: Meter,
     wrong: Sequence = (),
 ) -> Diagnosis:
     """Searches and answers, or takes what was kept under the stage's name."""
-    found = stages.done(f"{stage}search", lambda: _searched(config, case, progress))
+    meter.stage("search")
+
+    def kept(name: str, compute: Callable[[], Any]) -> Any:
+        return stages.done(f"{stage}{name}", compute)
+
+    found = kept("search", lambda: _searched(case, meter.says, kept))
     case = replace(case, problem=found.problem(case.problem))
-    said = stages.done(f"{stage}answer", lambda: answered(case, found, progress, wrong))
+    meter.stage("answer")
+    said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, wrong))
     return Diagnosis(case, found, said)
 
 
 def _retuned_first(
-    config: DiagnosisConfig, done: Diagnosis, stages: Stages, progress: Progress
+    config: DiagnosisConfig, done: Diagnosis, stages: Stages, meter: Meter
 ) -> Diagnosis:
     """Looks again with all parameters of the simulator fitted; the better answer of both.
 
@@ -215,14 +258,15 @@ def _retuned_first(
     """
     given = done.case.problem.simulation
     first = replace(done.case, problem=replace(done.case.problem, dispersion=1.0))
-    tuned = stages.done("retuning", lambda: retuned(first, progress))
+    tuned = stages.done("retuning", lambda: retuned(first, meter.says))
     make = maker(config, tuned.values, done.step)
     simulation = replace(given, make=make, options=measurable_options(make)[0])
     declared = getattr(make(1), "declared", {})
     library = Library(done.case.problem.library.effects, declared, own=False)
-    case = prepared(simulation, done.case.recordings, library, config)
+    budget = done.case.budget
+    case = prepared(simulation, done.case.recordings, library, config, budget=budget)
     case = replace(case, retuned_from=given)
-    again = _diagnosed(config, case, stages, "second_", progress, tuned.wrong)
+    again = _diagnosed(config, case, stages, "second_", meter, tuned.wrong)
     if not again.answer.proof.better_than(done.answer.proof):
         return done
     return replace(again, tuned=tuned.values, step=done.step)
@@ -235,7 +279,7 @@ def _step(config: DiagnosisConfig, recordings: Sequence[Recording]) -> Step:
     return fine_enough(
         lambda options: Simulation(maker(config, options=options)),
         segments_of(recordings, config),
-        config.selection.finer_step_gain,
+        config.search.finer_step_gain,
     )
 
 

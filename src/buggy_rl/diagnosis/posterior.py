@@ -8,7 +8,7 @@ development cases, of which the truth is known, by `scripts/calibrate.py`: a con
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -18,9 +18,11 @@ import yaml
 
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import Observed, fitted, of_case, of_hypotheses
+from buggy_rl.diagnosis.form_error import FormError
 
 EVEN = 0.5  # [-] probability from which a name is rather right than wrong
 LISTED = 0.02  # [-] from which it is listed
+STANDING = 0.95  # [-] share of the sets of effects from which it is said whatever else is missing
 SHIPPED = Path(__file__).with_name("calibration.yaml")
 
 
@@ -32,6 +34,8 @@ class Calibration:
     """Feature of a hypothesis -> weight."""
     unknown: Mapping[str, float]
     """Feature of a case -> weight for physics that no effect describes."""
+    form_error: FormError = field(default_factory=FormError)
+    """Of numbers: by how much more they are off than by chance."""
     cases: int = 0
     """Cases that the weights were fitted to; 0 where they are not from any."""
 
@@ -73,6 +77,11 @@ class Posterior:
         """That an effect is missing, alone or beside others."""
         return sum(p for effects, p in self.sets.items() if effect in effects)
 
+    def whatever_else(self, effect: str) -> float:
+        """That an effect is missing if effects are at all, whatever else may be missing."""
+        named = 1.0 - self.nothing - self.unknown
+        return self.of(effect) / named if named > 0 else 0.0
+
     def in_place_of(self, effect: str) -> dict[str, float]:
         """Other effects outside the best set -> probability of sets with them and without it."""
         others: dict[str, float] = {}
@@ -111,4 +120,9 @@ def shipped() -> Calibration:
 def load_calibration(file: Path) -> Calibration:
     """Reads what `scripts/calibrate.py` wrote."""
     content = yaml.safe_load(file.read_text())
-    return Calibration(content["hypothesis"], content["unknown"], content["made_from"]["cases"])
+    return Calibration(
+        content["hypothesis"],
+        content["unknown"],
+        FormError(**content["form_error"]),
+        content["made_from"]["cases"],
+    )

@@ -9,7 +9,7 @@ from torch import Tensor
 from buggy_rl import keys
 from buggy_rl.diagnosis.preflight_simulator import FASTEST
 from buggy_rl.estimation.cross_validation import BLOCK, blocks
-from buggy_rl.estimation.segments import WARM_UP, Segments
+from buggy_rl.estimation.segments import WARM_UP, Segments, segment_rows
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.windows import window_starts
 from buggy_rl.vehicle import CONTROL_PERIOD
@@ -42,7 +42,7 @@ def check_residuals(
         return []
     first = int(segment.int().argmax())
     row = int(wrong[first].int().argmax())
-    time = float(segments.elapsed[first]) + (WARM_UP + int(instants[row])) * segments.dt
+    time = float(segments.elapsed[first]) + WARM_UP + int(instants[row]) * segments.dt
     what = "runs away" if bool(residuals[first, row].isfinite().all()) else "returns NaN"
     message = (
         f"simulator {name} {what} in {int(segment.sum())} of {len(residuals)} segments, first in "
@@ -56,12 +56,15 @@ def check_residuals(
     return [f"{message}; those count as very wrong"]
 
 
-def check_drives(recordings: Sequence[Recording], seconds: float) -> list[str]:
+def check_drives(
+    recordings: Sequence[Recording], seconds: float, dt: float = CONTROL_PERIOD
+) -> list[str]:
     """Whether drives show enough to compare a simulator with.
 
     Args:
         recordings: Drives.
         seconds: Length of a rollout; as much measured motion as settles hidden states goes before.
+        dt: Control period of the simulator [s].
 
     Returns:
         Notes on what they cannot show.
@@ -73,8 +76,8 @@ def check_drives(recordings: Sequence[Recording], seconds: float) -> list[str]:
     if not recordings:
         raise ValueError("no drive to compare with: give recordings=[file or folder, ...]")
     for recording in recordings:
-        _check_numbers(recording)
-    length = WARM_UP + round(seconds / CONTROL_PERIOD) + 1
+        _check_numbers(recording, dt)
+    length = segment_rows(seconds, dt)
     notes = _covered(recordings, length) + _moving(recordings) + _commanded(recordings)
     notes += [note for r in recordings for note in _dropped(r, length)]
     if len(recordings) == 1:
@@ -117,11 +120,11 @@ def check_latency(effects: Collection[str]) -> list[str]:
     ]
 
 
-def _check_numbers(recording: Recording) -> None:
-    if abs(recording.dt - CONTROL_PERIOD) > 1e-9:
+def _check_numbers(recording: Recording, dt: float) -> None:
+    if abs(recording.dt - dt) > 1e-9:
         raise ValueError(
-            f"drive {recording.name} has control period {recording.dt} s: must be "
-            f"{CONTROL_PERIOD} s, resample it on loading"
+            f"drive {recording.name} has control period {recording.dt:g} s, the simulator "
+            f"{dt:g} s: load it at rate={1 / dt:g}"
         )
     for key in (keys.POSE, keys.VELOCITY, keys.ACTION):
         fine: Tensor = torch.isfinite(recording.data[key]).all(-1)  # (T,)
@@ -134,7 +137,7 @@ def _check_numbers(recording: Recording) -> None:
 
 def _covered(recordings: Sequence[Recording], length: int) -> list[str]:
     without = [r for r in recordings if not len(window_starts(r.data[keys.SEGMENT], length, 1))]
-    need = f"{length * CONTROL_PERIOD:.2f} s without a gap"
+    need = f"{length * recordings[0].dt:.2f} s without a gap"
     if len(without) == len(recordings):
         longest = ", ".join(f"{r.name} has {_longest(r):.2f} s" for r in without)
         raise ValueError(f"no drive covers {need} ({longest}): drive longer, or set seconds= lower")

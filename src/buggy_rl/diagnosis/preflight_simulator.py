@@ -16,19 +16,26 @@ from buggy_rl.vehicle import CONTROL_PERIOD
 SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
 CARS = 5  # that are tried out: one for each of these commands, full drive to both sides included
 COMMANDS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-TRIAL = 100  # rows (1 s) of them
+TRIAL = 1.0  # [s] of them
 SPEED = 1.5  # [m/s] at which they are set down
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
+TOGETHER = 30  # [steps] after which a command has acted, late ones too
+MIXED = 1e-4  # [m/s, rad/s] by which environments of a batch may differ; a batch's rounding
+SMALL = 1e-3  # [m/s] edits of vx; within a few of them the next one is a straight line of it
+COARSE = 2e-4  # [m/s] distance from that line that is worth a word; float32 at 5 m/s has 5e-7
 PERIOD = 0.2  # share by which a control period may seem off: a car also speeds up in it
 
 
-def check_simulator(make: Callable[[int], EnvBase], name: str) -> list[str]:
+def check_simulator(
+    make: Callable[[int], EnvBase], name: str, dt: float = CONTROL_PERIOD
+) -> list[str]:
     """Tries a simulator out before it is used (contract 2).
 
     Args:
         make: Builds it for a number of cars.
         name: What the user calls it.
+        dt: Control period that it must have [s].
 
     Returns:
         Notes on what can be lived with.
@@ -36,10 +43,10 @@ def check_simulator(make: Callable[[int], EnvBase], name: str) -> list[str]:
     Raises:
         ValueError: It cannot be used; the message names it, what was found and what to do.
     """
-    env = _built(make, name)
+    env = _built(make, name, dt)
     state = _set_down(env, name)
-    _check_step(env, name, state)
-    return _check_commands(env, name, state)
+    _check_step(env, name, state, dt)
+    return [*_odd(env, name, state), *_check_commands(env, name, state, dt)]
 
 
 @contextmanager
@@ -68,7 +75,7 @@ def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {line}" if line else type(error).__name__
 
 
-def _built(make: Callable[[int], EnvBase], name: str) -> EnvBase:
+def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
     try:
         env = make(CARS)
     except Exception as error:
@@ -84,9 +91,12 @@ def _built(make: Callable[[int], EnvBase], name: str) -> EnvBase:
             f"simulator {name} has batch size {list(env.batch_size)} where [{CARS}] was asked for: "
             "factory(batch_size, device) must build that many cars"
         )
-    dt = getattr(env, "dt", CONTROL_PERIOD)
-    if abs(dt - CONTROL_PERIOD) > 1e-9:
-        raise ValueError(f"simulator {name} has control period {dt} s: must be {CONTROL_PERIOD} s")
+    dt = getattr(env, "dt", period)
+    if abs(dt - period) > 1e-9:
+        raise ValueError(
+            f"simulator {name} has control period {dt:g} s: must be {period:g} s, that of the "
+            f"recordings; set rate={1 / dt:g}, or build it with that period"
+        )
     return env
 
 
@@ -124,7 +134,7 @@ def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None
         )
 
 
-def _check_step(env: EnvBase, name: str, state: TensorDictBase) -> None:
+def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> None:
     """Two steps from one state, and steps from edited ones."""
     gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
     one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
@@ -133,11 +143,61 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase) -> None:
         if not torch.equal(one[key].nan_to_num(), two[key].nan_to_num()):
             raise ValueError(
                 f"simulator {name}: two steps from one TensorDict differ in {key!r} by "
-                f"{float((one[key] - two[key]).abs().max()):.3g}; keep its whole state in the "
-                "TensorDict, noise included"
+                f"{float((one[key] - two[key]).abs().max()):.3g}: it is stochastic, or remembers "
+                "what is not in the TensorDict; switch noise off, keep its whole state there"
             )
     _check_edit(env, name, one, gentle)
-    _check_period(env, name, state, one)
+    _check_period(name, (state, one), dt)
+
+
+def _odd(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
+    """What can be lived with: one environment at a time, coarse numbers, a batch that mixes.
+
+    Raises:
+        ValueError: What one environment does depends on another's command.
+    """
+    gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
+    other = gentle.clone()
+    other[0] = torch.tensor([0.8, 0.5])
+    ends = []
+    for action in (gentle, other):
+        now = state
+        for _ in range(TOGETHER):
+            now = _step(env, name, now, action)
+        ends.append(now[keys.VELOCITY])
+    mixed = float((ends[0] - ends[1])[1:].nan_to_num().abs().max())
+    if mixed > MIXED:
+        raise ValueError(
+            f"simulator {name}: another command for one environment moved the others by "
+            f"{mixed:.2g}; step every environment of a batch by itself"
+        )
+    notes = []
+    if getattr(env, "one_at_a_time", False):
+        notes.append(
+            f"simulator {name} has one environment, which is stepped for each in turn: a batch "
+            "would take a small part of the time"
+        )
+    coarse = _resolution(env, name, state, gentle)
+    if coarse > COARSE:
+        notes.append(
+            f"simulator {name} rounds its velocities by {coarse:.1g} m/s: what is smaller "
+            "drowns in that; compute in float64 and do not round"
+        )
+    return notes
+
+
+def _resolution(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> float:
+    """How far vx a step later [m/s] is from a straight line over small edits of it."""
+    edits = SMALL * torch.arange(-10.0, 11.0)
+    after = []
+    for edit in edits:
+        edited = state.clone()
+        edited[keys.VELOCITY] = state[keys.VELOCITY] + edit * torch.eye(3)[0]
+        after.append(_step(env, name, edited, action)[keys.VELOCITY][:, 0].double())
+    felt = torch.stack(after) - torch.stack(after).mean(0)  # (21, CARS)
+    line = edits.double().unsqueeze(1)
+    rest = felt - line * (line * felt).sum(0) / line.square().sum()
+    return float(rest.nan_to_num().abs().max())
 
 
 def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> None:
@@ -155,8 +215,9 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
             )
 
 
-def _check_period(env: EnvBase, name: str, before: TensorDictBase, after: TensorDictBase) -> None:
+def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expected: float) -> None:
     """How far a step goes at a known speed says how long it is."""
+    before, after = ends
     moved, vx = torch.stack(
         [
             (after.get(keys.POSE) - before.get(keys.POSE))[:, 0],
@@ -164,17 +225,17 @@ def _check_period(env: EnvBase, name: str, before: TensorDictBase, after: Tensor
         ]
     )
     period = float((moved / vx).quantile(0.5))
-    if abs(period - CONTROL_PERIOD) > PERIOD * CONTROL_PERIOD:
+    if abs(period - expected) > PERIOD * expected:
         raise ValueError(
             f"simulator {name} seems to have a control period of {period:.3g} s, by how far a step "
-            f"moves it at {SPEED} m/s; it must be {CONTROL_PERIOD} s"
+            f"moves it at {SPEED} m/s; it must be {expected:g} s"
         )
 
 
-def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
+def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> list[str]:
     """A second of each command: numbers, no running away, and different motions."""
     action = torch.tensor(COMMANDS)
-    for row in range(TRIAL):
+    for row in range(round(TRIAL / dt)):
         state = _step(env, name, state, action)
         rate = state[keys.VELOCITY]
         fine = (rate.abs() < FASTEST).all(-1) & torch.isfinite(state[keys.POSE]).all(-1)
@@ -182,7 +243,7 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase) -> list[str]
             car = int(fine.int().argmin())
             what = "runs away" if bool(rate[car].isfinite().all()) else "returns NaN"
             raise ValueError(
-                f"simulator {name} {what} {(row + 1) * CONTROL_PERIOD:.2f} s after {SPEED} m/s "
+                f"simulator {name} {what} {(row + 1) * dt:.2f} s after {SPEED} m/s "
                 f"under throttle {COMMANDS[car][0]:g}, steering {COMMANDS[car][1]:g}: velocity "
                 f"{[round(v, 1) for v in rate[car].tolist()]}"
             )

@@ -8,11 +8,12 @@ import torch
 from buggy_rl.diagnosis.answer import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.config import SelectionConfig
+from buggy_rl.diagnosis.config import SearchConfig
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 
+CERTAINLY = 0.95  # [-] that a number has moved by more than `certain` standard deviations
 ROUNDS, ITERATIONS = 3, 4  # of the fit; between rounds the dispersion is estimated anew
 
 
@@ -64,7 +65,7 @@ def with_own(case: Case, best: Hypothesis) -> Hypothesis:
     return replace(start, vector=vector)
 
 
-def _wrong(candidate: Candidate, rules: SelectionConfig) -> list[NamedEffect]:
+def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
     """Parameters that have certainly moved, by themselves or apart from their other side's."""
     fit = candidate.fit
     spread = candidate.cross_validated.covariance.diagonal().clamp_min(0.0).sqrt()
@@ -84,14 +85,14 @@ def _wrong(candidate: Candidate, rules: SelectionConfig) -> list[NamedEffect]:
             equation="",
             sentence=words if moved else f"{words}: left and right certainly differ",
             parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
-            confidence=rules.most_confident,
+            confidence=CERTAINLY,
             held_out_gain=0.0,
         )
         found.append((abs(z), named))
     return [named for _, named in sorted(found, key=lambda item: -item[0])]
 
 
-def _apart(candidate: Candidate, rules: SelectionConfig) -> set[int]:
+def _apart(candidate: Candidate, rules: SearchConfig) -> set[int]:
     """Indices of parameters of a left and a right side of which one has certainly moved.
 
     What turns a car as much to both sides, such as its mass, leaves each side's number open, but

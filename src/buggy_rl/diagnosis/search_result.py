@@ -23,10 +23,12 @@ class SearchResult:
     tried: Mapping[Effects, Candidate]
     noise: NoiseModel
     dispersion: float
-    posterior: Posterior | None = None
-    """Of a joint search."""
+    posterior: Posterior
+    """Of the sets that were fitted, of nothing, and of what no effect describes."""
     log_evidence: Mapping[Effects, float] = field(default_factory=dict)
-    """Of a joint search: of each hypothesis [nats]."""
+    """Of each hypothesis [nats]."""
+    varies: Mapping[str, str] = field(default_factory=dict)
+    """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
 
     @property
     def null(self) -> Candidate:

@@ -13,7 +13,7 @@ from buggy_rl.files import save_torch
 from buggy_rl.recordings import Recording
 
 FOLDER = "stages"  # in the folder of the answer
-IRRELEVANT = ("output", "threads")  # of the question: they change no answer
+IRRELEVANT = ("output", "threads", "workers")  # of the question: they change no answer
 SOURCE = Path(__file__).parents[1]  # of the package: other code, other answers
 
 Result = TypeVar("Result")

@@ -1,5 +1,6 @@
 """The answer: what is said of what the search found, and what speaks for it."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,26 +18,19 @@ from buggy_rl.diagnosis.answer import (
 )
 from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import (
-    Confidence,
-    Doubts,
-    confidences,
-    posterior_confidences,
-    soundness,
-)
-from buggy_rl.diagnosis.constancy import variation
+from buggy_rl.diagnosis.confidence import Confidence, confidences
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import suggestions
 from buggy_rl.diagnosis.localisation import locate
-from buggy_rl.diagnosis.posterior import LISTED
+from buggy_rl.diagnosis.posterior import LISTED, shipped
 from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained, unexplained
 from buggy_rl.diagnosis.validation import Errors, folds, validated
-from buggy_rl.diagnosis.verdict import verdict_by, verdict_of
+from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
+from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.estimation.misfit import NOTHING, misfit
 
 WRITTEN = 24  # hypotheses that are written down
@@ -93,16 +87,11 @@ def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -
     before, after = _as_given(case, found), found.best.fit.whitened
     share = criteria.rules.depends_share
     rest = unexplained(problem, before, after, share, criteria.usual)
-    given = before.square().mean(-1)
-    sure = _sure(case, found, given, rest.unclosed)
+    sure = confidences(found, found.posterior)
     named = [_named(case, found, e, sure[e]) for e in found.best.effects]
-    named += _retuned(case, found, given, wrong, rest.unclosed)
-    named.sort(key=lambda n: -n.held_out_gain)
-    if found.posterior is None:
-        excess = excess_misfit(found.null, found.null)
-        return Judged(named, verdict_of(excess, rest, named, criteria), rest)
+    named += _retuned(found, before.square().mean(-1), wrong)
     named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
-    return Judged(named, verdict_by(found.posterior, named), rest)
+    return Judged(named, verdict_of(found.posterior, named), rest)
 
 
 def _as_given(case: Case, found: SearchResult) -> Tensor:
@@ -110,30 +99,6 @@ def _as_given(case: Case, found: SearchResult) -> Tensor:
     if case.retuned_from is None:
         return found.null.fit.whitened
     return case.problem.noise.whiten(case.given.residuals(case.problem.segments))[0]
-
-
-def _sure(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> dict[str, Confidence]:
-    """How sure each effect of the best hypothesis is."""
-    if found.posterior is not None:
-        return posterior_confidences(found, found.posterior)
-    return confidences(found, _doubts(case, found, given, unclosed), case.criteria.rules)
-
-
-def _doubts(case: Case, found: SearchResult, given: Tensor, unclosed: float) -> Doubts:
-    first, fit, problem = misfit(given, given) - 1, found.best.fit, case.problem
-    return Doubts(
-        closed={e: found.closed(e) / max(first, 1e-9) for e in fit.effects},
-        unclosed=unclosed,
-        varies={
-            e: variation(case.criteria, problem, found.best, found.null, e) for e in fit.effects
-        },
-        at_bound=decided_at_bound(fit, problem.library),
-    )
-
-
-def decided_at_bound(fit: Hypothesis, library: Library) -> set[str]:
-    """Effects of which all the parameters that decide how large they are lie at a bound."""
-    return {e for e in fit.effects if library.deciding(e) <= {*fit.at_bound(e)}}
 
 
 def _undecided(found: SearchResult, named: Sequence[NamedEffect]) -> list[Candidate]:
@@ -150,9 +115,13 @@ def _undecided(found: SearchResult, named: Sequence[NamedEffect]) -> list[Candid
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
     fit = found.best.fit
     by_chance = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
-    spread = (by_chance + (_mistaken(case, found, effect) * fit.vector).square()).sqrt()
+    form, share = shipped().form_error, _remaining(case, found, effect)
+    spread = [
+        form.sd(z, math.sqrt(v), share)
+        for z, v in zip(fit.vector.tolist(), by_chance.tolist(), strict=True)
+    ]
     values: dict[str, Value] = {}
-    for c, z, sd in zip(fit.coordinates, fit.vector.tolist(), spread.tolist(), strict=True):
+    for c, z, sd in zip(fit.coordinates, fit.vector.tolist(), spread, strict=True):
         if c.effect != effect:
             continue
         p = c.parameter
@@ -171,7 +140,8 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
         confused_with=sure.alternatives,
         at_bound=fit.at_bound(effect),
-        varies_with=sure.varies,
+        varies_with=found.varies.get(effect, ""),
+        whatever_else=sure.whatever_else,
     )
 
 
@@ -205,27 +175,23 @@ def _tried(found: SearchResult) -> list[Alternative]:
     return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]
 
 
-def _mistaken(case: Case, found: SearchResult, effect: str) -> float:
-    """Share by which an effect's numbers may be off because its equation is not the car's own.
-
-    If all that remains beyond the baseline were more of this effect, or less, its numbers would be
-    off by that over what the effect closes: it counts as one standard deviation (taken as two,
-    86 % of 92 intervals of development cases held the truth).
-    """
+def _remaining(case: Case, found: SearchResult, effect: str) -> float:
+    """What remains beyond the baseline over what an effect closes, 1 at most."""
     usual = case.criteria.usual
     rest = max(0.0, excess_misfit(found.best, found.null) - usual.mean) + 2 * usual.error
     return min(1.0, max(rest, NOTHING) / max(found.closed(effect), 1e-9))
 
 
-def _retuned(
-    case: Case, found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect], remains: float
-) -> list[NamedEffect]:
-    """Parameters that were off, with what all of them close together."""
+def _retuned(found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """Parameters that were off, with what all of them close together.
+
+    As sure as it is that nothing without a name is missing beside them.
+    """
     left = found.null.fit.whitened.square().mean(-1)
     first, last = (misfit(square, given) - 1 for square in (given, left))
     gain = max(0.0, first - last) / max(first, 1e-9)
-    sound = soundness(gain, remains, case.criteria.rules)
-    return [replace(n, held_out_gain=gain, confidence=n.confidence * sound) for n in wrong]
+    known = 1.0 - found.posterior.unknown
+    return [replace(n, held_out_gain=gain, confidence=n.confidence * known) for n in wrong]
 
 
 def _proof(case: Case, found: SearchResult, given: Tensor) -> Proof:

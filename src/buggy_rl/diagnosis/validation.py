@@ -113,12 +113,13 @@ def _retunable(library: Library) -> tuple[str, ...]:
 
 
 def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segments]:
-    """The segments, and longer ones for the horizons beyond them."""
+    """The segments, and longer ones, no more of them, for the horizons beyond them."""
     result = [segments]
     for seconds in HORIZONS:
         if seconds > segments.horizon * segments.dt:
             try:
-                result.append(cut_segments(recordings, seconds, seconds))
+                longer = cut_segments(recordings, seconds, seconds)
+                result.append(longer.spread(len(segments)))
             except ValueError:
                 continue  # no gap-free part is that long
     return result
@@ -142,7 +143,8 @@ def _networks(problem: Problem, aside: Sequence[Tensor]) -> list[Simulation]:
     result = []
     for rows in aside:
         rest = _rest(problem.segments, rows)
-        effect = ResidualAcceleration(model=trained(inputs[rest], lacking[rest], 0), strength=1.0)
+        network, dt = trained(inputs[rest], lacking[rest], 0), problem.segments.dt
+        effect = ResidualAcceleration(model=network, strength=1.0, dt=dt)
         result.append(replace(simulation, standing=(*simulation.standing, effect)))
     return result
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from buggy_rl.config import load_named
+from buggy_rl.longitudinal import LongitudinalCommand
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from buggy_rl.effects.base import Effect
@@ -46,21 +47,68 @@ EFFECTS = {
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
 }
+# Of a command that is no one-way throttle: where it is, the kind that it needs, and the effect of
+# `EFFECTS` that it stands behind.
+OF_A_COMMAND = {
+    "brake_gain": (
+        "buggy_rl.effects.actuation.brakes:BrakeGain",
+        "throttle_brake_reverse",
+        "throttle_gain",
+    ),
+    "reverse_deadband": (
+        "buggy_rl.effects.actuation.brakes:ReverseDeadband",
+        "throttle_brake_reverse",
+        "throttle_deadband",
+    ),
+    "brake_balance": (
+        "buggy_rl.effects.motion.brakes:BrakeBalance",
+        "throttle_brake_reverse",
+        "grip_patch",
+    ),
+    "speed_controller_lag": (
+        "buggy_rl.effects.motion.controller:SpeedControllerLag",
+        "speed",
+        "motor_power_limit",
+    ),
+    "driven_axle_slip": (
+        "buggy_rl.effects.motion.controller:DrivenAxleSlip",
+        "speed",
+        "motor_power_limit",
+    ),
+    "drag_brake": (
+        "buggy_rl.effects.motion.brakes:DragBrake",
+        "throttle_brake_reverse",
+        "viscous_drag",
+    ),
+}
 CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
 
 
+STACK = tuple(
+    name
+    for before in EFFECTS
+    for name in (before, *(n for n, (_, _, behind) in OF_A_COMMAND.items() if behind == before))
+)
+"""All effects, in the order of a stack."""
+
+
+def offered(command: LongitudinalCommand) -> list[str]:
+    """Effects that a simulator or a recording with this command can have, in their order."""
+    return [n for n in STACK if n in EFFECTS or OF_A_COMMAND[n][1] == command.kind]
+
+
 def effect_class(name: str) -> type["Effect"]:
-    """The class of a name in `EFFECTS` or `CORRECTIONS`, or of one's own as `path/file.py:Class`.
+    """The class of a name in `STACK` or `CORRECTIONS`, or of one's own as `path/file.py:Class`.
 
     Raises:
         ValueError: There is none; the message lists the known ones.
     """
-    named = {**EFFECTS, **CORRECTIONS}
+    named = {**EFFECTS, **{n: place for n, (place, _, _) in OF_A_COMMAND.items()}, **CORRECTIONS}
     if name not in named and ":" not in name:
         raise ValueError(
-            f"no effect {name!r}; available: {', '.join(sorted(EFFECTS))}, or your own as "
+            f"no effect {name!r}; available: {', '.join(sorted(STACK))}, or your own as "
             "file.py:Class"
         )
     return load_named(named.get(name, name))
@@ -70,7 +118,7 @@ def make_effect(name: str, values: Mapping[str, Any] | None = None, **options: A
     """Builds an effect from what a user can write in YAML.
 
     Args:
-        name: In `EFFECTS`, or one's own as `path/to/file.py:Class`.
+        name: In `STACK`, or one's own as `path/to/file.py:Class`.
         values: Parameters that are not neutral, and options of the class, by name.
         options: Likewise.
 
@@ -99,7 +147,7 @@ def in_order(effects: Mapping[str, "Effect"] | Iterable[str]) -> list[str]:
     names = list(effects)
 
     def place(name: str) -> tuple[int, int]:
-        if name in EFFECTS or name in CORRECTIONS:
+        if name in STACK or name in CORRECTIONS:
             return position(name), 0
         return position(name, effect_class(name).kind), 1 + names.index(name)
 
@@ -110,11 +158,11 @@ def position(name: str, kind: str = "") -> int:
     """Position of an effect in a stack, from the engine outwards; corrections stand next to it.
 
     Args:
-        name: In `EFFECTS` or `CORRECTIONS`, or any other with its kind.
+        name: In `STACK` or `CORRECTIONS`, or any other with its kind.
         kind: Of a user's own effect, which stands behind the last one of its kind.
     """
     if name in CORRECTIONS:
         return -1
-    if name in EFFECTS:
-        return list(EFFECTS).index(name)
-    return max(i for i, other in enumerate(EFFECTS) if effect_class(other).kind == kind)
+    if name in STACK:
+        return STACK.index(name)
+    return max(i for i, other in enumerate(STACK) if effect_class(other).kind == kind)

@@ -21,6 +21,7 @@ from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
 from buggy_rl.keys import MEMORY
+from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -88,13 +89,16 @@ class Effect(Transform):
     """Properties of the simulator that the equation needs: numbers or pairs of numbers, whose
     defaults are the class attributes of the same names."""
 
+    rest: float = ONE_WAY_REST
+    """Throttle without drive of the simulator, an option of every effect: 0 with reverse."""
+
     active: bool
     """Whether a parameter of any environment is not neutral."""
 
     def __init__(self, *, dt: float = CONTROL_PERIOD, **values: Any) -> None:
         super().__init__()
         self.dt = dt
-        for name in self.option_names:
+        for name in (*self.option_names, "rest"):
             if name in values:
                 setattr(self, name, self._option(name, values.pop(name)))
         self._refuse_unknown(values)
@@ -115,7 +119,7 @@ class Effect(Transform):
     def options(self) -> dict[str, Any]:
         """Arguments of the constructor beside the parameters that differ from their defaults."""
         changed: dict[str, Any] = {} if self.dt == CONTROL_PERIOD else {"dt": self.dt}
-        for name in self.option_names:
+        for name in (*self.option_names, "rest"):
             value = getattr(self, name)
             if value != getattr(type(self), name):
                 changed[name] = list(value) if isinstance(value, tuple) else value

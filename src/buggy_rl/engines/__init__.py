@@ -91,6 +91,7 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     import torch
     from tensordict import TensorDict
 
+    from buggy_rl.engines.serial import in_batch
     from buggy_rl.engines.single_precision import in_single_precision
 
     factory = load_named(name)
@@ -98,7 +99,7 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
         inspect.signature(factory).bind(batch_size, device)
     except TypeError as error:
         raise ValueError(f"{name} is called as factory(batch_size, device): {error}") from error
-    engine = in_single_precision(factory(batch_size, device))
+    engine = in_single_precision(in_batch(factory(batch_size, device), batch_size))
     if ranges:
         engine.declared = _with_ranges(name, engine, ranges)
     if not parameters:

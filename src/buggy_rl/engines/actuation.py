@@ -7,7 +7,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -16,27 +16,20 @@ from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
+from buggy_rl.engines.delays import dead_time_weights, lag_decay
+from buggy_rl.engines.longitudinal_force import law_of
 from buggy_rl.engines.preset import declare
-from buggy_rl.engines.speed_control import (
-    REPLACED,
-    SPEED_CONTROL,
-    controlled_force,
-    steady_drive,
-)
+from buggy_rl.engines.steady import steady_actuators
+from buggy_rl.engines.steering_map import road_wheel_angle
+from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, drive_of
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 
 COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest first
 ACTUATOR = "actuator"  # [2] throttle and steering behind dead time and lag
 
+SUBSTEP = 0.005  # [s] longest integration step; two of them in the 10 ms of the car's own rate
 LONGEST_DEAD_TIME = 0.25  # [s] length of the memory `commands`; DART's longest dead time is 0.14 s
-LEFT_RIGHT_BLEND = 30.0  # [-] steepness of the blend from right to left; dart_dynamic_models.py
-STEERING_DRAG_ONSET = 0.3  # [m/s] speed at which steering drag begins; dart_dynamic_models.py
-STEERING_DRAG_STEEPNESS = 20.0  # [s/m] of that onset; dart_dynamic_models.py
-SLOWEST_LAG = 1e-6  # [s] stands for no lag, where the formula divides by the time constant
-
-Command = Literal["throttle", "speed"]
-DriveForce = Callable[[Tensor, Tensor, Mapping[str, Tensor]], Tensor]
 
 # name, lower, upper, unit, meaning; values are in presets/*.yaml
 ACTUATION = (
@@ -67,107 +60,13 @@ ACTUATION = (
 )
 
 
-def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
-    """Weights of the last commands in the mean command that arrives during a control period.
-
-    The commands are a staircase u_k; late by tau, its mean over a period is
-    sum_j max(0, 1 - |j - tau / dt|) u_{k-j}: exact, and continuous in tau.
-
-    Args:
-        dead_time: [*] tau [s].
-        dt: Control period [s].
-        length: How many commands there are, the present one included.
-
-    Returns:
-        [*, length] adding up to 1.
-    """
-    age = torch.arange(length, dtype=dead_time.dtype, device=dead_time.device)
-    return (1 - (age - dead_time.unsqueeze(-1) / dt).abs()).clamp_min(0)
-
-
-def lag_decay(time_constant: Tensor, start: float, end: float) -> Tensor:
-    """Mean remaining share of a step over start..end [s] behind a first-order lag.
-
-    y(t) = u + (y(0) - u) exp(-t / T), so its mean is u + (y(0) - u) d with
-    d = T (exp(-start / T) - exp(-end / T)) / (end - start).
-
-    Args:
-        time_constant: [*] T [s]; 0 is no lag.
-        start: Start of the interval [s].
-        end: Its end [s]; when equal to `start`, the value at that moment.
-
-    Returns:
-        [*] d in 0..1.
-    """
-    T = time_constant.clamp_min(SLOWEST_LAG)
-    if start == end:
-        return torch.exp(-start / T)
-    return torch.exp(-start / T) * -torch.expm1((start - end) / T) * T / (end - start)
-
-
-def road_wheel_angle(command: Tensor, values: Mapping[str, Tensor]) -> Tensor:
-    """Road-wheel angle [*] rad of a steering command [*].
-
-    s = command + offset, w = (1 + tanh(30 s)) / 2,
-    delta = w a_left tanh(b_left s) + (1 - w) a_right tanh(b_right s).
-
-    Source: DART, Lyons et al., dart_dynamic_models.py.
-    """
-    s = command + values["steering_offset"]
-    to_left = 0.5 * (1 + torch.tanh(LEFT_RIGHT_BLEND * s))
-    left = values["left_angle"] * torch.tanh(values["left_steepness"] * s)
-    right = values["right_angle"] * torch.tanh(values["right_steepness"] * s)
-    return to_left * left + (1 - to_left) * right
-
-
-def steering_command(angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
-    """Steering command [*] in [-1, 1] closest to a road-wheel angle [*] rad; inverse of the map."""
-    left = angle > 0
-    reach = torch.where(left, values["left_angle"], values["right_angle"])
-    steepness = torch.where(left, values["left_steepness"], values["right_steepness"])
-    share = (angle / reach).clamp(-0.999, 0.999)  # atanh(1) is infinite
-    return (torch.atanh(share) / steepness - values["steering_offset"]).clamp(-1.0, 1.0)
-
-
-def motor_force(vx: Tensor, drive: Tensor, values: Mapping[str, Tensor]) -> Tensor:
-    """Force [*] N of a DC motor: F = (f0 - f1 vx) max(0, drive - deadband), drive in 0..1.
-
-    Source: DART, Lyons et al., dart_dynamic_models.py, with a corner for its tanh(100 .).
-    """
-    available = values["drive_force"] - values["drive_force_loss"] * vx
-    return available * (drive - values["throttle_deadband"]).clamp_min(0)
-
-
-def resistance(vx: Tensor, steering_angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
-    """Force [*] N against the motion, friction and the extra drag of steered wheels.
-
-    F = a tanh(b vx) + c vx + d vx |vx| + g(vx) (e + f |vx|) (delta tanh(30 delta) - free angle),
-    with g = 0 at rest and +-1 in motion. Where the sum would drive the car, as with a negative
-    `quadratic_drag` at high speed, the force is 0.
-
-    Source: DART, Lyons et al., dart_dynamic_models.py, made odd in vx.
-    """
-    speed = vx.abs()
-    onset, steepness = STEERING_DRAG_ONSET, STEERING_DRAG_STEEPNESS
-    moving = 0.5 * (torch.tanh(steepness * (vx - onset)) + torch.tanh(steepness * (vx + onset)))
-    bend = steering_angle * torch.tanh(LEFT_RIGHT_BLEND * steering_angle)
-    force = (
-        values["dry_friction"] * torch.tanh(values["dry_friction_steepness"] * vx)
-        + values["viscous_friction"] * vx
-        + values["quadratic_drag"] * vx * speed
-        + moving
-        * (values["steering_drag"] + values["steering_drag_speed"] * speed)
-        * (bend - values["steering_drag_free_angle"])
-    )
-    return torch.where(force * vx > 0, force, torch.zeros_like(force))
-
-
 def moved_on(
     substep: Callable[[Tensor, Tensor, Tensor, Any], Tensor],
     values: Mapping[str, Tensor],
     actuators: Iterable[Tensor],
     motion: tuple[Tensor, Tensor],
     h: Any,
+    rest: float = ONE_WAY_REST,
 ) -> tuple[Tensor, Tensor]:
     """Pose and velocity [*, 3] of the sensor after a substep of `h` [s] with each of the actuators.
 
@@ -177,13 +76,14 @@ def moved_on(
         actuators: Throttle and steering [*, 2] of each, constant at their mean.
         motion: Pose and velocity at the start.
         h: [s]
+        rest: Throttle without drive.
     """
     pose, velocity = motion
     for position in actuators:
         throttle, steering = position.unbind(-1)
         angle = road_wheel_angle(steering, values)
         at_cg = shift_velocity(velocity, -values["sensor_x"], -values["sensor_y"])
-        at_cg = substep(at_cg, 0.5 * (throttle + 1), angle, h)
+        at_cg = substep(at_cg, drive_of(throttle, rest), angle, h)
         moved = shift_velocity(at_cg, values["sensor_x"], values["sensor_y"])
         pose, velocity = integrate_pose(pose, velocity, moved, h), moved
     return pose, velocity
@@ -197,9 +97,11 @@ class ActuatedEngine(Engine):
 
     Args:
         preset: Parameter set: `buggy`, `dart` or `dart_lag`.
-        substeps: Integration steps in a control period.
-        command: `throttle`, the drive of the motor, or `speed`, a setpoint that a controller on
-            the car follows: then `full_speed`, `speed_gain`, `brake_force` are its parameters.
+        substeps: Integration steps in a control period; None for as few as are no longer than
+            `SUBSTEP`.
+        command: Kind of the first command, by name or as a mapping of the fields of
+            `LongitudinalCommand`: `throttle`; `throttle_brake_reverse`; `speed`, with
+            `reverse: true` if it may be negative; `current`.
         dimensions: Of another car, or what is known of it; ranges and values are scaled to it.
         speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
         args, common: As for `Engine`; `parameters` differ from the preset's.
@@ -216,24 +118,24 @@ class ActuatedEngine(Engine):
         self,
         *args: Any,
         preset: str = "buggy",
-        substeps: int = 2,
-        command: Command = "throttle",
+        substeps: int | None = None,
+        command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
         dimensions: VehicleDimensions | Mapping[str, float] | None = None,
         speed_ratio: float | None = None,
         **common: Any,
     ) -> None:
-        if substeps < 1:
+        if substeps is not None and substeps < 1:
             raise ValueError(f"substeps is {substeps}: at least 1 is needed")
         if dimensions is not None and not isinstance(dimensions, VehicleDimensions):
             dimensions = similar_dimensions(dimensions)
-        if command not in get_args(Command):
-            known = ", ".join(get_args(Command))
-            raise ValueError(f"command is {command!r}: must be one of {known}")
-        self.dimensions, self.speed_ratio, self.command = dimensions, speed_ratio, command
+        self.dimensions, self.speed_ratio = dimensions, speed_ratio
+        self.command = LongitudinalCommand.of(command)
+        self.law = law_of(self.command)
         rows = self._parameter_rows()
         declared = declare(preset, rows, dimensions, speed_ratio)
         super().__init__(*args, declared=declared, **common)
-        self.preset, self.substeps = preset, substeps
+        self.preset = preset
+        self.substeps = substeps or math.ceil(self.dt / SUBSTEP - 1e-6)
         self._remembered = math.ceil(LONGEST_DEAD_TIME / self.dt)  # past commands kept
         self._finish()
         self._parameters_changed()
@@ -248,14 +150,7 @@ class ActuatedEngine(Engine):
 
     def _parameter_rows(self) -> tuple:
         rows = (*self.own_parameters, *ACTUATION)
-        if self.command == "throttle":
-            return rows
-        return (*(row for row in rows if row[0] not in REPLACED), *SPEED_CONTROL)
-
-    @property
-    def drive_force(self) -> DriveForce:
-        """Force [*] N at a speed [*] m/s and a drive [*] in 0..1, by parameter values."""
-        return controlled_force if self.command == "speed" else motor_force
+        return (*(r for r in rows if r[0] not in self.law.replaced), *self.law.parameters)
 
     def _nominal(self) -> VehicleDimensions:
         return self.dimensions or super()._nominal()
@@ -272,21 +167,7 @@ class ActuatedEngine(Engine):
         return self._number_specs({COMMANDS: (self._remembered, 2), ACTUATOR: (2,)})
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        # A steady drive is assumed: throttle balances resistance, road wheels follow the arc.
-        v = self.values
-        vx, _, yaw_rate = shift_velocity(velocity, -v["sensor_x"], -v["sensor_y"]).unbind(-1)
-        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
-        angle = torch.atan(
-            wheelbase * yaw_rate / vx.clamp_min(0.5)
-        )  # at rest no arc follows from a yaw rate
-        needed = resistance(vx, angle, v)
-        if self.command == "speed":
-            drive = steady_drive(vx, needed, v) * (vx > 0)
-        else:
-            available = (v["drive_force"] - v["drive_force_loss"] * vx).clamp_min(1e-3)
-            drive = (v["throttle_deadband"] + needed / available) * (vx > 0)
-        throttle = 2 * drive.clamp(0.0, 1.0) - 1
-        held = torch.stack([throttle, steering_command(angle, v)], -1)  # (*, 2)
+        held = steady_actuators(self.command, self.values, velocity)  # (*, 2)
         commands = held.unsqueeze(-2).repeat_interleave(self._remembered, -2)
         return {COMMANDS: commands, ACTUATOR: held}
 
@@ -308,7 +189,9 @@ class ActuatedEngine(Engine):
     ) -> tuple[Tensor, Tensor]:
         """Pose and velocity after a substep with each of the actuators' positions [*, 2]."""
         h = self.dt / self.substeps
-        return moved_on(self._substep, self.values, actuators, (pose, velocity), h)
+        return moved_on(
+            self._substep, self.values, actuators, (pose, velocity), h, self.command.rest
+        )
 
     def _parameters_changed(self) -> None:
         dead_time = self._both("dead_time")
@@ -334,8 +217,8 @@ class ActuatedEngine(Engine):
 
     def _options(self) -> dict[str, Any]:
         options: dict[str, Any] = {"preset": self.preset, "substeps": self.substeps}
-        if self.command != "throttle":
-            options["command"] = self.command
+        if self.command.plain != "throttle":
+            options["command"] = self.command.plain
         car = {"dimensions": self.dimensions, "speed_ratio": self.speed_ratio}
         return options | {name: value for name, value in car.items() if value is not None}
 

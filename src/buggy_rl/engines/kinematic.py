@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import ActuatedEngine, resistance
+from buggy_rl.engines.actuation import ActuatedEngine
+from buggy_rl.engines.longitudinal_force import resistance
 
 
 class KinematicEngine(ActuatedEngine):
@@ -27,6 +28,8 @@ class KinematicEngine(ActuatedEngine):
         return torch.stack([vx, v["cg_to_rear_axle"] * yaw_rate, yaw_rate], -1)
 
     def _acceleration(self, vx: Tensor, drive: Tensor, steering_angle: Tensor) -> Tensor:
-        force = self.drive_force(vx, drive, self.values)
+        force = self.law.drive(vx, drive, self.values)
+        if self.law.brake is not None:
+            force = force + self.law.brake(vx, drive, self.values)
         force = force - resistance(vx, steering_angle, self.values)
         return force / self.values["mass"]

@@ -36,6 +36,7 @@ class LearnedEngine(Engine):
                     f"{self.dt} s"
                 )
         self.model = model.to(self.device).eval().requires_grad_(False)
+        self.command = self.model.command
         self._finish()
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
@@ -48,7 +49,8 @@ class LearnedEngine(Engine):
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         # The past is unknown: the same velocity, without drive and steering.
-        idle = torch.tensor([-1.0, 0.0], device=self.device).expand(*self.batch_size, 2)
+        idle = torch.tensor([self.command.rest, 0.0], device=self.device)
+        idle = idle.expand(*self.batch_size, 2)
         row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
 

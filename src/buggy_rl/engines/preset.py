@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import yaml
 
-from buggy_rl.engines.speed_control import SHIPPED
+from buggy_rl.engines import speed_control, two_way
 from buggy_rl.parameters import Parameter
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import VehicleDimensions
@@ -33,7 +33,9 @@ def declare(
     if not file.is_file():
         available = sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml"))
         raise ValueError(f"no preset {preset!r}; available: {', '.join(available)}")
-    values = SHIPPED | yaml.safe_load(file.read_text())["parameters"]
+    values = (
+        two_way.SHIPPED | speed_control.SHIPPED | yaml.safe_load(file.read_text())["parameters"]
+    )
     missing = [row[0] for row in rows if row[0] not in values]
     if missing:
         raise ValueError(f"preset {preset!r} leaves out {', '.join(missing)}: add them to {file}")

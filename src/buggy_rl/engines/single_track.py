@@ -7,15 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import (
-    ACTUATION,
-    ActuatedEngine,
-    DriveForce,
-    motor_force,
-    moved_on,
-    resistance,
-    side_by_side,
-)
+from buggy_rl.engines.actuation import ACTUATION, ActuatedEngine, moved_on, side_by_side
+from buggy_rl.engines.longitudinal_force import ONE_WAY_LAW, LongitudinalLaw, resistance
 from buggy_rl.engines.preset import declare
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.vehicle import GRAVITY
@@ -60,12 +53,12 @@ class SingleTrack:
 
     Args:
         values: Parameter name -> value, each of shape () or [*].
-        force: Of the motor, by speed, drive and values.
+        law: Of motor and brakes.
     """
 
-    def __init__(self, values: Mapping[str, Tensor], force: DriveForce = motor_force) -> None:
+    def __init__(self, values: Mapping[str, Tensor], law: LongitudinalLaw = ONE_WAY_LAW) -> None:
         self.values = v = values
-        self._force = force
+        self._law = law
         self._B, self._C, grip = (
             side_by_side(v[f"front_{factor}"], v[f"rear_{factor}"])
             for factor in ("stiffness", "shape", "grip")
@@ -101,8 +94,12 @@ class SingleTrack:
         front, rear = (-self._peak * torch.sin(self._C * torch.atan(self._B * alpha))).unbind(-1)
         damping = self._peak * self._C * self._B / along
 
-        force = self._force(vx, drive, v) - resistance(vx, angle, v)
+        force = self._law.drive(vx, drive, v) - resistance(vx, angle, v)
         front_force = v["front_drive_share"] * force
+        if self._law.brake is not None:
+            braking = self._law.brake(vx, drive, v)
+            front_force = front_force + v["brake_front_share"] * braking
+            force = force + braking
         lateral = front_force * sin + front * cos
         ax = (front_force * cos + force - front_force - front * sin) / v["mass"] + vy * yaw_rate
         ay = (lateral + rear) / v["mass"] - vx * yaw_rate
@@ -144,7 +141,8 @@ class SingleTrackEngine(ActuatedEngine):
     I dr = lf (Xf sin(delta) + Yf cos(delta)) - lr Yr
 
     with Y = -m_axle g D sin(C atan(B alpha)) per axle, alpha the slip angle (`vehicle.slip_angle`)
-    and X the motor's force less the resistance, shared between the axles.
+    and X the motor's force less the resistance, shared between the axles, and that of brakes, which
+    has a share of its own. The slip angle is taken against |vx|, so the law holds in reverse.
 
     Each substep is one step of the two-stage Rosenbrock W-method ROS2, second order and L-stable.
     Its matrix holds the tyres' damping of the lateral slip speed, the only stiff term at low speed,
@@ -161,7 +159,7 @@ class SingleTrackEngine(ActuatedEngine):
     def _moved_on(
         self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
     ) -> tuple[Tensor, Tensor]:
-        if self.command != "throttle" or not KERNEL.ready(pose[..., 0]):
+        if self.command.kind != "throttle" or not KERNEL.ready(pose[..., 0]):
             return super()._moved_on(actuators, pose, velocity)
         h = pose.new_tensor(self.dt / self.substeps)
         for position in actuators:
@@ -170,8 +168,8 @@ class SingleTrackEngine(ActuatedEngine):
 
     def _parameters_changed(self) -> None:
         super()._parameters_changed()
-        self._physics = SingleTrack(self.values, self.drive_force)
-        if self.command != "throttle":  # the kernel is that of a throttle
+        self._physics = SingleTrack(self.values, self.law)
+        if self.command.kind != "throttle":  # the kernel is that of a throttle
             return
         size = self.batch_size
         # Of the kernel, [P, *].

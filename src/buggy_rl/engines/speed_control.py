@@ -23,7 +23,8 @@ def controlled_force(vx: Tensor, drive: Tensor, values: Mapping[str, Tensor]) ->
     """Force [*] N of a motor behind a proportional speed controller, drive in 0..1.
 
     F = max(min(k (v_full drive - vx), f0 - f1 vx), -F_brake): what the motor and its brake can.
-    There is no reverse: the setpoint is not negative, so only a car above it is braked.
+    The setpoint is not negative, so only a car above it is braked; `two_way.setpoint_force` has one
+    that may be.
     """
     wanted = values["speed_gain"] * (values["full_speed"] * drive - vx)
     available = (values["drive_force"] - values["drive_force_loss"] * vx).clamp_min(0.0)

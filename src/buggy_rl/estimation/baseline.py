@@ -148,7 +148,9 @@ def correct(
     best = min(STRENGTHS, key=lambda strength: float(plain.loss(square[strength]).sum()))
     effect = None
     if best:
-        effect = ResidualAcceleration(model=trained(inputs, lacking, seed), strength=best)
+        effect = ResidualAcceleration(
+            model=trained(inputs, lacking, seed), strength=best, dt=segments.dt
+        )
     sensed = sensed_covariance(simulation, segments)
     shrinkage = best_shrinkage(residuals[best], sensed, fold)
     crossed = _crossed(simulation, segments, residuals[best], sensed, shrinkage, fold)
@@ -175,7 +177,7 @@ def _held_out(
         rest = fold != aside
         network = trained(inputs[rest], lacking[rest], seed)
         for strength in STRENGTHS:
-            effect = ResidualAcceleration(model=network, strength=strength)
+            effect = ResidualAcceleration(model=network, strength=strength, dt=segments.dt)
             corrected = replace(simulation, standing=(effect,))
             found[strength].append(corrected.residuals(segments[~rest])[0])
     order = torch.cat([(fold == aside).nonzero().squeeze(-1) for aside in range(FOLDS)])

@@ -33,6 +33,11 @@ class Fit(Hypothesis):
         """|W e|^2 [N] of each segment."""
         return self.whitened.square().sum(-1)
 
+    def __getitem__(self, rows: Tensor) -> "Fit":
+        """On some of the segments."""
+        jacobian = None if self.jacobian is None else self.jacobian[rows]
+        return replace(self, whitened=self.whitened[rows], jacobian=jacobian)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

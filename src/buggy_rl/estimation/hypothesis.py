@@ -171,14 +171,22 @@ class Library:
                     effects[c.effect][name][row] = value
         return Settings(effects, parameters, offset)
 
-    def trials(self, effect: str, segments: Segments) -> list[list[float]]:
-        """Coordinates at which an effect is screened; both signs where it has two."""
+    def trials(
+        self, effect: str, segments: Segments, at: Sequence[float] = TRIAL_SIZES
+    ) -> list[list[float]]:
+        """Coordinates at which an effect is screened; both signs where it has two.
+
+        Args:
+            effect: Its name.
+            segments: Where a patch may lie.
+            at: Distances from neutral [prior scales].
+        """
         numbers = self.numbers(effect)
         if {"x", "y", "radius"} <= {p.name for p in numbers}:
             return _patches(numbers, segments)
         result = []
         both_ways = all(p.lower < p.value < p.upper for p in numbers)
-        for size in TRIAL_SIZES:
+        for size in at:
             if len(numbers) == 2 and both_ways:  # the parts of a vector
                 result += [[size, 0.0], [-size, 0.0], [0.0, size], [0.0, -size]]
                 continue

@@ -1,7 +1,9 @@
 """Rollouts of a simulator along segments: many parameter sets at once, each a part of the batch."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import torch
@@ -12,7 +14,8 @@ from torchrl.envs import EnvBase
 from buggy_rl import keys
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import Effect
-from buggy_rl.estimation.segments import AHEAD, WARM_UP, Segments
+from buggy_rl.estimation.segments import LATEST, Segments
+from buggy_rl.estimation.workers import Workers
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
 from buggy_rl.vehicle import rotate
@@ -45,7 +48,13 @@ class Settings:
         )
 
 
+EVERY = 0.1  # [s] between two readings
 AS_GIVEN = Settings()
+ALONE = Workers(1)
+
+
+def tell_nobody(environments: int, rows: int) -> None:
+    """Of a rollout that has ended."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +63,21 @@ class Simulation:
 
     make: Callable[[int], EnvBase]
     """Builds the simulator for a number of environments."""
-    every: int = 10
-    """Rows between two readings."""
+    every: int = 0
+    """Rows between two readings; 0 for those of `EVERY`."""
     standing: Sequence[Effect] = ()
     """Effects in every rollout, with one value for all environments."""
     options: Options = field(default_factory=dict)
     """Of effects under test: what they must know of this simulator."""
+    workers: Workers = ALONE
+    """Among which parameter sets are divided; then `make` and effects can be pickled."""
+    rolled: Callable[[int, int], None] = tell_nobody
+    """Told of every rollout when it has ended: environments and steps."""
 
     def instants(self, segments: Segments) -> Tensor:
         """Rows [K] after the start that are read."""
-        return torch.arange(self.every, segments.horizon + 1, self.every)
+        every = self.every or max(1, round(EVERY / segments.dt))
+        return torch.arange(every, segments.horizon + 1, every)
 
     def residuals(
         self, segments: Segments, settings: Settings = AS_GIVEN, start_error: Tensor | None = None
@@ -79,8 +93,8 @@ class Simulation:
             [C, N, K, 6]: x, y [m], yaw [rad], vx, vy [m/s], yaw_rate [rad/s].
         """
         read = self.readings(segments, settings, start_error)
-        residual = read - segments.measured[:, WARM_UP + self.instants(segments)]
-        heading = segments.smooth_pose[:, WARM_UP, 2].view(1, -1, 1)
+        residual = read - segments.measured[:, segments.start + self.instants(segments)]
+        heading = segments.smooth_pose[:, segments.start, 2].view(1, -1, 1)
         position = rotate(residual[..., :2], -heading.expand(residual.shape[:-1]))
         return torch.cat([position, residual[..., 2:]], -1)
 
@@ -90,13 +104,19 @@ class Simulation:
         """What the sensor shows at the instants, [C, N, K, 6] pose (world) and velocity."""
         sets = len(settings) if start_error is None else len(start_error)
         settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
-        per = max(1, MOST_ENVIRONMENTS // len(segments))
-        parts = []
-        for first in range(0, sets, per):
-            rows = slice(first, first + per)
-            error = None if start_error is None else start_error[rows]
-            parts.append(self._readings(segments, settings.map(lambda v: v[rows]), error))  # noqa: B023
-        return torch.cat(parts)
+        each = [_part(settings, start_error, r) for r in self._shares(sets, len(segments))]
+        here = replace(self, workers=ALONE, rolled=tell_nobody)
+        read = torch.cat(self.workers.results(partial(here._readings, segments), each))
+        self.rolled(sets * len(segments), segments.pose.shape[1] - 1)
+        return read
+
+    def _shares(self, sets: int, count: int) -> list[slice]:
+        """Sets that are rolled out together: bounded by memory, and divided among workers."""
+        parts = math.ceil(sets * count / MOST_ENVIRONMENTS)
+        busy = self.workers.busy(sets * count)
+        parts = busy * math.ceil(parts / busy)
+        per = math.ceil(sets / min(parts, sets))
+        return [slice(first, first + per) for first in range(0, sets, per)]
 
     @torch.no_grad()
     def _readings(self, segments, settings: Settings, start_error: Tensor | None) -> Tensor:
@@ -106,12 +126,12 @@ class Simulation:
         action = _commands(segments, settings.clock_offset)
 
         def act(row: int, state: TensorDictBase) -> TensorDictBase:
-            if row <= WARM_UP:
+            if row <= segments.start:
                 _impose(state, pose[:, row], velocity[:, row])
             return state.set(keys.ACTION, action[:, row])
 
         state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
-        wanted = set((self.instants(segments) + WARM_UP).tolist())
+        wanted = set((self.instants(segments) + segments.start).tolist())
         states = trajectory(env, state, act, action.shape[1] - 1)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
         return torch.stack(seen, 1).view(sets, count, len(seen), 6)
@@ -123,7 +143,7 @@ class Simulation:
 
         Yields:
             Row k, the motion [C * N, 6] that is imposed there, and that a step later, as the
-            engine has it; rows from WARM_UP to the last but one.
+            engine has it; rows from their start to the last but one.
         """
         sets = len(settings)
         env, stack = self._environment(settings, len(segments))
@@ -141,7 +161,7 @@ class Simulation:
         state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
         states = trajectory(env, state, act, action.shape[1] - 1)
         for row, (_, after) in enumerate(pairwise(states)):
-            if row >= WARM_UP:
+            if row >= segments.start:
                 yield row, torch.cat([pose[:, row], velocity[:, row]], -1), _motion(after)
 
     def drive(
@@ -182,6 +202,12 @@ class Simulation:
         return state
 
 
+def _part(
+    settings: Settings, start_error: Tensor | None, rows: slice
+) -> tuple[Settings, Tensor | None]:
+    return settings.map(lambda v: v[rows]), None if start_error is None else start_error[rows]
+
+
 def sensed(state: TensorDictBase) -> Tensor:
     """What the sensor shows of a state: pose and velocity [*, 6], float32."""
     pose = state.get(keys.MEASURED_POSE, None)
@@ -210,13 +236,14 @@ def _each(values: Tensor, count: int) -> Tensor:
 def _start(
     segments: Segments, stack: Sequence[Effect], sets: int, error: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    """True pose and velocity [C * N, WARM_UP + 1, 3] that the measurements show, by set."""
-    rows = slice(0, WARM_UP + 1 + AHEAD)
+    """True pose and velocity [C * N, start + 1, 3] that the measurements show, by set."""
+    first = segments.start + 1
+    rows = slice(0, first + round(LATEST / segments.dt))
     pose = segments.smooth_pose[:, rows].repeat(sets, 1, 1)
     velocity = segments.smooth_velocity[:, rows].repeat(sets, 1, 1)
     for effect in reversed(stack):
         pose, velocity = effect.unsensed(pose, velocity, segments.dt)
-    pose, velocity = pose[:, : WARM_UP + 1].clone(), velocity[:, : WARM_UP + 1].clone()
+    pose, velocity = pose[:, :first].clone(), velocity[:, :first].clone()
     if error is not None:
         each = error.repeat_interleave(len(segments), 0)  # (C * N, 6)
         pose[:, -1, :2] += rotate(each[:, :2], pose[:, -1, 2])

@@ -1,12 +1,13 @@
 """Screening: all effects at trial sizes in one batch, to see which are worth a fit."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from buggy_rl.estimation.gauss_newton import Fit, Problem
-from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.hypothesis import TRIAL_SIZES, Hypothesis
 
 SCREENED = 44  # segments, spread evenly, on which effects are screened
 STAMPED = 0.05  # [prior scales of 0.01 s] clock offset below which it counts as none
@@ -26,13 +27,15 @@ def screened(problem: Problem, base: Fit, keep: int) -> list[Fit]:
     return [trial for _, trial in ranked[:keep]]
 
 
-def trials(problem: Problem, base: Fit) -> list[Hypothesis]:
+def trials(problem: Problem, base: Fit, at: Sequence[float] = TRIAL_SIZES) -> list[Hypothesis]:
     """The base with one effect more, each that it has not, at every trial size."""
     others = [name for name in problem.library.names if name not in base.effects]
-    return [start for name in others for start in _trials(problem, base, name)]
+    return [start for name in others for start in _trials(problem, base, name, at)]
 
 
-def _trials(problem: Problem, base: Fit, name: str) -> list[Hypothesis]:
+def _trials(
+    problem: Problem, base: Fit, name: str, at: Sequence[float] = TRIAL_SIZES
+) -> list[Hypothesis]:
     start = problem.library.hypothesis((*base.effects, name))
     kept, clock = base.vector[:-1], base.vector[-1:]
     # With the base's clock, and with a right one: without the effect, the clock may have taken
@@ -40,7 +43,7 @@ def _trials(problem: Problem, base: Fit, name: str) -> list[Hypothesis]:
     stamps = (clock, 0 * clock) if abs(float(clock)) > STAMPED else (clock,)
     return [
         replace(start, vector=torch.cat([kept, torch.tensor(sizes, dtype=torch.float64), stamp]))
-        for sizes in problem.library.trials(name, problem.segments)
+        for sizes in problem.library.trials(name, problem.segments, at)
         for stamp in stamps
     ]
 
@@ -72,5 +75,4 @@ def _thinned(problem: Problem, base: Fit) -> tuple[Problem, Fit]:
     """The problem on `SCREENED` of the segments at most, and the base on those."""
     count = len(problem.segments)
     rows = torch.linspace(0, count - 1, min(count, SCREENED)).round().long()
-    jacobian = None if base.jacobian is None else base.jacobian[rows]
-    return problem[rows], replace(base, whitened=base.whitened[rows], jacobian=jacobian)
+    return problem[rows], base[rows]

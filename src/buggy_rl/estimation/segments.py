@@ -11,19 +11,21 @@ from buggy_rl import keys
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.filters import filtered, local_parabola
 from buggy_rl.recordings.windows import windows
-from buggy_rl.vehicle import rotate
+from buggy_rl.vehicle import CONTROL_PERIOD, rotate
 
-WARM_UP = 30  # [rows] 0.3 s of measured motion imposed before a rollout: latent states settle
+WARM_UP = 0.3  # [s] of measured motion imposed before a rollout: latent states settle
 HORIZONS = (0.3, 1.0, 3.0)  # [s] at which rollouts are judged
 CHANNELS = ("vx", "vy", "yaw_rate")
-AHEAD = 30  # [rows] known beyond a segment's start, for sensors that report late
-EARLIER = 300  # [rows] of commands before a segment: play and slow servos remember them
-SMOOTHING = 15  # [rows] of the local parabola; a car's motion bends little within 0.15 s
+LATEST = 0.3  # [s] known beyond a segment's start, for sensors that report late
+AHEAD = round(LATEST / CONTROL_PERIOD)  # [rows] of that at the car's own rate
+EARLIER = 3.0  # [s] of commands before a segment: play and slow servos remember them
+SMOOTHED = 0.15  # [s] of the local parabola; a car's motion bends little within it
+LEAST_SMOOTHED = 5  # [rows] of it: three it would follow whatever they are, and show no noise
 
 
 @dataclass(frozen=True)
 class Segments:
-    """N segments of L = WARM_UP + H + 1 rows each; rollouts start at row WARM_UP."""
+    """N segments of L = start + H + 1 rows each; rollouts begin at row `start`."""
 
     pose: Tensor
     """[N, L, 3] measured; x, y [m], yaw [rad], not wrapped."""
@@ -36,7 +38,8 @@ class Segments:
     action: Tensor
     """[N, L, 2]"""
     earlier: Tensor
-    """[N, EARLIER, 2] actions before row 0; the first of a recording stands for those before it."""
+    """[N, E, 2] actions of `EARLIER` before row 0; a recording's first one stands for those before
+    it."""
     elapsed: Tensor
     """[N] time since the recording began, at row 0 [s]."""
     recording: Tensor
@@ -50,9 +53,14 @@ class Segments:
         return len(self.pose)
 
     @property
+    def start(self) -> int:
+        """Row at which rollouts begin, after `WARM_UP`."""
+        return warm_up_rows(self.dt)
+
+    @property
     def horizon(self) -> int:
         """Rows of a rollout (H)."""
-        return self.pose.shape[1] - WARM_UP - 1
+        return self.pose.shape[1] - self.start - 1
 
     @property
     def measured(self) -> Tensor:
@@ -62,8 +70,9 @@ class Segments:
     @property
     def motion_from_start(self) -> Tensor:
         """[N, H, 6] measured motion of the rollouts; x, y ahead and left of where they start."""
-        start = self.smooth_pose[:, WARM_UP : WARM_UP + 1]
-        pose, velocity = self.pose[:, WARM_UP + 1 :], self.velocity[:, WARM_UP + 1 :]
+        first = self.start
+        start = self.smooth_pose[:, first : first + 1]
+        pose, velocity = self.pose[:, first + 1 :], self.velocity[:, first + 1 :]
         way = pose[..., :2] - start[..., :2]
         position = rotate(way, -start[..., 2].expand(way.shape[:-1]))
         return torch.cat([position, pose[..., 2:] - start[..., 2:], velocity], -1)
@@ -71,6 +80,12 @@ class Segments:
     def __getitem__(self, index: Tensor) -> "Segments":
         parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}
         return replace(self, **parts)
+
+    def shortened(self, rows: int) -> "Segments":
+        """The same, of rollouts of so many rows."""
+        length = self.start + rows + 1
+        parts = ("pose", "velocity", "smooth_pose", "smooth_velocity", "action")
+        return replace(self, **{name: getattr(self, name)[:, :length] for name in parts})
 
     def length_blocks(self) -> Tensor:
         """[N] A number shared by segments that start within one length of each other."""
@@ -84,7 +99,7 @@ class Segments:
 
 
 def cut_segments(
-    recordings: Sequence[Recording], seconds: float, stride: float, smoothing: int = SMOOTHING
+    recordings: Sequence[Recording], seconds: float, stride: float, smoothing: int = 0
 ) -> Segments:
     """Cuts recordings into segments; none crosses a gap.
 
@@ -92,13 +107,14 @@ def cut_segments(
         recordings: All with the same control period.
         seconds: Length of a rollout.
         stride: From the start of one segment to the start of the next [s].
-        smoothing: Rows of the local parabola.
+        smoothing: Rows of the local parabola; 0 for those of `SMOOTHED`.
 
     Raises:
         ValueError: No recording has a gap-free segment of that length.
     """
     dt = recordings[0].dt
-    length, rows = WARM_UP + round(seconds / dt) + 1, max(1, round(stride / dt))
+    length, rows = segment_rows(seconds, dt), max(1, round(stride / dt))
+    smoothing = smoothing or smoothing_rows(dt)
     measured = windows(recordings, length, rows)
     smooth = windows([_smoothed(r, smoothing) for r in recordings], length, rows)
     first, index = measured[keys.ROW][:, 0], measured[keys.RECORDING][:, 0]
@@ -111,7 +127,7 @@ def cut_segments(
         smooth_pose=smooth[keys.POSE],
         smooth_velocity=smooth[keys.VELOCITY],
         action=measured[keys.ACTION],
-        earlier=torch.stack([_earlier(recordings[i], row) for i, row in starts]),
+        earlier=torch.stack([_earlier(recordings[i], row, dt) for i, row in starts]),
         elapsed=(times - begun[index]).float(),
         recording=index,
         row=first,
@@ -119,9 +135,25 @@ def cut_segments(
     )
 
 
-def _earlier(recording: Recording, row: int) -> Tensor:
-    given = recording.data[keys.ACTION][max(0, row - EARLIER) : row + 1]
-    return torch.cat([given[:1].expand(EARLIER + 1 - len(given), -1), given])[:-1]
+def warm_up_rows(dt: float) -> int:
+    """Rows of `WARM_UP`."""
+    return round(WARM_UP / dt)
+
+
+def segment_rows(seconds: float, dt: float) -> int:
+    """Rows of a segment whose rollout takes so many seconds, its warm-up included."""
+    return warm_up_rows(dt) + round(seconds / dt) + 1
+
+
+def smoothing_rows(dt: float) -> int:
+    """Rows of the local parabola, an odd number."""
+    return max(LEAST_SMOOTHED, 2 * round((SMOOTHED / dt - 1) / 2) + 1)
+
+
+def _earlier(recording: Recording, row: int, dt: float) -> Tensor:
+    rows = round(EARLIER / dt)
+    given = recording.data[keys.ACTION][max(0, row - rows) : row + 1]
+    return torch.cat([given[:1].expand(rows + 1 - len(given), -1), given])[:-1]
 
 
 def _smoothed(recording: Recording, rows: int) -> Recording:

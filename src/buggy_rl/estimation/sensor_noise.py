@@ -13,10 +13,11 @@ import torch
 from scipy.signal import savgol_coeffs
 from torch import Tensor
 
-from buggy_rl.estimation.segments import SMOOTHING, Segments
+from buggy_rl.estimation.segments import Segments, smoothing_rows
 
-# AR(1) correlations that are distinguished; noise that lasts over 2/3 of the parabola looks alike.
-CORRELATIONS = tuple(math.exp(-1.5 * k / SMOOTHING) for k in (math.inf, *np.geomspace(20, 1, 40)))
+# Decays of AR(1) noise over a parabola that are told apart; noise that lasts over 2/3 of the
+# parabola looks alike.
+DECAYS = (math.inf, *(1.5 * np.geomspace(20, 1, 40)))
 FAINT = 0.3  # [-] correlation below which the car's own motion may be the cause: taken for white
 FLOOR = (1e-4, 1e-4, 3e-4, 1e-3, 1e-3, 1e-3)  # [m, m, rad, m/s, m/s, rad/s] rounding of recordings
 MAD_TO_SD = 1.4826  # [-] standard deviation over median absolute deviation of a Gaussian
@@ -28,13 +29,13 @@ def sensor_noise(segments: Segments) -> Tensor:
     The median over the rows of what the parabola leaves: manoeuvres are outliers of it.
     """
     spread = MAD_TO_SD * _remainder(segments).flatten(0, 1).abs().median(0).values
-    left = parabola_response(noise_correlation(segments)).left
+    left = parabola_response(noise_correlation(segments), smoothing_rows(segments.dt)).left
     return torch.maximum(spread / left**0.5, torch.tensor(FLOOR))
 
 
 def start_noise(segments: Segments) -> Tensor:
     """Standard deviation [6] of a smoothed row, from which a rollout starts."""
-    kept = parabola_response(noise_correlation(segments)).kept
+    kept = parabola_response(noise_correlation(segments), smoothing_rows(segments.dt)).kept
     return kept**0.5 * sensor_noise(segments)
 
 
@@ -47,14 +48,15 @@ def noise_correlation(segments: Segments) -> float:
     rest = _remainder(segments)
     same = ((rest[:, 1:] * rest[:, :-1]) > 0).double().mean((0, 1))  # (6,)
     seen = float(torch.sin(torch.pi * (same - 0.5)).median())
-    lag_one = [parabola_response(rho).lag_one for rho in CORRELATIONS]
-    rho = float(np.interp(seen, lag_one, CORRELATIONS))
+    rows = smoothing_rows(segments.dt)
+    known = [math.exp(-decay / rows) for decay in DECAYS]
+    rho = float(np.interp(seen, [parabola_response(r, rows).lag_one for r in known], known))
     return rho if rho >= FAINT else 0.0
 
 
 @dataclass(frozen=True)
 class ParabolaResponse:
-    """What a parabola over `SMOOTHING` rows makes of noise of variance 1."""
+    """What a parabola makes of noise of variance 1."""
 
     kept: float
     """Variance of the parabola's middle."""
@@ -65,12 +67,12 @@ class ParabolaResponse:
 
 
 @cache
-def parabola_response(rho: float) -> ParabolaResponse:
-    """Of noise whose rows are correlated by rho^|lag|."""
-    middle = savgol_coeffs(SMOOTHING, 2)
+def parabola_response(rho: float, rows: int) -> ParabolaResponse:
+    """Of a parabola over so many rows, to noise whose rows are correlated by rho^|lag|."""
+    middle = savgol_coeffs(rows, 2)
     rest = -middle
-    rest[SMOOTHING // 2] += 1.0
-    lag = np.subtract.outer(np.arange(SMOOTHING), np.arange(SMOOTHING))
+    rest[rows // 2] += 1.0
+    lag = np.subtract.outer(np.arange(rows), np.arange(rows))
     now, next_ = (float(rho) ** np.abs(lag - shift) for shift in (0, 1))
     left = float(rest @ now @ rest)
     return ParabolaResponse(float(middle @ now @ middle), left, float(rest @ next_ @ rest) / left)

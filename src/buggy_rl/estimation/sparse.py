@@ -124,15 +124,13 @@ class Secants:
 
     def _prior(self, members: Tensor, removed: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Precision and centre [C, k + P] of the coefficients."""
-        sizes = []
-        for trial in self.trials:
+        sizes = torch.zeros(len(self.trials), dtype=self.base.vector.dtype)
+        for number, trial in enumerate(self.trials):
             own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
-            sizes.append((trial.vector[own] / trial.prior[own]).square().sum())
+            sizes[number] = (trial.vector[own] / trial.prior[own]).square().sum()
         kept = self.kept(removed)
         base = self.base.prior[kept] ** -2
-        precision = torch.cat(
-            [torch.stack(sizes)[members], base.expand(len(members), -1)], 1
-        ).clamp_min(1e-9)
+        precision = torch.cat([sizes[members], base.expand(len(members), -1)], 1).clamp_min(1e-9)
         centre = torch.zeros_like(precision)
         centre[:, members.shape[1] :] = -self.base.vector[kept]
         return precision, centre

@@ -21,6 +21,7 @@ from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
 from buggy_rl.identification.fit_result import AT_BOUND, Estimate, Fit, position_errors
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.recording import refuse_another_rest
 from buggy_rl.similarity import Similarity
 
 WIDE = 0.5  # [parameter ranges] an interval of this width determines nothing
@@ -184,9 +185,11 @@ def fit(
 
     Raises:
         KeyError: A name in the config is not a parameter of the simulator.
-        ValueError: The simulator declares none, or a rollout holds no instant to compare.
+        ValueError: The simulator declares none or takes another command than the recordings have,
+            or a rollout holds no instant to compare.
         FloatingPointError: The simulator does not return finite rollouts.
     """
+    refuse_another_rest(recordings, make(1))
     segments = fit_segments(recordings, config)
     simulation = Simulation(make, every=config.every)
     chosen, scales = _chosen(make(1), config), residual_scales(make(1))
@@ -219,7 +222,7 @@ def fit_segments(recordings: Sequence[Recording], config: FitConfig) -> Segments
             f"segments of {round(config.horizon / dt)} rows hold no instant to compare every "
             f"{config.every} rows: lengthen fit.horizon or lower fit.every"
         )
-    stride = WARM_UP * dt + config.horizon + dt
+    stride = WARM_UP + config.horizon + dt
     segments = cut_segments(recordings, config.horizon, stride, config.smoothing)
     return replace(segments, smooth_pose=segments.pose).spread(config.windows)
 

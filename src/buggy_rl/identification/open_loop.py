@@ -10,7 +10,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.estimation.segments import HORIZONS, WARM_UP, Segments
+from buggy_rl.estimation.segments import HORIZONS, Segments
 from buggy_rl.vehicle import wrap_angle
 
 
@@ -25,12 +25,12 @@ def open_loop(make: Callable[[int], EnvBase], segments: Segments) -> TensorDict:
     """
     read = Simulation(make, every=1).readings(segments)[0]  # (N, H, 6)
     start = torch.cat([segments.smooth_pose, segments.smooth_velocity], -1)
-    return _motion(torch.cat([start[:, WARM_UP : WARM_UP + 1], read], 1))
+    return _motion(torch.cat([start[:, segments.start : segments.start + 1], read], 1))
 
 
 def measured(segments: Segments) -> TensorDict:
     """What a rollout is compared with, TensorDict [N, H + 1] with `pose` and `velocity`."""
-    return _motion(segments.measured[:, WARM_UP:])
+    return _motion(segments.measured[:, segments.start :])
 
 
 def _motion(motion: Tensor) -> TensorDict:

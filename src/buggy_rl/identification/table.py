@@ -8,7 +8,13 @@ from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.estimation.segments import CHANNELS, HORIZONS, WARM_UP, Segments, cut_segments
+from buggy_rl.estimation.segments import (
+    CHANNELS,
+    HORIZONS,
+    Segments,
+    cut_segments,
+    segment_rows,
+)
 from buggy_rl.identification.open_loop import (
     OpenLoopError,
     bootstrap_interval,
@@ -17,7 +23,7 @@ from buggy_rl.identification.open_loop import (
     open_loop_error,
 )
 from buggy_rl.recordings.filters import filtered
-from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.recording import Recording, refuse_another_rest
 
 ORIGINAL = {  # 1 s position MSE [m^2] printed in the original study's table 7.1, on its own car
     "MLP": 0.0596,
@@ -58,14 +64,19 @@ def held_out_segments(recordings: Sequence[Recording], count: int) -> HeldOut:
     if count < 2:
         raise ValueError(f"a table needs at least 2 segments, got windows={count}")
     seconds, dt = max(HORIZONS), recordings[0].dt
-    length = WARM_UP + round(seconds / dt) + 1
+    length = segment_rows(seconds, dt)
     total = sum(max(0, len(r) - length) for r in recordings)
     stride = max(1, total // (2 * count)) * dt
     return HeldOut(cut_segments(recordings, seconds, stride).spread(count), recordings)
 
 
 def judge(candidate: Candidate, test: HeldOut) -> tuple[TensorDict, OpenLoopError]:
-    """Rolls a simulator out along the test segments; its rollouts and their errors."""
+    """Rolls a simulator out along the test segments; its rollouts and their errors.
+
+    Raises:
+        ValueError: It takes another command than the recordings have.
+    """
+    refuse_another_rest(test.recordings, candidate.make(1))
     segments = replace(test.segments, smooth_pose=test.segments.pose)
     velocity = test.segments.velocity
     if candidate.filter_width > 1:

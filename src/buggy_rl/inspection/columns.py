@@ -49,6 +49,12 @@ class Guess:
     centre: float = 0.0
     """Of a steering command: its value on straight paths."""
 
+    @property
+    def middle(self) -> float:
+        """The centre, where it is not 0: a servo's pulse stays away from 0, a ratio does not."""
+        values = np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
+        return self.centre if len(values) and np.abs(values).min() > 0 else 0.0
+
 
 def find_steering(signals: Signals) -> Guess | None:
     """The column that the curvature follows."""
@@ -181,7 +187,7 @@ def steering_range(guess: Guess) -> dict[str, float]:
     """
     assert guess.values is not None
     values = guess.values[np.isfinite(guess.values)]
-    centre = guess.centre if np.abs(values).min() > 0 else 0.0
+    centre = guess.middle
     most = float(np.abs(values - centre).max())
     most = 1.0 if 0.3 < most <= 1.0 and not ANGLE.search(guess.column) else most
     ends = {"right": centre - guess.sign * most, "left": centre + guess.sign * most}

@@ -54,7 +54,9 @@ def coverage(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> Covera
         for key, channel in (("s", "steering"), ("u", "throttle")):
             guess = commands.get(channel)
             values = missing if guess is None else signals.columns.get(guess.column, missing)
-            parts[key].append((1.0 if guess is None else guess.sign) * values[known])
+            if guess is not None:
+                values = guess.sign * (values - guess.middle)
+            parts[key].append(values[known])
     return Coverage(*(np.concatenate(parts[key]) for key in ("v", "a", "s", "u")))
 
 
@@ -94,7 +96,10 @@ def suggestions(seen: Coverage, drives: int) -> Iterator[str]:
         )
     backward = float((seen.speed[moving] < 0).mean())
     if backward > LEAST_SHARE:
-        yield f"{backward:.0%} of the motion is reverse, which is cut out: drive forward more"
+        yield (
+            f"{backward:.0%} of the motion is reverse, which is cut out unless the column map "
+            "declares a command with reverse"
+        )
     yield from _steering(seen.steering[moving])
     yield from _throttle(seen.throttle[moving])
 

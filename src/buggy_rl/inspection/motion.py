@@ -9,12 +9,13 @@ from numpy import ndarray
 from scipy.signal import savgol_filter
 
 from buggy_rl.inspection.clock import Clock
-from buggy_rl.recordings.columns import DEGREE
+from buggy_rl.recordings.columns import DEGREE, UNITS
 from buggy_rl.recordings.raw_recording import wrap_angle
 
 SMOOTHING = 0.3  # [s] of the derivative; a particle filter's 2 cm of noise needs it
 MOVING = 0.3  # [m/s] speed above which a course is taken
 FASTEST = 60.0  # [m/s] that a position may move at, in its unit; above it is none
+MOST_TURNS = 100.0  # [-] of a heading that is counted on; beyond it is none
 LEAST_AGREEMENT = 0.7  # mean cosine of course and heading for a pair to be proposed
 DEAD_RECKONING = re.compile(r"odom", re.IGNORECASE)
 TRACKERS = re.compile(r"vicon|mocap|optitrack|track|pf|gps|amcl|pose|slam", re.IGNORECASE)
@@ -41,6 +42,8 @@ class Pose:
     clock: Clock
     cosine: float
     """Mean of course minus yaw while moving."""
+    unit: str = "m"
+    """Of the position in the file."""
 
     @property
     def speed(self) -> ndarray:
@@ -58,9 +61,10 @@ class Pose:
         """Why these columns."""
         how = "in degrees" if self.degrees else "in radians"
         sign = ", with the other sign" if self.sign < 0 else ""
+        unit = "" if self.unit == "m" else f"; in m it would move at over {FASTEST:g} m/s"
         return (
             f"the direction of travel follows this heading {how}{sign}: mean cosine "
-            f"{self.cosine:.3f} while moving"
+            f"{self.cosine:.3f} while moving{unit}"
         )
 
 
@@ -69,6 +73,8 @@ def find_poses(table: str, columns: Mapping[str, ndarray], clock: Clock) -> list
     found = []
     for x, y in _pairs(columns):
         xy = np.stack([columns[x], columns[y]], -1)
+        unit = _length(xy, clock)
+        xy = UNITS["length"][unit] * xy
         speed = np.linalg.norm(_derivative(xy, clock), axis=-1)
         moving = speed > MOVING
         if not np.isfinite(xy).all() or np.quantile(speed, 0.9) > FASTEST or moving.mean() < 0.02:
@@ -80,8 +86,15 @@ def find_poses(table: str, columns: Mapping[str, ndarray], clock: Clock) -> list
             if cosine > LEAST_AGREEMENT:
                 unwrapped = np.unwrap(wrap_angle(yaw))
                 all_names = {"x": x, "y": y, **names}
-                found.append(Pose(table, all_names, degrees, sign, xy, unwrapped, clock, cosine))
+                pose = Pose(table, all_names, degrees, sign, xy, unwrapped, clock, cosine, unit)
+                found.append(pose)
     return sorted(found, key=lambda pose: -_rank(pose))
+
+
+def _length(xy: ndarray, clock: Clock) -> str:
+    """Unit of a position [T, 2]: m, or mm where nothing moves as fast as it would."""
+    speed = np.linalg.norm(_derivative(xy, clock), axis=-1)
+    return "m" if np.quantile(speed, 0.9) <= FASTEST else "mm"
 
 
 def best_pose(poses: Sequence[Pose]) -> Pose:
@@ -116,8 +129,8 @@ def _headings(columns: Mapping[str, ndarray], used: tuple[str, str]) -> Iterator
             continue
         largest = np.abs(values).max()
         for degrees in (False, True):
-            limit = 400.0 if degrees else 100.0
-            if largest < (10.0 if degrees else 1.0) or largest > limit:
+            turns = largest / (360.0 if degrees else 2 * np.pi)
+            if largest < (10.0 if degrees else 1.0) or turns > MOST_TURNS:
                 continue
             for sign in (1.0, -1.0):
                 yield {"yaw": name}, sign * values * (DEGREE if degrees else 1.0), degrees, sign

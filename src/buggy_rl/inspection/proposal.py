@@ -104,6 +104,8 @@ def _units(drive: DriveFacts) -> list[str]:
         unit = next(iter(drive.pose.clock.columns.values()))
         if unit != "s":
             units["t"] = unit
+    if drive.pose.unit != "m":
+        units["x"] = units["y"] = drive.pose.unit
     if drive.pose.degrees:
         units["yaw"] = "deg"
     for guess in drive.rates.get("yaw_rate", [])[:1]:

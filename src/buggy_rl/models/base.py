@@ -5,6 +5,7 @@ from abc import abstractmethod
 import torch
 from torch import Tensor, nn
 
+from buggy_rl.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
 from buggy_rl.models.envelope import Envelope
 
 INPUTS = 5  # vx, vy, yaw_rate, throttle, steering
@@ -15,6 +16,11 @@ NO_DRIVE = -0.98  # highest throttle without drive: 1 % of it, a sixteenth of DA
 MARGIN = 0.1  # of the training range's width, by which a rollout may leave it; chosen
 
 
+def asked(throttle: Tensor, rest: float) -> Tensor:
+    """Throttle [*] as of a one-way car, -1 is no drive: with reverse |u| - 1, both ways alike."""
+    return throttle if rest == ONE_WAY_REST else throttle.abs() - 1
+
+
 class DynamicsModel(nn.Module):
     """v' = v + s_out * f((history - mean) / s_in), constrained at rest and to the training range.
 
@@ -23,8 +29,12 @@ class DynamicsModel(nn.Module):
     the speed that recorded cars lose while coasting; it stands still once it is slower than the
     sensor noise; velocities stay within the training range widened by `MARGIN`.
 
-    Buffers are fitted to the training data and saved with the weights.
+    Of a command with reverse "without drive" is near 0, not at the lower end. Buffers are fitted to
+    the training data and saved with the weights.
     """
+
+    command: LongitudinalCommand = ONE_WAY
+    """What the throttle of the training data is."""
 
     def __init__(self, rows: int) -> None:
         super().__init__()
@@ -32,7 +42,7 @@ class DynamicsModel(nn.Module):
         self.input_mean = nn.Buffer(torch.zeros(INPUTS))
         self.input_scale = nn.Buffer(torch.ones(INPUTS))
         self.output_scale = nn.Buffer(torch.ones(3))
-        self.rest_throttle = nn.Buffer(torch.tensor(NO_DRIVE))  # highest for a car at rest
+        self.rest_throttle = nn.Buffer(torch.tensor(NO_DRIVE))  # highest at rest, of `asked`
         self.coast_loss = nn.Buffer(torch.tensor(0.001))  # [m/s] a step, at least
         self.envelope = Envelope()
 
@@ -58,7 +68,7 @@ class DynamicsModel(nn.Module):
         following = self.envelope.clamp_velocity(velocity + self.change(history), MARGIN)
         vx, vy, yaw_rate = velocity.unbind(-1)
         speed = torch.hypot(vx, vy)
-        highest_throttle = history[..., 3].amax(-1)
+        highest_throttle = asked(history[..., 3], self.command.rest).amax(-1)
         # Without drive: v' shrinks to at most |v| - loss, and yaw rate with it.
         limit = (speed - self.coast_loss).clamp_min(0.0)
         shrink = limit / torch.hypot(following[..., 0], following[..., 1]).clamp_min(1e-6)

@@ -8,6 +8,7 @@ import torch
 
 from buggy_rl.config import belongs_to, load_named
 from buggy_rl.files import save_torch
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.models import MODELS
 from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
@@ -43,7 +44,10 @@ def make_model(config: ModelConfig) -> DynamicsModel:
 
 def save_model(model: DynamicsModel, config: ModelConfig, file: Path, about: dict) -> None:
     """Writes weights, normalisation, envelope and `about`, the metadata of the training."""
-    save_torch(file, {"model": asdict(config), "weights": model.state_dict(), "about": about})
+    content = {"model": asdict(config), "weights": model.state_dict(), "about": about}
+    if model.command != ONE_WAY:
+        content["command"] = model.command.plain
+    save_torch(file, content)
 
 
 def load_about(file: Path | str) -> tuple[dict, dict]:
@@ -60,6 +64,7 @@ def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
     """
     content = _read(file)
     model = make_model(ModelConfig(**content["model"]))
+    model.command = LongitudinalCommand.of(content.get("command", ONE_WAY))
     try:
         model.load_state_dict(content["weights"])
     except RuntimeError as error:

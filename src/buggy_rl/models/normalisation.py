@@ -7,7 +7,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl import keys
-from buggy_rl.models.base import NO_DRIVE, REST_SPEED, DynamicsModel
+from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.models.base import NO_DRIVE, REST_SPEED, DynamicsModel, asked
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.windows import model_inputs, windows
@@ -27,7 +28,11 @@ def fit_normalisation(
     """Sets means, scales, envelope and the behaviour at rest of a model and its members.
 
     The training windows [N, L] are filtered and mirrored as for the training, `recordings` not.
+
+    Raises:
+        ValueError: The recordings' commands are of several kinds.
     """
+    command = _one_command(recordings)
     rest_throttle = resting_throttle(recordings)
     coast_loss = coasting_deceleration(recordings) * recordings[0].dt
     rows = model_inputs(data)
@@ -37,12 +42,24 @@ def fit_normalisation(
     centred = torch.tensor([True, False, False, True, False])  # mean 0: left equals right
     for each in (model, *members):
         assert isinstance(each, DynamicsModel)
+        each.command = command
         each.input_mean.copy_(flat.mean(0) * centred)
         each.input_scale.copy_(flat.std(0).clamp_min(1e-3))
         each.output_scale.copy_(change.flatten(0, 1).std(0).clamp_min(1e-5))
         each.envelope.fit(flat)
         each.rest_throttle.fill_(rest_throttle)
         each.coast_loss.fill_(coast_loss)
+
+
+def _one_command(recordings: Sequence[Recording]) -> LongitudinalCommand:
+    first = recordings[0]
+    for recording in recordings:
+        if recording.command != first.command:
+            raise ValueError(
+                f"{first.name} has the command {first.command}, {recording.name} "
+                f"{recording.command}: a model learns one kind; read them with one column map"
+            )
+    return first.command
 
 
 def resting_throttle(recordings: Sequence[Recording]) -> float:
@@ -88,7 +105,9 @@ def coasting_deceleration(recordings: Sequence[Recording]) -> float:
 
 
 def _watched(recordings: Sequence[Recording], strides: int = 0) -> tuple[Tensor, Tensor] | None:
-    """Throttle and speed [N, L] in windows of half a second, or None if no segment is that long.
+    """Throttle, as of `asked`, and speed [N, L] in windows of half a second.
+
+    None if no segment is that long.
 
     Windows start at every row, or `strides` times in a window's length.
     """
@@ -97,4 +116,5 @@ def _watched(recordings: Sequence[Recording], strides: int = 0) -> tuple[Tensor,
         cut = windows(recordings, length, length // strides if strides else 1)
     except ValueError:
         return None
-    return cut[keys.ACTION][..., 0], torch.linalg.vector_norm(cut[keys.VELOCITY][..., :2], dim=-1)
+    throttle = asked(cut[keys.ACTION][..., 0], recordings[0].command.rest)
+    return throttle, torch.linalg.vector_norm(cut[keys.VELOCITY][..., :2], dim=-1)

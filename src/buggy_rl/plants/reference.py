@@ -3,13 +3,22 @@
 from collections.abc import Mapping
 
 from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.faults import NEUTRAL, effect_of
+from buggy_rl.engines.reference.faults import COMMAND_OF, TEXTBOOK, UNKNOWN, effect_of
+from buggy_rl.longitudinal import LongitudinalCommand
 
-ABILITIES = frozenset(effect_of(name) for name in NEUTRAL)
+ABILITIES = frozenset(effect_of(fault.name) for fault in (*TEXTBOOK, *UNKNOWN))
+
+
+def abilities_of(command: LongitudinalCommand) -> frozenset[str]:
+    """Effects that the car can have with a kind of command, beside the one-way car's."""
+    return frozenset(effect for effect, kind in COMMAND_OF.items() if kind == command.kind)
 
 
 def make_reference(
-    cars: int, faults: Mapping[str, Mapping[str, float]], parameters: Mapping[str, float] | None
+    cars: int,
+    faults: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, float] | None,
+    command: str | LongitudinalCommand = "throttle",
 ) -> ReferenceEngine:
     """Reference cars with faults; see `buggy_rl.engines.reference.faults`."""
-    return ReferenceEngine(cars, parameters=parameters, faults=faults)
+    return ReferenceEngine(cars, parameters=parameters, faults=faults, command=command)

@@ -13,11 +13,13 @@ if TYPE_CHECKING:
     from buggy_rl.recordings.loading import load_recording as load_recording
     from buggy_rl.recordings.loading import load_recordings as load_recordings
     from buggy_rl.recordings.recording import Recording as Recording
+    from buggy_rl.recordings.saving import save_command as save_command
     from buggy_rl.recordings.saving import save_recording as save_recording
 
 _MODULES = {
     **{"ColumnMap": "columns", "RecordingError": "errors", "Recording": "recording"},
     **{"load_recording": "loading", "load_recordings": "loading", "save_recording": "saving"},
+    "save_command": "saving",
 }
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,6 +10,7 @@ import yaml
 from omegaconf import MISSING
 
 from buggy_rl.config import from_plain
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.recordings.limits import Limits
 
 CHANNELS = (
@@ -39,14 +40,19 @@ QUANTITY = {
 
 @dataclass(frozen=True)
 class Throttle:
-    """Raw throttle: `rest` maps to -1, `full` to +1; values below rest are clipped to -1."""
+    """Raw throttle: `rest` maps to -1, `full` to +1; values below rest are clipped to -1.
+
+    With a command that has reverse `lowest` maps to -1, `rest` to 0 and `full` to +1, linear on
+    either side; left out altogether it is read as -1, 0 and +1.
+    """
 
     rest: float = -1.0
     """Raw value without drive."""
     full: float = 1.0
     """Raw value at full drive."""
     lowest: float | None = None
-    """Raw value at full brake or reverse; None where the range ends at `rest`."""
+    """Raw value at full brake or reverse; None where the range ends at `rest`, or with reverse
+    where it is as far from rest as `full`."""
     factor: str | None = None
     """Column that multiplies the drive above rest, e.g. a dead man's switch of 0 or 1."""
 
@@ -124,6 +130,8 @@ class ColumnMap:
     """Channel -> -1 where the file has the opposite sign."""
     ignore: list[str] = field(default_factory=list)
     """Columns that are not read although their name is that of a channel."""
+    command: LongitudinalCommand = field(default_factory=LongitudinalCommand)
+    """What the first command is; that of the car's file where the map does not say."""
     throttle: Throttle = field(default_factory=Throttle)
     steering: Steering = field(default_factory=Steering)
     command_offset: float = 0.0
@@ -155,6 +163,8 @@ class ColumnMap:
         for channel, sign in self.signs.items():
             if sign not in (-1, 1):
                 raise ValueError(f"signs: {channel} is {sign}; write 1 or -1")
+        if self.command.two_way:
+            object.__setattr__(self, "throttle", _both_ways(self.throttle))
         if self.throttle.full == self.throttle.rest:
             raise ValueError(
                 f"throttle: rest and full are both {self.throttle.rest}; they must differ"
@@ -188,6 +198,25 @@ def load_columns(file: str | Path) -> ColumnMap:
         return from_plain(ColumnMap, content, "column map")
     except (ValueError, yaml.YAMLError, OSError) as error:
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
+
+
+def _both_ways(throttle: Throttle) -> Throttle:
+    """The range of a throttle with reverse, complete.
+
+    Raises:
+        ValueError: Lowest and full are on the same side of rest.
+    """
+    if throttle == Throttle():
+        return Throttle(rest=0.0, full=1.0, lowest=-1.0)
+    rest, full, lowest = throttle.rest, throttle.full, throttle.lowest
+    if lowest is None:
+        return replace(throttle, lowest=2 * rest - full)
+    if (lowest - rest) * (full - rest) >= 0:
+        raise ValueError(
+            f"throttle: lowest is {lowest} and full {full}: of a command with reverse they are on "
+            f"either side of rest, {rest}"
+        )
+    return throttle
 
 
 def _refuse_unknown(names: Iterable[str], known: Iterable[str], place: str) -> None:

@@ -1,6 +1,7 @@
 """Filters of the recorded velocities."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -50,4 +51,4 @@ def filtered(
         rows = data[keys.SEGMENT] == segment
         data[keys.VELOCITY][rows] = smoother(data[keys.VELOCITY][rows], width)
     notes = [*recording.notes, f"velocities: {smoother.__name__} over {width} rows"]
-    return Recording(recording.name, data, recording.dt, recording.source, notes)
+    return replace(recording, data=data, notes=notes)

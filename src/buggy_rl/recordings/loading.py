@@ -12,6 +12,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.car_file import load_car
+from buggy_rl.longitudinal import ONE_WAY
 from buggy_rl.recordings.checks import CHECKS
 from buggy_rl.recordings.columns import ColumnMap, load_columns
 from buggy_rl.recordings.errors import RecordingError
@@ -92,7 +93,9 @@ def _checked(columns: Columns, dt: float, car: str) -> ColumnMap:
         columns = ColumnMap() if columns is None else load_columns(columns)
     if not car:
         return columns
-    return replace(columns, limits=columns.limits.for_car(load_car(car)))
+    known = load_car(car)
+    command = known.command if columns.command == ONE_WAY else columns.command
+    return replace(columns, limits=columns.limits.for_car(known), command=command)
 
 
 def _find(paths: str | Path | Sequence[str | Path], columns: ColumnMap) -> Iterator[Found]:
@@ -135,7 +138,7 @@ def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
         for key, values in arrays.items()
     }
     data = TensorDict(tensors, batch_size=[len(arrays[keys.TIME])])
-    return Recording(_name(path), data, dt, str(path), raw.notes)
+    return Recording(_name(path), data, dt, str(path), raw.notes, columns.command)
 
 
 def _name(path: Path) -> str:

@@ -43,6 +43,7 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
         row=row,
         labels=labels | ({} if "yaw" in si else {"yaw": ", ".join(labels[q] for q in QUATERNION)}),
         notes=list(table.notes),
+        reverse=columns.command.two_way,
     )
     _note_reading(raw, dropped, columns, si)
     for channel, cells in missing.items():

@@ -28,6 +28,8 @@ class RawRecording:
     labels: dict[str, str]
     """Channel -> column of the file, e.g. `yaw` -> `vicon yaw`."""
     notes: list[str] = field(default_factory=list)
+    reverse: bool = False
+    """Whether the command has reverse, so that driving backward is no fault."""
     keep: ndarray = field(init=False)
     """[T] bool, rows that are used."""
     starts: ndarray = field(init=False)

@@ -1,8 +1,12 @@
 """One drive as a TensorDict over time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from tensordict import TensorDict
+
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 
 
 @dataclass
@@ -27,6 +31,8 @@ class Recording:
     """The file."""
     notes: list[str] = field(default_factory=list)
     """What was cut or derived while reading, one line each."""
+    command: LongitudinalCommand = ONE_WAY
+    """What the throttle is; one with reverse is at rest at 0."""
 
     @property
     def duration(self) -> float:
@@ -35,3 +41,24 @@ class Recording:
 
     def __len__(self) -> int:
         return self.data.batch_size[0]
+
+
+def refuse_another_rest(recordings: Sequence[Recording], simulator: Any) -> None:
+    """Refuses recordings whose commands a simulator takes in another sense.
+
+    A simulator that does not say what it takes, by an attribute `command`, is not judged.
+
+    Raises:
+        ValueError: No drive is 0 of one and -1 of the other.
+    """
+    takes = getattr(simulator, "command", None)
+    if not isinstance(takes, LongitudinalCommand):
+        return
+    for recording in recordings:
+        if recording.command.rest != takes.rest:
+            raise ValueError(
+                f"{recording.name} has the command {recording.command}, whose rest is "
+                f"{recording.command.rest:g}; the simulator takes {takes}, whose rest is "
+                f"{takes.rest:g}: declare one command in the column map and in the simulator's "
+                "options, or name the car (car=...) of both"
+            )

@@ -4,9 +4,11 @@ import os
 from pathlib import Path
 
 import pandas as pd
+import yaml
 
 from buggy_rl import keys
-from buggy_rl.files import replacing
+from buggy_rl.files import replacing, write_atomically
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.recordings.recording import Recording
 
 COLUMNS = {
@@ -39,3 +41,8 @@ def save_recording(recording: Recording, path: str | Path) -> None:
             frame.to_parquet(partial, index=False)
         with partial.open("rb") as file:
             os.fsync(file.fileno())  # the content is on the disk before the name
+
+
+def save_command(command: LongitudinalCommand, path: str | Path) -> None:
+    """Writes the column map with which recordings of a car with this command are read back."""
+    write_atomically(Path(path), yaml.safe_dump({"command": command.plain_fields}))

@@ -7,6 +7,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.car.interfaces import Command
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.simulated_car.live_camera import LiveCamera, Triple
 from buggy_rl.task.env import make_simulator
@@ -30,6 +31,12 @@ class Physics:
         if config.compiled:
             options["compiled"] = True
         self._env = make_simulator(config.simulator, 1, **options)
+        command = declared_by(self._env)
+        if command.two_way:
+            raise ValueError(
+                f"simulator {config.simulator} takes the command {command}, which is at rest at 0; "
+                "the car's runtime stops by -1: give it a one-way command"
+            )
         self._env.set_seed(config.seed)
         self._camera = LiveCamera(config.camera, config.seed)
         pose = torch.tensor([[config.x, config.y, config.yaw]])

@@ -9,6 +9,7 @@ from torchrl.envs import Compose, EnvBase, TransformedEnv
 
 from buggy_rl.effects import make_effect, position
 from buggy_rl.effects.base import Effect
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 Values = Mapping[str, Mapping[str, Tensor]]
 """Effect -> parameter -> values."""
@@ -44,8 +45,9 @@ def augmented(
     if parameters:
         values = TensorDict(dict(parameters), engine.batch_size)
         engine = engine.with_parameters(values)  # type: ignore[operator]
+    period = {"dt": getattr(engine, "dt", CONTROL_PERIOD)}
     added = [
-        make_effect(name, (options or {}).get(name)).with_parameters(
+        make_effect(name, (options or {}).get(name), **period).with_parameters(
             TensorDict(dict(values), engine.batch_size)
         )
         for name, values in effects.items()

@@ -24,6 +24,7 @@ from buggy_rl.config import belongs_to, one_line
 from buggy_rl.effects import make_effects
 from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.single_precision import in_single_precision
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.scale import scaled_task
@@ -125,7 +126,10 @@ def make_simulator(
     merged = {**content["parameters"], **(parameters or {})}
     settings = {**content["options"], **options}
     engine = make_simulator(content["engine"], batch_size, device, merged or None, **settings)
-    return with_effects(engine, make_effects(content["effects"]))
+    dt = getattr(engine, "dt", CONTROL_PERIOD)
+    own = {} if dt == CONTROL_PERIOD else {"dt": dt}
+    effects = {name: {**own, **(values or {})} for name, values in content["effects"].items()}
+    return with_effects(engine, make_effects(effects))
 
 
 def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:
@@ -177,6 +181,7 @@ def make_env(
     context = {
         "paths": make_paths(task.paths) if paths is None else paths,
         "dt": getattr(base, "dt", CONTROL_PERIOD),
+        "rest": declared_by(base).rest,
     }
     stack = [make_transform(c.name, c.options, **context) for c in in_order(task.transforms)]
     for transform in (*beneath, *effects):

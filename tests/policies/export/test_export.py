@@ -157,6 +157,15 @@ def test_what_cannot_be_exported_is_refused(tmp_path, change, options, message):
         list(export(config(file, tmp_path / "policy", **options)))
 
 
+def test_a_policy_of_a_two_way_command_is_refused_since_the_runtime_stops_by_full_reverse(tmp_path):
+    simulator = tmp_path / "brakes.yaml"
+    simulator.write_text("engine: kinematic\noptions: {command: throttle_brake_reverse}\n")
+    file = policy_file(tmp_path, stack(), str(simulator))
+    with pytest.raises(ValueError, match="at rest at 0; the car's runtime stops by -1"):
+        list(export(config(file, tmp_path / "policy")))
+    assert not list(tmp_path.glob("policy*"))
+
+
 @pytest.mark.parametrize("name", ["lap", "infinity", "random", "training"])
 def test_a_course_is_read_back_with_the_tables_of_training(tmp_path, name):
     paths = make_paths(benchmark_paths(PathConfig(waypoints=80), 1)[name].paths)

@@ -24,6 +24,7 @@ from buggy_rl.estimation.segments import Segments
 
 SEGMENTS = 24  # of a second, spread evenly: a simulator declares up to 43 parameters
 CERTAIN = 3.0  # [standard errors] within which a misfit is that of the baseline
+LEAST = 6.0  # [nats] gained on what was held out, above which something is wrong; chosen
 ROUNDS, ITERATIONS = 2, 2  # of the fit: between rounds the dispersion is estimated anew
 
 
@@ -61,7 +62,7 @@ def retune(seen: Path) -> dict[str, Any]:
         make = question.maker(tuned(make, before).values)
     found = tuned(make, question.segments(question.recordings, SEGMENTS))
     note = f"re-tuned it gains {found.gain:.1f} nats on what was held out"
-    if found.gain <= DEFAULTS.min_nats:
+    if found.gain <= LEAST:
         return unnamed("no_mismatch", note)
     return farthest(found.moves, note)
 

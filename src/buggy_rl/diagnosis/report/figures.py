@@ -42,13 +42,13 @@ def replays(case: Case, found: SearchResult) -> list[Replay]:
     return [
         Replay(
             recording=case.names[int(segments.recording[i])],
-            begin=float(segments.elapsed[i]) + WARM_UP * segments.dt,
+            begin=float(segments.elapsed[i]) + WARM_UP,
             why=why,
             time=(torch.arange(1, segments.horizon + 1) * segments.dt).numpy(),
             measured=measured[i].numpy(),
             simulated=read[0, i].numpy(),
             repaired=read[1, i].numpy() if len(read) > 1 else None,
-            action=segments.action[i, WARM_UP + 1 :].numpy(),
+            action=segments.action[i, segments.start + 1 :].numpy(),
         )
         for i, (_, why) in enumerate(chosen)
     ]

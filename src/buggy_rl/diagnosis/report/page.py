@@ -90,7 +90,6 @@ def rendered(
         answer=answer,
         segments=segments,
         maps=maps,
-        rules=case.criteria.rules,
         meaning=wording.MEANINGS[answer.verdict],
         repaired=is_repaired(case, found),
         lags=wording.lags(answer.located.lags),
@@ -149,7 +148,7 @@ def _made(case: Case, found: SearchResult, answer: Answer) -> list[str]:
     return [
         f"{len(case.names)} recordings, {seconds:.0f} s: {', '.join(case.names)}.",
         f"{len(segments)} rollout segments of {segments.horizon * segments.dt:g} s; in the "
-        f"{WARM_UP * segments.dt:g} s before each the measured motion is imposed, so that latent "
+        f"{WARM_UP:g} s before each the measured motion is imposed, so that latent "
         "states settle.",
         f"{len(case.problem.library.names)} effects and parameters in the library, "
         f"{len(found.tried)} hypotheses fitted.",

@@ -12,7 +12,6 @@ from torchrl.data.utils import DEVICE_TYPING
 from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 
-RESTING = (-1.0, 0.0)  # [-] throttle and steering commands of a car at rest: no drive, straight
 STANDING = 0.05  # [m/s] speed below which a reset is a car at rest; chosen
 GIVEN = "_given"  # ends the key of the next memory, present only while a step is taken
 
@@ -83,7 +82,8 @@ class RememberingCommand(CommandEffect):
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         velocity = state.get(keys.VELOCITY)
         moving = torch.linalg.vector_norm(velocity[..., :2], dim=-1, keepdim=True) > STANDING
-        resting = velocity.new_full((*velocity.shape[:-1], self.size), RESTING[self.channel])
+        straight = 0.0 if self.channel else self.rest
+        resting = velocity.new_full((*velocity.shape[:-1], self.size), straight)
         state.set(self.memory, torch.cat([resting, moving.to(velocity)], -1))
 
     def _state_specs(

@@ -1,4 +1,7 @@
-"""A drive that differs from the one asked for; drive = (throttle + 1) / 2 in 0..1."""
+"""A drive that differs from the one asked for; drive = (throttle + 1) / 2 in 0..1.
+
+Of a throttle with reverse, drive = throttle above 0; below 0 nothing is changed here.
+"""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -12,6 +15,7 @@ from torchrl.data.utils import DEVICE_TYPING
 from buggy_rl import keys
 from buggy_rl.effects.actuation.command import CommandEffect
 from buggy_rl.effects.base import EffectParameter, more_or_less, numbers_spec
+from buggy_rl.longitudinal import ONE_WAY_REST, command_of, drive_of
 
 MINUTE = 60.0  # [s]
 
@@ -26,7 +30,11 @@ class DriveEffect(CommandEffect):
         """f, of drives [n]."""
 
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        return 2 * self._acting_drive(0.5 * (command + 1), tensordict).clamp(0.0, 1.0) - 1
+        drive = drive_of(command, self.rest)
+        acting = self._acting_drive(drive, tensordict).clamp(0.0, 1.0)
+        if self.rest != ONE_WAY_REST:
+            return torch.where(command > 0, acting, command)
+        return command_of(acting, self.rest)
 
 
 class DriveGainEffect(DriveEffect):

@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from buggy_rl.effects import EFFECTS, effect_class
+from buggy_rl.effects import effect_class, offered
+from buggy_rl.effects.measuring.commands import measured_command
 from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
 from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.holding import Make
 from buggy_rl.effects.measuring.servo import measured_steering_lag
 from buggy_rl.effects.measuring.tyres import measured_tyres
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.vehicle import VehicleDimensions
 
 TYPICAL_STIFFNESS = (6.1, 9.4)  # [1/rad] over load, front and rear: B C D of DART's axles
@@ -37,10 +39,11 @@ def measured_options(
     """
     if not isinstance(dimensions, VehicleDimensions):
         dimensions = VehicleDimensions(**(dimensions or {}))
-    car = _dimensions(make, dimensions)
+    car, names = _dimensions(make, dimensions), offered(declared_by(make(1)))
     options: Options = {}
-    for measured in (_drive(make), _servo(make), _body(car), _tyres(make, car)):
-        _assign(options, measured)
+    parts = (_drive(make), _servo(make), _body(car), _tyres(make, car), measured_command(make))
+    for measured in parts:
+        _assign(options, names, measured)
     return options
 
 
@@ -50,7 +53,7 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
     A simulator whose data hold no slides, such as a learned one, shows no tyre law; its effects
     keep the defaults of their classes, and yaw damping by tyres is that of `TYPICAL_STIFFNESS`.
     """
-    failures = []
+    failures, names = [], offered(declared_by(make(1)))
     try:
         car = _dimensions(make, VehicleDimensions())
     except ValueError as error:
@@ -61,15 +64,16 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
         "servo": lambda: _servo(make),
         "body": lambda: _body(car),
         "tyres": lambda: _tyres(make, car),
+        "command": lambda: measured_command(make),
     }
     options: Options = {
         name: {"stiffness": [*TYPICAL_STIFFNESS]}
-        for name in EFFECTS
+        for name in names
         if "stiffness" in _taken(name) and "friction" not in _taken(name)
     }
     for part, measured in parts.items():
         try:
-            _assign(options, measured())
+            _assign(options, names, measured())
         except ValueError as error:
             failures.append(f"{part} cannot be measured ({error}): what is typical is assumed")
     return options, failures
@@ -79,12 +83,13 @@ def _taken(name: str) -> set[str]:
     """Options of an effect that can be measured."""
     kind = effect_class(name)
     # Forces act at the centre of gravity of the simulator, with its inertia and its axles.
-    return set(kind.option_names) | ({"dimensions"} if kind.kind == "motion" else set())
+    own = {"dimensions"} if kind.kind == "motion" else set()
+    return {*kind.option_names, "rest"} | own
 
 
-def _assign(options: Options, measured: Mapping[str, Any]) -> None:
-    """Adds measured properties to the options of each effect that takes them."""
-    for name in EFFECTS:
+def _assign(options: Options, names: list[str], measured: Mapping[str, Any]) -> None:
+    """Adds measured properties to the options of each of the effects that takes them."""
+    for name in names:
         own = {key: value for key, value in measured.items() if key in _taken(name)}
         if own:
             options.setdefault(name, {}).update(own)

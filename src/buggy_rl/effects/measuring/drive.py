@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period
+from buggy_rl.effects.measuring.holding import Make, next_velocity, period, resting
+from buggy_rl.longitudinal import command_of
 
 SPEEDS = (1.0, 3.0)  # [m/s] range of the fit of acceleration over speed
 DRIVES = (0.4, 0.55)  # [-] drives of that fit: above deadbands up to 0.3, below wheel spin
@@ -24,21 +25,21 @@ def measured_drive(make: Make) -> dict[str, Any]:
     Raises:
         ValueError: A velocity of the simulator is not finite.
     """
-    speeds, dt = torch.linspace(*SPEEDS, 6), period(make)
+    speeds, dt, rest = torch.linspace(*SPEEDS, 6), period(make), resting(make)
     held = torch.stack([speeds, torch.zeros(6), torch.zeros(6)], -1)
 
     def line(drive: float) -> tuple[float, float]:
         """Slope [1/s] and level [m/s^2] of the acceleration over the speed."""
-        acceleration = (next_velocity(make, held, 2 * drive - 1)[:, 0] - speeds) / dt
+        acceleration = (next_velocity(make, held, command_of(drive, rest))[:, 0] - speeds) / dt
         slope, level = np.polyfit(speeds.numpy(), acceleration.numpy(), 1)
         return float(slope), float(level)
 
     rolling, level = line(0.0)
     lost = [rolling - line(drive)[0] for drive in DRIVES]
-    growth, rest = np.polyfit(DRIVES, lost, 1)
+    growth, standing = np.polyfit(DRIVES, lost, 1)
     return {
         "coasting": [round(max(-level, 0.0), 4), round(max(-rolling, 0.0), 4)],
-        "speed_loss": [round(float(rest), 4), round(float(growth), 4)],
+        "speed_loss": [round(float(standing), 4), round(float(growth), 4)],
     }
 
 
@@ -51,11 +52,12 @@ def measured_onset(make: Make) -> float:
     Raises:
         ValueError: A velocity of the simulator is not finite, or the motor gives no force.
     """
-    drives = torch.linspace(*ONSETS, 25)
+    drives, rest = torch.linspace(*ONSETS, 25), resting(make)
     found = []
     for speed in ONSET_SPEEDS:
         held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(drives), 3)
-        acceleration = (next_velocity(make, held, 2 * drives - 1)[:, 0] - speed) / period(make)
+        after = next_velocity(make, held, command_of(drives, rest))[:, 0]
+        acceleration = (after - speed) / period(make)
         pull = (acceleration - acceleration[0]).double()
         top = float(pull.max())
         if top < LEAST_PULL:

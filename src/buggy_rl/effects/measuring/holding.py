@@ -9,19 +9,26 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import ONE_WAY_REST, declared_by
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 Make = Callable[[int], EnvBase]
 """Builds the simulator for a number of environments."""
 
-SETTLING = 40  # [steps] 0.4 s: DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
+SETTLING = 0.4  # [s] DART's longest dead time, 0.14 s, and two of its lags of 0.13 s
 THROTTLES = (-1.0, 0.0)  # [-] range of commands searched for one that gives an acceleration
+DRIVES = (0.0, 0.5)  # [-] the same of a throttle with reverse
 
 
 def period(make: Make) -> float:
     """Control period of a simulator [s]."""
     return getattr(make(1), "dt", CONTROL_PERIOD)
+
+
+def resting(make: Make) -> float:
+    """Throttle without drive of a simulator."""
+    return declared_by(make(1)).rest
 
 
 def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
@@ -31,7 +38,8 @@ def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
 
 def throttle_for(make: Make, speed: float, acceleration: float) -> float:
     """Throttle at which the simulator, rolling straight, comes closest to an acceleration."""
-    throttles = torch.linspace(*THROTTLES, 21)
+    searched = THROTTLES if resting(make) == ONE_WAY_REST else DRIVES
+    throttles = torch.linspace(*searched, 21)
     held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
     after = next_velocity(make, held, throttles)[:, 0]
     return float(throttles[int((after - speed - acceleration * period(make)).abs().argmin())])
@@ -48,6 +56,7 @@ def next_velocities(
         ValueError: A velocity is not finite.
     """
     engine = make(len(held))
+    settling = round(SETTLING / period(make))
     state = engine.reset(TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device))
     drive = torch.as_tensor(throttle).expand(len(held))
     straight = torch.stack([drive, torch.zeros_like(drive)], -1)
@@ -55,11 +64,11 @@ def next_velocities(
 
     def hold(row: int, state: TensorDictBase) -> TensorDictBase:
         state[keys.VELOCITY] = held.to(state[keys.VELOCITY])
-        action = straight if row < SETTLING else turned
+        action = straight if row < settling else turned
         return state.set(keys.ACTION, action.to(state[keys.VELOCITY]))
 
-    states = trajectory(engine, state, hold, SETTLING + rows)
-    after = torch.stack([s[keys.VELOCITY].cpu() for s in islice(states, SETTLING, None)])
+    states = trajectory(engine, state, hold, settling + rows)
+    after = torch.stack([s[keys.VELOCITY].cpu() for s in islice(states, settling, None)])
     if not bool(after.isfinite().all()):
         raise ValueError(
             f"the simulator is not finite when held in motion at throttle {float(drive.max()):g} "

@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from buggy_rl.effects.measuring.holding import Make, next_velocities, period
+from buggy_rl.effects.measuring.holding import Make, next_velocities, period, resting
 
 SERVO_SPEED = 2.0  # [m/s] speed of the experiment; chosen
 SERVO_STEP = 0.15  # [-] step of the steering, so small that no rate limit acts; chosen
-SERVO_ROWS = 60  # [steps] length of the response, 0.6 s: over four time constants of DART's servo
+RESPONSE = 0.6  # [s] length of the response: over four time constants of DART's servo
 LEAST_TURN = 0.5  # [rad/s^2] least yaw acceleration of a car that steers
 MISSING = (0.05, 0.85)  # [-] range of the missing share of the response that is fitted
 
@@ -21,11 +21,13 @@ def measured_steering_lag(make: Make) -> float:
 
     Raises:
         ValueError: A velocity of the simulator is not finite, it does not turn, or the response is
-            not over after `SERVO_ROWS`.
+            not over after `RESPONSE`.
     """
     dt = period(make)
     held = torch.tensor([[SERVO_SPEED, 0.0, 0.0]])
-    turn = next_velocities(make, held, -1.0, SERVO_STEP, SERVO_ROWS)[:, 0, 2].double()  # (R,)
+    rows = round(RESPONSE / dt)
+    after = next_velocities(make, held, resting(make), SERVO_STEP, rows)  # (R, 1, 3)
+    turn = after[:, 0, 2].double()
     turn = turn - turn[0]
     last = float(turn[-1])
     if abs(last) / dt < LEAST_TURN:
@@ -39,8 +41,6 @@ def measured_steering_lag(make: Make) -> float:
         return 0.0
     row = np.arange(first, end)
     slope = np.polyfit(row * dt, missing[first:end].log().numpy(), 1)[0]
-    if -slope * SERVO_ROWS * dt < 1:
-        raise ValueError(
-            f"its wheels still turn {SERVO_ROWS * dt:g} s after a step of the steering"
-        )
+    if -slope * RESPONSE < 1:
+        raise ValueError(f"its wheels still turn {RESPONSE:g} s after a step of the steering")
     return round(-1.0 / float(slope), 4)

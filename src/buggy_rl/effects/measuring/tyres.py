@@ -7,8 +7,9 @@ import torch
 from scipy.optimize import least_squares
 
 from buggy_rl.effects.measuring.drive import measured_drive
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period, throttle_for
+from buggy_rl.effects.measuring.holding import Make, next_velocity, period, resting, throttle_for
 from buggy_rl.effects.motion.base import Motion
+from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
 
 CORNERING_SPEED = 2.5  # [m/s] speed of the experiment; the buggy's indoor drives reach 3.5 m/s
@@ -113,7 +114,8 @@ def _drive_in_a_slide(
     """
     kept = throttle_for(make, CORNERING_SPEED, 0.0)
     _, use, gained = _sliding(make, d, kept)
-    _, pushed, more = _sliding(make, d, kept + PUSH)
+    push = PUSH if resting(make) == ONE_WAY_REST else 0.5 * PUSH  # the same drive
+    _, pushed, more = _sliding(make, d, kept + push)
     if not more - gained > LEAST_GAIN or lost <= 0.0:
         return 0.0, 0.0, 1.0
     front, rear = pushed[-SLIDES:].mean(0) / use[-SLIDES:].mean(0)

@@ -18,6 +18,7 @@ from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
+from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
 
 LOCK = 0.45  # [rad] largest road-wheel angle; DART's locks are 0.32 and 0.40
@@ -35,16 +36,25 @@ class Motion:
     after: Tensor
     """[n, 3] likewise, at the end of the step."""
     action: Tensor
-    """[n, 2] the command that reached the engine."""
+    """[n, 2] the command that reached the engine, as of a one-way car: -1 is no drive, or brake."""
     dt: float
     """[s]"""
     state: Tensor | None = None
     """[n, state_size] the effect's latent state before the step, where it has one."""
+    asked: Tensor | None = None
+    """[n] the command of a car with reverse, -1..1; None of one without."""
 
     @property
     def drive(self) -> Tensor:
-        """Drive command [n], 0..1."""
+        """Drive command [n], 0..1; 0 where a car brakes or reverses."""
         return 0.5 * (self.action[..., 0] + 1)
+
+    def rolling(self, slowest: float) -> Tensor:
+        """Vx [n] after the step, at least `slowest` [m/s] forward, or backward with reverse."""
+        vx = self.after[..., 0]
+        if self.asked is None:
+            return vx.clamp_min(slowest)
+        return torch.where(vx < 0, vx.clamp_max(-slowest), vx.clamp_min(slowest))
 
     @property
     def heading(self) -> Tensor:
@@ -139,7 +149,11 @@ class MotionEffect(Effect):
         at_cg = shift_velocity(torch.stack([start, end]), -arm)
         memory = before.get(self.memory) if self.state_size else None
         state = None if memory is None else self._gather(memory)
-        motion = Motion(pose, at_cg[0], at_cg[1], action, self.dt, state)
+        asked = None
+        if self.rest != ONE_WAY_REST:
+            asked, steering = action.unbind(-1)
+            action = torch.stack([2 * asked.clamp_min(0.0) - 1, steering], -1)
+        motion = Motion(pose, at_cg[0], at_cg[1], action, self.dt, state, asked)
         change, state = self._change_and_state(motion)
         if memory is not None and state is not None:
             after.set(self.memory, self._scatter(memory, state))

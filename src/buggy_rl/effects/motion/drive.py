@@ -141,6 +141,6 @@ def turning_drag(motion: Motion, dimensions: VehicleDimensions) -> Tensor:
     d = dimensions
     _, ay, yaw = motion.acceleration
     front = (d.cg_to_rear_axle * ay + d.yaw_inertia / d.mass * yaw) / d.wheelbase
-    speed = motion.after[..., 0].clamp_min(SLOWEST)
+    speed = motion.rolling(SLOWEST)
     angle = (d.wheelbase * motion.turn_rate / speed).clamp(-LOCK, LOCK)
     return front * torch.tan(angle)

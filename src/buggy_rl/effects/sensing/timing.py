@@ -27,7 +27,7 @@ from buggy_rl.effects.sensing.base import SensingEffect, measured
 from buggy_rl.effects.sensing.mounting import over_time
 from buggy_rl.vehicle import rotate
 
-SMOOTHING = 5  # [rows] to each side of a slope in `unsensed`: 0.1 s in all at 100 Hz; chosen
+SMOOTHING = 0.05  # [s] to each side of a slope in `unsensed`: 0.1 s in all; chosen
 
 
 class SensorLatency(DeadTimeEffect, SensingEffect):
@@ -176,7 +176,7 @@ def rate(recording: Tensor, dt: float) -> Tensor:
 
     Beyond its first and last row the recording is continued point-symmetrically about that row.
     """
-    reach = min(SMOOTHING, recording.shape[-2] - 1)
+    reach = min(max(1, round(SMOOTHING / dt)), recording.shape[-2] - 1)
     if reach < 1:
         return torch.zeros_like(recording)
     first, last = recording[..., :1, :], recording[..., -1:, :]

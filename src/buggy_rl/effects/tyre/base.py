@@ -10,6 +10,7 @@ from torch import Tensor
 from buggy_rl.effects.motion.base import Motion, MotionEffect
 from buggy_rl.effects.motion.drive import SPEED_LOSS
 from buggy_rl.effects.tyre.change import changed_by
+from buggy_rl.longitudinal import ONE_WAY_REST
 
 FRICTION = 0.84  # [-] D: DART, 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C, front and rear: B C D of DART's axles
@@ -94,6 +95,6 @@ class TyreEffect(MotionEffect):
         ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), n)[:2], -1)
         most = self._most(motion).expand_as(n)
         seen = (motion.before, motion.after, motion.action, motion.state)
-        friction_change = changed_by(self._axles).fastest(n)
+        friction_change = changed_by(self._axles, self.rest != ONE_WAY_REST).fastest(n)
         change, spin = friction_change(self._tensor("numbers"), *seen, ratio, most)
         return change, spin

@@ -65,9 +65,11 @@ class FrictionChange:
     combined: Tensor
     """1 where the drive takes from the side force by the friction ellipse, 0 where it does not."""
     driven: DrivenAxles
+    two_way: bool = False
+    """Whether the car may drive backward: then its front wheels point against where they roll."""
 
     @classmethod
-    def of(cls, numbers: Tensor, axles: slice) -> "FrictionChange":
+    def of(cls, numbers: Tensor, axles: slice, two_way: bool = False) -> "FrictionChange":
         """From all the numbers side by side [18] and the axles that are driven."""
         front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
         friction, stiffness, shape, speed_loss, resistance = numbers[4:14].view(5, 2).unbind()
@@ -85,6 +87,7 @@ class FrictionChange:
             height=height,
             combined=combined,
             driven=DrivenAxles(front, dt, axles),
+            two_way=two_way,
         )
 
     @property
@@ -223,10 +226,12 @@ class FrictionChange:
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
         """Step 4: delta [n] [rad] of a front axle that uses a share [n] of its friction."""
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
-        moves = torch.atan2(vy + self.front_arm * yaw_rate, vx.clamp_min(SLOWEST))
+        ahead = vx.abs() if self.two_way else vx
+        moves = torch.atan2(vy + self.front_arm * yaw_rate, ahead.clamp_min(SLOWEST))
         c = self.shape[0]
         slip = torch.sign(use) * slip_of(use, c)
-        return (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(-LOCK, LOCK)
+        angle = (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(-LOCK, LOCK)
+        return torch.where(vx < 0, -angle, angle) if self.two_way else angle
 
     def _mobility(self) -> tuple[Tensor, Tensor, Tensor]:
         """Mass times S: lateral acceleration of an axle by its own force and by the other's."""
@@ -254,12 +259,12 @@ def _in_front(force: Tensor) -> Tensor:
     return torch.stack([force, torch.zeros_like(force)], -1)
 
 
-def _changed(axles: slice, *arguments: Tensor) -> tuple[Tensor, Tensor]:
+def _changed(axles: slice, two_way: bool, *arguments: Tensor) -> tuple[Tensor, Tensor]:
     numbers, before, after, action, state, ratio, most = arguments
     dt: Any = numbers[-1]
     pose = before  # the change does not depend on it
     motion = Motion(pose, before, after, action, dt, state)
-    return FrictionChange.of(numbers, axles)(motion, ratio, most)
+    return FrictionChange.of(numbers, axles, two_way)(motion, ratio, most)
 
 
 def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
@@ -270,7 +275,7 @@ def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
 
 
 @cache
-def changed_by(axles: tuple[int, int]) -> Kernel:
+def changed_by(axles: tuple[int, int], two_way: bool = False) -> Kernel:
     """`FrictionChange` of a car with these driven axles, of the first to before the last.
 
     Its arguments: numbers [18], velocity before and after the step [n, 3], command [n, 2], z,
@@ -278,8 +283,8 @@ def changed_by(axles: tuple[int, int]) -> Kernel:
     """
     of = slice(*axles)
     return Kernel(
-        f"friction_change_{axles[0]}{axles[1]}",
-        partial(_changed, of),
+        f"friction_change_{axles[0]}{axles[1]}" + ("_two_way" if two_way else ""),
+        partial(_changed, of, two_way),
         partial(_example, of),
         (None, 0, 0, 0, 0, 0, 0),
         up_to=1000,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.engines.mujoco.declared import LONGEST_DEAD_TIME
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand, drive_of
 
 RESTING = (-1.0, 0.0)  # [-] throttle and steering commands of a car at rest: no drive, straight
 _CHANNELS = ("throttle", "steering")
@@ -26,13 +27,19 @@ class Actuators:
     Args:
         values: Parameter name -> [1] or [n].
         dt: Control period [s].
+        command: What the first command is.
 
     Raises:
         ValueError: A dead time is negative or longer than the memory of commands.
     """
 
-    def __init__(self, values: Mapping[str, NDArray], dt: float) -> None:
-        self.values = values
+    def __init__(
+        self,
+        values: Mapping[str, NDArray],
+        dt: float,
+        command: LongitudinalCommand = ONE_WAY,
+    ) -> None:
+        self.values, self.command = values, command
         self._time_constants = self._by_channel(values, "lag")
         periods = self._by_channel(values, "dead_time") / dt  # (1 or n, 2)
         longest = memory_length(dt) - 1
@@ -92,11 +99,18 @@ class Actuators:
         return self.values["steering_offset"] + turn
 
     def drive(self, command: NDArray) -> NDArray:
-        """Motor drive [n] in [0, 1] of a lagged throttle command [n].
+        """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1.
 
-        d = max(0, (u - deadband) / (1 - deadband)),  u = (throttle + 1) / 2.
+        d = max(0, (u - deadband) / (1 - deadband)),  u = (throttle + 1) / 2; of a two-way throttle
+        likewise on both sides of 0. Setpoints and currents have no dead zone.
         """
+        if self.command.kind in ("speed", "current"):
+            return drive_of(command, self.command.rest)
         deadband = self.values["throttle_deadband"]
+        if self.command.two_way:
+            behind = self.values["reverse_deadband"]
+            forward = np.maximum((command - deadband) / (1.0 - deadband), 0.0)
+            return forward - np.maximum((-command - behind) / (1.0 - behind), 0.0)
         return np.maximum((0.5 * (command + 1.0) - deadband) / (1.0 - deadband), 0.0)
 
 

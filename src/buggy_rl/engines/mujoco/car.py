@@ -18,6 +18,7 @@ import numpy as np
 from dm_control import mjcf
 
 from buggy_rl.engines.mujoco.bodywork import add_rim, add_scenery, add_shell
+from buggy_rl.engines.mujoco.drivetrain import SHARES, Drive
 from buggy_rl.engines.mujoco.weights import (
     WHEELS,
     Weights,
@@ -58,6 +59,8 @@ class Car:
     """[4] degree of freedom of each wheel's spin; its qpos index is one higher."""
     steer: np.ndarray
     """[2] degree of freedom of each front wheel's steering; its qpos index is one higher."""
+    drive: Drive
+    """Driven wheels."""
     parked: np.ndarray
     """[nq] the car at rest at the origin, springs settled."""
 
@@ -69,7 +72,11 @@ class Car:
 
 @lru_cache(maxsize=8)
 def make_car(
-    dimensions: VehicleDimensions, tyres: Tyres, timestep: float, visual: bool = True
+    dimensions: VehicleDimensions,
+    tyres: Tyres,
+    timestep: float,
+    visual: bool = True,
+    drive: Drive = "rear",
 ) -> Car:
     """Builds and compiles the model; the result is cached and must not be changed.
 
@@ -78,13 +85,16 @@ def make_car(
         tyres: `explicit` or `contact`.
         timestep: Of the physics [s].
         visual: With visual geoms, which do not change the motion; without, 15 % faster.
+        drive: Driven wheels: rear, front or all.
 
     Raises:
-        ValueError: `tyres` is neither of the two.
+        ValueError: `tyres` is neither of the two, or `drive` none of the three.
     """
+    if drive not in SHARES:
+        raise ValueError(f"drive is {drive!r}; expected one of {', '.join(SHARES)}")
     if tyres not in ("explicit", "contact"):
         raise ValueError(f"tyres is {tyres!r}; expected 'explicit' or 'contact'")
-    root = car_mjcf(dimensions, tyres, timestep)
+    root = car_mjcf(dimensions, tyres, timestep, drive)
     if not visual:
         for geom in root.find_all("geom"):
             if geom.contype == 0:
@@ -105,6 +115,7 @@ def make_car(
         chassis=model.body("chassis").id,
         wheel_bodies=np.array([model.body(wheel).id for wheel in WHEELS]),
         **dof,
+        drive=drive,
         parked=_parked(model),
     )
 
@@ -139,7 +150,9 @@ def model_fields(car: Car, values: Mapping[str, np.ndarray]) -> dict[str, np.nda
     return fields
 
 
-def car_mjcf(dimensions: VehicleDimensions, tyres: Tyres, timestep: float) -> Any:
+def car_mjcf(
+    dimensions: VehicleDimensions, tyres: Tyres, timestep: float, drive: Drive = "rear"
+) -> Any:
     """The model as dm_control MJCF, not compiled."""
     root: Any = mjcf.RootElement(model="buggy")
     root.compiler.angle = "radian"  # mjcf compiles degrees by default
@@ -165,11 +178,13 @@ def car_mjcf(dimensions: VehicleDimensions, tyres: Tyres, timestep: float) -> An
     )
     add_shell(chassis, dimensions)
     for wheel in WHEELS:
-        _add_wheel(chassis, wheel, dimensions, tyres)
+        _add_wheel(chassis, wheel, dimensions, tyres, drive)
     return root
 
 
-def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
+def _add_wheel(
+    chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres, drive: Drive
+) -> None:
     body = chassis.add("body", name=wheel, pos=hub(dimensions, wheel))
     weights = Weights.of(dimensions)
     nominal = {name: np.array([getattr(dimensions, name)]) for name in ("mass", "cg_to_front_axle")}
@@ -193,7 +208,7 @@ def _add_wheel(chassis, wheel: str, dimensions: VehicleDimensions, tyres: Tyres)
             axis=[0, 0, 1],
             armature=weights.steering_armature,
         )
-    driven = 0.0 if wheel.startswith("front") else weights.driveline_inertia
+    driven = weights.driveline_inertia if SHARES[drive][WHEELS.index(wheel)] else 0.0
     body.add("joint", name=f"spin_{wheel}", type="hinge", axis=[0, 1, 0], armature=driven)
     body.add(
         "inertial",

@@ -5,6 +5,8 @@ data. Mass, yaw inertia and centre of gravity are those of the car's dimensions;
 of another car are the buggy's, scaled.
 """
 
+from buggy_rl.engines import speed_control, two_way
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import VehicleDimensions
@@ -13,17 +15,36 @@ LONGEST_DEAD_TIME = 0.2  # [s] length of the memory of commands; DART's longest 
 
 
 def declared_parameters(
-    dimensions: VehicleDimensions, speed_ratio: float | None = None
+    dimensions: VehicleDimensions,
+    speed_ratio: float | None = None,
+    command: LongitudinalCommand = ONE_WAY,
+    brake_front_share: float = 0.0,
 ) -> list[Parameter]:
     """Every parameter of the MuJoCo car, as shipped.
 
     Args:
         dimensions: Of the car.
         speed_ratio: Of its speeds to the buggy's; see `Similarity`.
+        command: What its first command is.
+        brake_front_share: As shipped.
     """
     scale = Similarity.between(dimensions, speed=speed_ratio)
-    scaled = [scale.scaled(p) for p in (*_tyres(), *_steering(), *_drive())]
-    return [*_body(dimensions), *scaled]
+    own = [*_tyres(), *_steering(), *_drive()]
+    if command.kind in ("speed", "current"):
+        own = [p for p in own if p.name not in speed_control.REPLACED]
+    own += _commanded(command, brake_front_share)
+    return [*_body(dimensions), *(scale.scaled(p) for p in own)]
+
+
+def _commanded(command: LongitudinalCommand, brake_front_share: float) -> list[Parameter]:
+    """Parameters of a command that is no one-way throttle."""
+    if command.kind == "speed":
+        rows, values = speed_control.SPEED_CONTROL, speed_control.SHIPPED
+    elif command.kind == "throttle_brake_reverse":
+        rows, values = two_way.BRAKES, two_way.SHIPPED | {"brake_front_share": brake_front_share}
+    else:
+        return []
+    return [Parameter(row[0], values[row[0]], *row[1:]) for row in rows]
 
 
 def _body(dimensions: VehicleDimensions) -> list[Parameter]:

@@ -11,6 +11,7 @@ State in the TensorDict, after the batch dimensions:
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -25,14 +26,16 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
-from buggy_rl.engines.mujoco.actuators import RESTING, Actuators, memory_length
+from buggy_rl.engines.mujoco.actuators import Actuators, memory_length
 from buggy_rl.engines.mujoco.car import Tyres, make_car, model_fields
 from buggy_rl.engines.mujoco.declared import declared_parameters
+from buggy_rl.engines.mujoco.drivetrain import FRONT_SHARE, Drive
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
 from buggy_rl.engines.rows import RowsEngine
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.similarity import Similarity, similar_dimensions
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 PHYSICS_STATE = "physics_state"
 COMMANDS = "commands"
@@ -46,7 +49,7 @@ SUBSTEPS: dict[Tyres, int] = {"explicit": 4, "contact": 10}
 
 
 class MujocoEngine(RowsEngine):
-    """Rear-driven buggy on four sprung wheels.
+    """Buggy on four sprung wheels, driven at the rear unless said otherwise.
 
     The parameter values as shipped are a plausible guess, not fitted to any drive.
 
@@ -56,6 +59,9 @@ class MujocoEngine(RowsEngine):
         nthread: Threads of MuJoCo's batch; results do not depend on it.
         dimensions: Of the car, or what is known of it, by name; the rest is a scaled buggy's.
         speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
+        command: Kind of the first command, as of `single_track`. A speed controller reads the
+            driven wheels.
+        drive: Driven wheels: rear, front or all, through open differentials.
         args, common: As for `Engine`; the physics runs on the CPU, whatever the device.
 
     Raises:
@@ -70,17 +76,21 @@ class MujocoEngine(RowsEngine):
         nthread: int = 1,
         dimensions: VehicleDimensions | Mapping[str, float] | None = None,
         speed_ratio: float | None = None,
+        command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
+        drive: Drive = "rear",
         **common: Any,
     ) -> None:
         if not isinstance(dimensions, VehicleDimensions):
             dimensions = similar_dimensions(dimensions or {})
         self.speed_ratio = speed_ratio
-        declared = declared_parameters(dimensions, speed_ratio)
+        self.command = LongitudinalCommand.of(command)
+        brakes = FRONT_SHARE.get(drive, 0.0)  # `make_car` refuses what is no drive
+        declared = declared_parameters(dimensions, speed_ratio, self.command, brakes)
         super().__init__(*args, declared=declared, **common)
         if timestep is None:
             timestep = default_timestep(tyres, self.dt)
         self._substeps = whole_substeps(self.dt, timestep)
-        self.car = make_car(dimensions, tyres, timestep, visual=False)
+        self.car = make_car(dimensions, tyres, timestep, visual=False, drive=drive)
         self.nthread = nthread
         self._prepare()
         self._finish()
@@ -107,8 +117,8 @@ class MujocoEngine(RowsEngine):
         for name, field in model_fields(self.car, values).items():
             self._batch.expand(name)[:] = field
         self._batch.set_const()
-        self._actuators = Actuators(values, self.dt)
-        self._forces = Forces(self.car, values)
+        self._actuators = Actuators(values, self.dt, self.command)
+        self._forces = Forces(self.car, values, self.command)
 
     _parameters_changed = _prepare
 
@@ -124,7 +134,7 @@ class MujocoEngine(RowsEngine):
         place(qpos, qvel, self._rows(pose))
         set_off(self.car, qpos, qvel, self._rows(velocity))
         state[:, -6:-3], state[:, -3:] = self._rows(pose), self._rows(velocity)
-        resting = torch.tensor(RESTING, device=self.device)
+        resting = torch.tensor([self.command.rest, 0.0], device=self.device)
         return {
             PHYSICS_STATE: self._tensor(state),
             COMMANDS: resting.expand(*self.batch_size, memory_length(self.dt), 2).clone(),
@@ -206,8 +216,14 @@ class MujocoEngine(RowsEngine):
         return {"timestep": self.car.timestep / 2}
 
     def _options(self) -> dict[str, Any]:
-        ratio = {} if self.speed_ratio is None else {"speed_ratio": self.speed_ratio}
-        return ratio | {
+        options: dict[str, Any] = {}
+        if self.speed_ratio is not None:
+            options["speed_ratio"] = self.speed_ratio
+        if self.command.plain != "throttle":
+            options["command"] = self.command.plain
+        if self.car.drive != "rear":
+            options["drive"] = self.car.drive
+        return options | {
             "tyres": self.car.tyres,
             "timestep": self.car.timestep,
             "nthread": self.nthread,
@@ -217,7 +233,8 @@ class MujocoEngine(RowsEngine):
 
 def default_timestep(tyres: Tyres, dt: float) -> float:
     """Physics timestep [s] for a control period [s]."""
-    return dt / SUBSTEPS.get(tyres, 1)  # `make_car` refuses what is no tyre model
+    periods = math.ceil(dt / CONTROL_PERIOD - 1e-6)  # a longer one takes as many more steps
+    return dt / periods / SUBSTEPS.get(tyres, 1)  # `make_car` refuses what is no tyre model
 
 
 def whole_substeps(dt: float, timestep: float) -> int:

@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from buggy_rl.engines.mujoco.actuators import motor_torque
 from buggy_rl.engines.mujoco.car import Car
+from buggy_rl.engines.mujoco.drivetrain import SHARES, STOPS, Drivetrain
 from buggy_rl.engines.mujoco.tyres import Tyre, TyreForce, tyre_force
 from buggy_rl.engines.mujoco.weights import Weights, spring_reference
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.vehicle import GRAVITY
 
 STOPPING_SPEED = 0.1  # [m/s] speed at which rolling resistance is at tanh(1) = 76 %; chosen
@@ -44,9 +45,9 @@ class Wheels(NamedTuple):
     steering_angle: NDArray
     """[n] of the front wheels [rad]."""
     torque: NDArray
-    """[n] of the motor at each rear wheel [N m]."""
+    """[4, n] of motor and brake [N m]."""
     slope: NDArray
-    """[n] its derivative by the spin [N m s]."""
+    """[4, n] its derivative by the spin [N m s]."""
 
 
 def read_motion(qpos: NDArray, qvel: NDArray) -> Motion:
@@ -71,9 +72,15 @@ class Forces:
     Args:
         car: Compiled model.
         values: Parameter name -> [1] or [n].
+        command: What the first command is.
     """
 
-    def __init__(self, car: Car, values: Mapping[str, NDArray]) -> None:
+    def __init__(
+        self,
+        car: Car,
+        values: Mapping[str, NDArray],
+        command: LongitudinalCommand = ONE_WAY,
+    ) -> None:
         self.car = car
         self.values = values
         self.radius = car.dimensions.wheel_radius
@@ -86,7 +93,9 @@ class Forces:
         self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
         self._arm_x = car.hub_x - self._cg_x
         self._weights = weights = Weights.of(car.dimensions)
-        driveline = np.array([[0.0]] * 2 + [[weights.driveline_inertia]] * 2)
+        driven = np.array(SHARES[car.drive])[:, None] > 0
+        driveline = np.where(driven, weights.driveline_inertia, 0.0)  # (4, 1)
+        self.drivetrain = Drivetrain(values, self.radius, command, car.drive)
         self._spin_inertia = weights.spin_inertia + driveline
 
     def apply(
@@ -104,17 +113,20 @@ class Forces:
             qpos: [n, nq]; the steering hinges are set to the angle (a stiff servo).
             qvel: [n, nv].
             xfrc_applied: [n, nbody, 6] world frame, written for chassis and wheels.
-            qfrc_applied: [n, nv] written for the driven wheels.
+            qfrc_applied: [n, nv] written for the wheels.
             steering_angle: [n] rad.
-            drive: [n] in 0..1.
+            drive: [n] in 0..1, or -1..1 of a two-way command.
         """
         car = self.car
         qpos[:, car.steer + 1] = steering_angle[:, None]
         qvel[:, car.steer] = 0.0
         motion = read_motion(qpos, qvel)
         spin = np.ascontiguousarray(qvel[:, car.spin].T)
-        torque, slope = motor_torque(self.values, drive, spin[2:], self.radius)
-        qfrc_applied[:, car.spin[2:]] = torque[:, None]
+        torque, slope = self.drivetrain.torques(spin, motion.vx, drive)
+        brakes = self.drivetrain.brakes(motion.vx, drive)
+        if brakes is not None:
+            torque, slope = self._braked(torque, slope, brakes, spin)
+        qfrc_applied[:, car.spin] = torque.T
         resistance = self._resistance(motion.vx)
         xfrc_applied[:, car.chassis, 0] = resistance * motion.cos
         xfrc_applied[:, car.chassis, 1] = resistance * motion.sin
@@ -122,11 +134,37 @@ class Forces:
             return
         wheels = Wheels(spin, steering_angle, torque, slope)
         fx, fy = self.tyre_forces(qpos, qvel, motion, wheels, resistance)
+        if brakes is not None:
+            qfrc_applied[:, car.spin] = self._at_the_end(wheels, fx, fy).T
         world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
         # At the patch, a radius below the hub: F = (x, y, 0) and M = (0, 0, -r) x F.
         wrench = xfrc_applied[:, car.wheel_bodies[0] : car.wheel_bodies[-1] + 1]  # (n, 4, 6)
         wrench[..., 0], wrench[..., 1] = world_x.T, world_y.T
         wrench[..., 3], wrench[..., 4] = self.radius * world_y.T, -self.radius * world_x.T
+
+    def _braked(
+        self, torque: NDArray, slope: NDArray, brakes: NDArray, spin: NDArray
+    ) -> tuple[NDArray, NDArray]:
+        """Torque and slope [4, n] with brakes of at most `brakes` [4, n] [N m] against the spin."""
+        if self.car.tyres == "contact":  # MuJoCo takes the torque at the start of the substep
+            stops = np.abs(spin) * self._spin_inertia / self.dt
+            return torque - np.sign(spin) * np.minimum(brakes, stops), slope
+        share = (self.radius * spin / STOPS).clip(-1.0, 1.0)
+        steep = np.where(np.abs(share) < 1.0, self.radius / STOPS, 0.0)
+        return torque - brakes * share, slope - brakes * steep
+
+    def _at_the_end(self, wheels: Wheels, fx: NDArray, fy: NDArray) -> NDArray:
+        """Torque [4, n] [N m] at the end of the substep, for tyre forces in body axes [4, n].
+
+        T' = T + dT/domega domega,  (I - dt dT/domega) domega = dt (T - r f): a brake stops a wheel
+        and never turns it back.
+        """
+        along = fx.copy()
+        cos, sin = np.cos(wheels.steering_angle), np.sin(wheels.steering_angle)
+        along[:2] = cos * fx[:2] + sin * fy[:2]
+        pull = wheels.torque - self.radius * along
+        change = self.dt / (self._spin_inertia - self.dt * wheels.slope) * pull
+        return wheels.torque + wheels.slope * change
 
     def _resistance(self, speed: NDArray) -> NDArray:
         """Force along the heading [N]: -(F_r tanh(v / v_s) + c v + k v |v|)."""
@@ -184,12 +222,10 @@ class Forces:
         """
         r, dt = self.radius, self.dt
         cos, sin = direction
-        wheel_torque, wheel_slope = np.zeros_like(cos), np.zeros_like(cos)
-        wheel_torque[2:], wheel_slope[2:] = wheels.torque, wheels.slope
         # domega = gain (T - r f_x'): eliminates the wheel spins.
-        gain = dt / (self._spin_inertia - dt * wheel_slope)
+        gain = dt / (self._spin_inertia - dt * wheels.slope)
         held = 1.0 / (1.0 + force.fx_sx * r * r * gain)
-        push = r * gain * wheel_torque
+        push = r * gain * wheels.torque
         fx = held * (force.fx + force.fx_sx * push)
         fy = force.fy + force.fy_sx * (push - r * r * gain * fx)
         jxx, jxy = held * force.fx_sx, held * force.fx_sy

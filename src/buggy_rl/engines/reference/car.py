@@ -23,8 +23,10 @@ from buggy_rl.engines.reference.state import (
 )
 from buggy_rl.engines.reference.steering import Steering
 from buggy_rl.engines.reference.surroundings import Surroundings
+from buggy_rl.engines.reference.two_way import TwoWayDrivetrain
 from buggy_rl.engines.reference.tyres import Tyres
 from buggy_rl.kernels.kernel import Kernel
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.vehicle import GRAVITY, slip_angle
 
 VALUES = tuple(parameter.name for parameter in PARAMETERS)
@@ -45,6 +47,7 @@ class Car:
         dt: Control period [s].
         substeps: In a control period.
         compiled: Whether PyTorch compiles a substep where there is no kernel of it.
+        command: What the first command is.
     """
 
     def __init__(
@@ -54,7 +57,9 @@ class Car:
         dt: float,
         substeps: int,
         compiled: bool = False,
+        command: LongitudinalCommand = ONE_WAY,
     ) -> None:
+        self.command = command
         self.values, self.faults, self.substeps = values, faults, substeps
         self._step = _compiled_step() if compiled else Car.step
         self._side_by_side = torch.empty(0)
@@ -62,9 +67,9 @@ class Car:
         self.radio = Radio(faults, dt, substeps)
         self.chassis = Chassis(values, DIMENSIONS, faults)
         self.tyres = Tyres(values, self.chassis.static_load, faults)
-        self.drivetrain = Drivetrain(
-            values, DIMENSIONS.wheel_radius, self.chassis, faults, self.substep
-        )
+        one_way = command.kind == "throttle"
+        make = Drivetrain if one_way else partial(TwoWayDrivetrain, command)
+        self.drivetrain = make(values, DIMENSIONS.wheel_radius, self.chassis, faults, self.substep)
         self.steering = Steering(
             values, DIMENSIONS.track_width, DIMENSIONS.wheelbase, faults, self.substep
         )
@@ -93,7 +98,8 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        kernel = not self.faults.active and KERNEL.ready(car.vx)
+        plain = self.command.kind == "throttle" and not self.faults.active
+        kernel = plain and KERNEL.ready(car.vx)
         step = self._kernel_step if kernel else partial(self._step, self)
         for index in range(self.substeps):
             if 0 < index < len(commands):
@@ -143,15 +149,15 @@ class Car:
         force = tyres.force(effective, load, strain)
         car.slip = slip / strain.clamp_min(1.0)  # a sliding contact deforms its carcass no further
 
-        axle_speed = 0.5 * (car.tread[2] + car.tread[3])
-        mean_duty = 0.5 * (car.duty + duty)
+        asked = 0.5 * (car.duty + duty)
         heat = fault_state[HEAT].squeeze(0) if "heating_motor" in faults else None
-        current = drivetrain.current(mean_duty, axle_speed, setting.voltage, heat)
+        mean_duty, current = drivetrain.motor(asked, car, setting, heat)
+        brakes = drivetrain.brakes(asked, target, car)
         car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
         if heat is not None:
             drivetrain.warmed(fault_state, current, dt)
         twist = drivetrain.twisted(fault_state, current) if "loose_differential" in faults else None
-        car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist)
+        car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist, brakes)
         if "wheel_wobble" in faults:
             turn = fault_state[WHEEL_TURN] + car.tread[0] * (dt / DIMENSIONS.wheel_radius)
             fault_state[WHEEL_TURN] = torch.remainder(turn, 2.0 * math.pi)
@@ -209,6 +215,8 @@ class Car:
         vx, _, yaw_rate = velocity.unbind(-1)
         needed = vx * yaw_rate / (GRAVITY * self.values["front_cornering_stiffness"])
         angle = slip_angle(velocity, 0.0, self.values["cg_to_front_axle"]) + needed
+        if self.command.two_way:  # in reverse the wheels point against where their axle moves
+            angle = torch.where(vx < 0, -angle, angle)
         weight = vx.square() / (vx.square() + GUESS_SPEED**2)
         return weight * self.steering.servo_at(angle)
 

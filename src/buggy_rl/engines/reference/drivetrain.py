@@ -11,7 +11,7 @@ from torch import Tensor
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import SHORTEST, Lag
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import HEAT, LEFT_CURRENT, THROTTLE_LAG
+from buggy_rl.engines.reference.state import HEAT, LEFT_CURRENT, THROTTLE_LAG, CarState, Setting
 from buggy_rl.vehicle import GRAVITY
 
 KNEE = 12  # [-] exponent of the knee: half of it is in the last 6 % of the charge; chosen
@@ -138,6 +138,17 @@ class Drivetrain:
             return torch.maximum(current, self.faults["drag_brake.share"] * current)
         return current.clamp_min(0.0)
 
+    def motor(
+        self, asked: Tensor, car: CarState, setting: Setting, heat: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """Duty cycle [*] at the motor, of the one asked for [*], and its current [*] [A]."""
+        axle_speed = 0.5 * (car.tread[2] + car.tread[3])
+        return asked, self.current(asked, axle_speed, setting.voltage, heat)
+
+    def brakes(self, duty: Tensor, target: Tensor, car: CarState) -> tuple[Tensor, Tensor] | None:
+        """Brake force [N] of the front axle [*] and of the rear one [*]; None without brakes."""
+        del duty, target, car
+
     def warmed(self, fault_state: dict[str, Tensor], current: Tensor, dt: float) -> None:
         """Heat of the winding: dQ/dt = R_m i^2 - Q / tau."""
         loss = self.motor_resistance * current.square() - fault_state[HEAT] / COOLING
@@ -159,6 +170,7 @@ class Drivetrain:
         current: Tensor,
         dt: float,
         twist: Tensor | None = None,
+        brakes: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         """Tread speeds [4, *] [m/s] after a step.
 
@@ -173,12 +185,15 @@ class Drivetrain:
             current: [*] motor current [A].
             dt: Step [s].
             twist: [*] motor current that the left half of the axle gets in excess of its share.
+            brakes: [*] force of the front and of the rear brakes [N], which stop but never turn.
         """
         along, across = ground_force
         rolling = self.rolling * load * dt  # (4, *) momentum dry friction can take
         if "cornering_drag" in self.faults:
             rolling = rolling + self.scrub * dt * shared(across, load)
         held = rolling[:2] + self.dragging * dt if "one_sided_drag" in self.faults else rolling[:2]
+        if brakes is not None:
+            held = held + 0.5 * brakes[0] * dt
         front = tread[:2] - along[:2] * (dt / self.wheel_mass)
         if "viscous_drag" in self.faults:
             front = front / (1.0 + self.bearing * dt / self.wheel_mass)
@@ -191,6 +206,8 @@ class Drivetrain:
         mean = mean + (motor - force_left - force_right) * (dt / self.axle_mass)
         mean = mean / (1.0 + self.axle_viscosity * dt / self.axle_mass)
         dry = rolling[2] + rolling[3] + self.values["gear_friction"] * dt
+        if brakes is not None:
+            dry = dry + brakes[1] * dt
         mean = stopped(mean, dry / self.axle_mass)
 
         half = 0.5 * (left - right) - 0.5 * (force_left - force_right) * (dt / self.wheel_mass)

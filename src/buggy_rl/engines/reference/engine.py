@@ -1,6 +1,6 @@
 """The reference car as an engine: its state is in the TensorDict, its faults are not.
 
-Not modelled: roll-over, bumps, tyre temperature, the motor's inductance, reverse.
+Not modelled: roll-over, bumps, tyre temperature, the motor's inductance.
 """
 
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ from torchrl.data import TensorSpec
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.engines.reference.car import Car
-from buggy_rl.engines.reference.faults import Faults, as_tensors
-from buggy_rl.engines.reference.parameters import DIMENSIONS, PARAMETERS
+from buggy_rl.engines.reference.faults import Faults, as_tensors, refuse_of_another_command
+from buggy_rl.engines.reference.parameters import COMMANDED, DIMENSIONS, PARAMETERS
 from buggy_rl.engines.reference.state import (
     CHARGE,
     DUTY,
@@ -30,6 +30,7 @@ from buggy_rl.engines.reference.state import (
     WHEEL_SLIP,
     CarState,
 )
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.vehicle import rotate, shift_velocity
 
 SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
@@ -45,11 +46,12 @@ class ReferenceEngine(Engine):
             batch's shape; see `faults.FAULTS`.
         compiled: Whether PyTorch compiles the step, which takes seconds and a C++ compiler, and
             makes large batches about three times as fast.
+        command: Kind of the first command, as of `single_track`; a one-way throttle by default.
         args, common: As for `Engine`.
 
     Raises:
         KeyError: A parameter or a fault has no such name.
-        ValueError: A fault is outside its range.
+        ValueError: A fault is outside its range, or of another kind of command.
     """
 
     def __init__(
@@ -58,9 +60,12 @@ class ReferenceEngine(Engine):
         substep: float = SUBSTEP,
         faults: Mapping[str, Any] | None = None,
         compiled: bool = False,
+        command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
         **common: Any,
     ) -> None:
-        super().__init__(*args, declared=PARAMETERS, **common)
+        self.command = LongitudinalCommand.of(command)
+        declared = (*PARAMETERS, *COMMANDED[self.command.kind])
+        super().__init__(*args, declared=declared, **common)
         self.substep, self.compiled = substep, compiled
         self._fault_values = as_tensors(faults, self.device)
         self._substeps = max(1, round(self.dt / substep))
@@ -94,7 +99,8 @@ class ReferenceEngine(Engine):
     def _parameters_changed(self) -> None:
         values = self._spread_out(self.values)
         faults = Faults(self._spread_out(self._fault_values), values["mass"])
-        self.car = Car(values, faults, self.dt, self._substeps, self.compiled)
+        refuse_of_another_command(faults, self.command.kind)
+        self.car = Car(values, faults, self.dt, self._substeps, self.compiled, self.command)
 
     def _spread_out(self, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
         ones = (1,) * len(self.batch_size)
@@ -210,4 +216,6 @@ class ReferenceEngine(Engine):
         return {"substep": self.dt / self._substeps / 2}
 
     def _options(self) -> dict[str, Any]:
-        return {"substep": self.substep, "faults": self._fault_values, "compiled": self.compiled}
+        options = {"substep": self.substep, "faults": self._fault_values, "compiled": self.compiled}
+        own = self.command.plain
+        return options if own == "throttle" else options | {"command": own}

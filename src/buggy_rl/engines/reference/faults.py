@@ -67,7 +67,26 @@ UNKNOWN = (
     Parameter("loose_differential.time_constant", 0.0, 0.0, 0.5, "s", "Lag of the left half."),
 )
 
-FAULTS = (*TEXTBOOK, *UNKNOWN)
+# Of a command that is no one-way throttle: fault -> the kind of command that can have it.
+COMMAND_OF = {
+    "brake_gain": "throttle_brake_reverse",
+    "brake_balance": "throttle_brake_reverse",
+    "reverse_deadband": "throttle_brake_reverse",
+    "drag_brake": "throttle_brake_reverse",
+    "speed_controller_lag": "speed",
+    "driven_axle_slip": "speed",
+}
+OF_A_COMMAND = (
+    Parameter("brake_gain.gain", 1.0, 0.2, 2.0, "-", "Brake force over the right one."),
+    Parameter("brake_balance.shift", 0.0, -1.0, 1.0, "-", "Added to the share in front."),
+    Parameter("reverse_deadband.width", 0.0, 0.0, 0.4, "-", "Drive lost before the car's own."),
+    Parameter("drag_brake.deceleration", 0.0, 0.0, 5.0, "m/s^2", "Dry brake without a command."),
+    Parameter("speed_controller_lag.time_constant", 0.0, 0.0, 0.5, "s", "Of its current."),
+    # 1 / (13 g 0.47) = 0.017 for a controller that sees the rear wheels of this car.
+    Parameter("driven_axle_slip.slip_per_acceleration", 0.0, 0.0, 0.1, "s^2/m", "Seen slip."),
+)
+
+FAULTS = (*TEXTBOOK, *UNKNOWN, *OF_A_COMMAND)
 NEUTRAL = {fault.name: fault.value for fault in FAULTS}
 
 
@@ -149,3 +168,18 @@ def as_tensors(
             )
         tensors[name] = tensor
     return tensors
+
+
+def refuse_of_another_command(faults: Faults, kind: str) -> None:
+    """Refuses faults that a car with this kind of command cannot have.
+
+    Raises:
+        ValueError: There is one.
+    """
+    for name in sorted(fault.name for fault in OF_A_COMMAND):
+        needed = COMMAND_OF[effect_of(name)]
+        if needed != kind and bool((faults[name] != NEUTRAL[name]).any()):
+            raise ValueError(
+                f"fault {name} is one of a car whose command is {needed}; this one's is {kind}: "
+                f"give the engine command={needed}"
+            )

@@ -189,3 +189,26 @@ STEERING = (
 )
 
 PARAMETERS = (*BODY, *TYRES, *DRIVE, *BATTERY, *STEERING)
+
+# Of commands that are no one-way throttle. Chosen, as of the single-track car, all but the first
+# two: discs on both axles, as 1:5 cars have them, and reverse limited to half.
+COMMANDED: dict[str, tuple[Parameter, ...]] = {
+    "throttle": (),
+    "throttle_brake_reverse": (
+        Parameter("brake_front_share", 0.4, 0.0, 1.0, "-", "Share of the brakes in front."),
+        Parameter("reverse_share", 0.5, 0.1, 1.0, "-", "Duty cycle in reverse over forward."),
+        Parameter("brake_force", 8.0, 1.0, 40.0, "N", "Both axles at full command."),
+        Parameter("drag_brake", 0.0, 0.0, 10.0, "N", "Rear axle, without a command."),
+        Parameter(
+            "reverse_deadband", 0.1, 0.0, 0.4, "-", "Drive that neither brakes nor reverses."
+        ),
+    ),
+    "speed": (
+        Parameter("full_speed", 5.0, 1.0, 20.0, "m/s", "Setpoint of a full command."),
+        Parameter("speed_gain", 16.0, 2.0, 100.0, "N s/m", "Force over the speed that is missing."),
+        # The rear tyres hold 6.5 N standing, less when braked: with more the car spins.
+        Parameter("brake_force", 3.0, 1.0, 40.0, "N", "Largest force against the motion."),
+        Parameter("pull_force", 5.0, 1.0, 60.0, "N", "Largest force along the motion."),
+    ),
+    "current": (Parameter("full_current", 15.0, 2.0, 60.0, "A", "Of a full command."),),
+}

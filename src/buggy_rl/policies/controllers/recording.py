@@ -1,20 +1,19 @@
 """Recording drives in a room: its options, and the drive itself."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import Any, Literal, Protocol
 
 import torch
 from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.recordings.camera import CameraConfig
 from buggy_rl.stepping import trajectory
-
-if TYPE_CHECKING:
-    from buggy_rl.policies.controllers.room import RoomDriver
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,10 @@ class RecordConfig:
     """csv or parquet."""
     prefix: str = "drive"
     """Files are named prefix_00, prefix_01, ..."""
+    driver: Literal["room", "manoeuvring"] = "room"
+    """room: forward only; manoeuvring: also brakes and reverses, of a car whose command can."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of the engine, e.g. options.command=throttle_brake_reverse."""
     faults: dict[str, dict[str, float]] = field(default_factory=dict)
     """What is wrong with a reference car, as faults.EFFECT.PARAMETER=VALUE."""
     sealed: str = ""
@@ -71,7 +74,41 @@ class RecordConfig:
             raise ValueError(f"{self.drives} drives of {self.seconds} s: both must be positive")
 
 
-def driven(engine: EnvBase, driver: "RoomDriver", steps: int) -> Iterator[TensorDictBase]:
+class Driver(Protocol):
+    """Who drives about the room."""
+
+    def start_pose(self, batch_size: Sequence[int]) -> Tensor:
+        """Where its cars start, [*batch, 3]."""
+        ...
+
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes `action`."""
+        ...
+
+
+def make_driver(config: RecordConfig, engine: EnvBase) -> Driver:
+    """The driver of a config for the cars of an engine.
+
+    Raises:
+        ValueError: It cannot drive a car with this command.
+    """
+    from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
+    from buggy_rl.policies.controllers.room import RoomDriver
+
+    command = declared_by(engine)
+    if config.driver == "manoeuvring":
+        values = getattr(engine, "values", {})
+        full_speed = float(values["full_speed"].mean()) if "full_speed" in values else 5.0
+        return ManoeuvringDriver(config.room, config.seed, command, full_speed)
+    if command.kind != "throttle":
+        raise ValueError(
+            f"driver=room drives a one-way throttle, {config.simulator} takes {command}: "
+            "driver=manoeuvring"
+        )
+    return RoomDriver(config.room, config.seed)
+
+
+def driven(engine: EnvBase, driver: Driver, steps: int) -> Iterator[TensorDictBase]:
     """Rows [*] of true `pose`, `velocity` and `action`: all cars drive off from rest."""
     pose = driver.start_pose(engine.batch_size)
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}

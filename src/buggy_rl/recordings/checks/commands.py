@@ -18,7 +18,8 @@ ROUNDING = 1e-9  # of the command range, from the conversion of units
 def clip_commands(raw: RawRecording, columns: ColumnMap, factor: ndarray | None) -> None:
     """Converts raw commands to [-1, 1].
 
-    drive = factor (command - rest) / (full - rest),  throttle = 2 drive - 1;
+    drive = factor (command - rest) / (full - rest),  throttle = 2 drive - 1, or with reverse
+    throttle = drive, below rest over (rest - lowest);
     steering linear from right -> -1 over centre -> 0 to left -> +1.
 
     Args:
@@ -33,10 +34,15 @@ def clip_commands(raw: RawRecording, columns: ColumnMap, factor: ndarray | None)
     span = ends.full - ends.rest
     drive = (raw.action[:, 0] - ends.rest) / span
     lowest = 0.0 if ends.lowest is None else (ends.lowest - ends.rest) / span
+    if raw.reverse:
+        drive, lowest, excess = np.where(drive < 0, -drive / lowest, drive), -1.0, 2 * excess
     _refuse_outside(raw, "throttle", drive, lowest, excess / 2)  # drive spans half of [-1, 1]
     if factor is not None:
         drive = drive * factor
-    _note_clipped(raw, "throttle", drive, 0.0)
+    _note_clipped(raw, "throttle", drive, -1.0 if raw.reverse else 0.0)
+    if raw.reverse:
+        raw.action = np.stack([np.clip(drive, -1, 1), _steering(raw, columns)], -1)
+        return
     if ends == Throttle() and drive.min() >= 0.5:
         text = "never below 0, half drive: if 0 is no drive, state throttle: {rest: 0}"
         raw.note_column("throttle", text)
@@ -77,7 +83,8 @@ def _note_clipped(raw: RawRecording, channel: str, value: ndarray, lowest: float
     outside = (value < lowest - ROUNDING) | (value > 1 + ROUNDING)
     if outside.any():
         text = f"clipped, it reached {value.min():.3g} to {value.max():.3g} of its range"
-        raw.note(np.flatnonzero(outside), channel, text + " (no reverse)")
+        remedy = " (no reverse)" if channel == "throttle" and not raw.reverse else ""
+        raw.note(np.flatnonzero(outside), channel, text + remedy)
 
 
 def check_steering_sign(raw: RawRecording, limits: Limits) -> None:
@@ -86,6 +93,8 @@ def check_steering_sign(raw: RawRecording, limits: Limits) -> None:
     It does not refuse: a slalom whose half period equals the car's lag has the same correlation.
     """
     rate = np.gradient(raw.yaw, raw.t)
+    if raw.reverse:  # the same steering turns a car the other way when it drives backward
+        rate = rate * np.sign(speed_along(raw))
     lags = range(0, int(LONGEST_LAG / raw.period), max(1, int(LAG_STEP / raw.period)))
     best = max((_correlation(raw, rate, lag, limits) for lag in lags), key=abs, default=0.0)
     if best < -SIGNIFICANT:
@@ -94,6 +103,12 @@ def check_steering_sign(raw: RawRecording, limits: Limits) -> None:
             f"steering left turns the car right (correlation {best:.2f}): if so, state "
             "signs: {steering: -1} in a column map",
         )
+
+
+def speed_along(raw: RawRecording) -> ndarray:
+    """Speed [T] along the heading [m/s], from the pose; negative backward."""
+    x, y = np.gradient(raw.pose[:, 0], raw.t), np.gradient(raw.pose[:, 1], raw.t)
+    return x * np.cos(raw.yaw) + y * np.sin(raw.yaw)
 
 
 def _correlation(raw: RawRecording, rate: ndarray, lag: int, limits: Limits) -> float:

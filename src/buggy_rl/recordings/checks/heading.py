@@ -1,4 +1,7 @@
-"""Check of yaw against the course over ground: unit, sign, mounting; reverse is cut out."""
+"""Check of yaw against the course over ground: unit, sign, mounting.
+
+Reverse is cut out unless the command has reverse: then a car may drive along its heading both ways.
+"""
 
 from typing import NamedTuple
 
@@ -26,7 +29,17 @@ REMEDIES = {
     "rotated": "it matches rotated: set mount: {{yaw: {offset:.3f}}}",
 }
 """Correction of yaw -> what to do about it."""
-REVERSE = "{match}; if the car reverses throughout, there is no forward driving to learn from"
+REVERSE = (
+    "{match}; if the car reverses throughout, there is no forward driving to learn from, unless "
+    "the command is declared to have reverse"
+)
+DECLARE = (
+    "the car reverses, which a one-way command cannot: to read it, declare in the column map or "
+    "the car's file command: {kind: throttle_brake_reverse}, {kind: current} or {kind: speed, "
+    "reverse: true}"
+)
+ASKED = 0.2  # [-] drive either way that shows where the car is meant to go; chosen
+AGAINST = -0.5  # mean product of the signs of drive and motion below which yaw is off by pi; chosen
 
 
 class Courses(NamedTuple):
@@ -50,19 +63,21 @@ class Courses(NamedTuple):
 def check_heading(raw: RawRecording, limits: Limits) -> None:
     """Yaw follows the course: mean cos(course - yaw) is high while the car moves.
 
-    A car that drives both ways along its heading reverses: that is cut, there is no reverse here.
+    A car that drives both ways along its heading reverses: that is cut where the command has no
+    reverse. Where it has, the course is taken modulo pi, and yaw must go with the drive's sign.
 
     Raises:
         RecordingError: It is not; the message names the correction that matches.
     """
     found = _courses(raw, limits)
-    if reverses(found):
+    if not raw.reverse and reverses(found):
         _cut_reverse(raw, found)
         found = _courses(raw, limits)
     rows, course, yaw, rate = found
     if len(rows) < LEAST_MOTION / raw.period:
         return
-    offset = float(np.angle(np.exp(1j * (yaw - course)).mean()))  # circular mean
+    fold = 2 if raw.reverse else 1  # of a course modulo pi
+    offset = float(np.angle(np.exp(1j * fold * (yaw - course)).mean())) / fold  # circular mean
     cosines = {
         "as recorded": np.cos(course - yaw),
         "read as degrees": np.cos(course - np.radians(yaw)),
@@ -70,6 +85,8 @@ def check_heading(raw: RawRecording, limits: Limits) -> None:
         "with x and y exchanged": np.cos(np.pi / 2 - course - yaw),
         "rotated": np.cos(course - yaw + offset),
     }
+    if raw.reverse:
+        cosines = {n: np.where(cosine < -ALONG, -cosine, cosine) for n, cosine in cosines.items()}
     means = {name: float(cosine.mean()) for name, cosine in cosines.items()}
     best, recorded = max(means, key=lambda name: means[name]), means["as recorded"]
     at = int(rows[np.argmin(cosines["as recorded"])])
@@ -87,7 +104,32 @@ def check_heading(raw: RawRecording, limits: Limits) -> None:
             f"{recorded:.2f}, expected {limits.heading_agreement:g} or more; {remedy}"
         )
         raise raw.error(at, "yaw", message)
-    _note_mount(raw, limits, wrap_angle(course - yaw)[np.abs(rate) < STRAIGHT])
+    sideslip = wrap_angle(course - yaw)
+    if raw.reverse:
+        _refuse_turned(raw, found)
+        sideslip = wrap_angle(fold * sideslip) / fold
+    _note_mount(raw, limits, sideslip[np.abs(rate) < STRAIGHT])
+
+
+def _refuse_turned(raw: RawRecording, found: Courses) -> None:
+    """Refuses a yaw that is off by pi, which a course modulo pi does not show.
+
+    Raises:
+        RecordingError: The car mostly drives backward when its command is forward, and vice versa.
+    """
+    drive = raw.action[found.rows, 0]
+    asked = np.abs(drive) > ASKED
+    if asked.sum() * raw.period < LEAST_MOTION:
+        return
+    agreed = float((np.sign(drive) * np.sign(found.cosine))[asked].mean())
+    if agreed < AGAINST:
+        at = int(found.rows[asked][0])
+        message = (
+            f"yaw {raw.pose[at, 2]:.4g} rad is against the motion where the command is forward, "
+            f"and along it where it is backward (agreement {agreed:.2f}, expected above "
+            f"{AGAINST:g}): set mount: {{yaw: 3.142}}, or exchange full and lowest of throttle"
+        )
+        raise raw.error(at, "yaw", message)
 
 
 def reverses(found: Courses) -> bool:
@@ -108,7 +150,7 @@ def _cut_reverse(raw: RawRecording, found: Courses) -> None:
     for run in np.split(rows, np.flatnonzero(np.diff(negative[rows].astype(int)) != 0) + 1):
         if backward[run].sum() * raw.period >= LEAST_REVERSE:
             raw.backward[run[0] : run[-1] + 1] = True
-    raw.cut(raw.backward, "yaw", "the car reverses, which no simulator here can")
+    raw.cut(raw.backward, "yaw", DECLARE)
 
 
 def _chords(raw: RawRecording) -> tuple[ndarray, ndarray, ndarray]:

@@ -15,7 +15,6 @@ from torchrl.envs import Transform
 
 from buggy_rl import keys
 
-RESTING = (-1.0, 0.0)  # no drive, wheels straight: the command before the first step
 COUNT = Bounded(0, torch.iinfo(torch.int64).max, torch.Size([1]), dtype=torch.int64)
 
 

@@ -1,0 +1,124 @@
+"""Form errors fitted to development cases, so that intervals cover as often as they say.
+
+Of every case whose true set was fitted, each number of it, what it is in truth, and what remained.
+The form error is that of the least interval score (Gneiting and Raftery 2007): width, and
+2 / 0.05 times the distance by which an interval misses, in prior scales.
+"""
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from buggy_rl.blind_test.calibration import Entry, group, truth, unknown
+from buggy_rl.blind_test.case import Case
+from buggy_rl.blind_test.oracle import expected
+from buggy_rl.blind_test.statistics import Figure, share
+from buggy_rl.diagnosis.answer import NORMAL
+from buggy_rl.diagnosis.form_error import FormError
+from buggy_rl.effects import effect_class
+from buggy_rl.estimation.misfit import NOTHING
+
+ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17)  # tried
+REMAINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)  # tried
+MISSED = 2 / 0.05  # of the interval score, at 95 %
+
+
+@dataclass(frozen=True)
+class Number:
+    """A fitted number of the true set."""
+
+    z: float
+    true: float
+    chance: float
+    """[prior scales] standard deviation by leaving out blocks."""
+    share: float
+    """What remains over what its effect closes."""
+    group: str
+
+    def half_width(self, form: FormError) -> float:
+        """Of its 95 % interval [prior scales]."""
+        return NORMAL * form.sd(self.z, self.chance, self.share)
+
+    def score(self, form: FormError) -> float:
+        """Interval score."""
+        half = self.half_width(form)
+        return 2 * half + MISSED * max(0.0, abs(self.z - self.true) - half)
+
+
+def numbers(entries: Sequence[Entry]) -> list[Number]:
+    """Of all cases whose true set was fitted, and has a number in truth."""
+    found = []
+    for entry in entries:
+        own = next((h for h in entry["hypotheses"] if tuple(h["effects"]) == truth(entry)), None)
+        if truth(entry) and own is not None and not unknown(entry):
+            found += _of(entry, own)
+    return found
+
+
+def _of(entry: Entry, own: Any) -> list[Number]:
+    case = Case(**entry["case"])
+    names = [(e, p) for e, values in own["values"].items() if e for p in values]
+    found = []
+    for (effect, name), z, sd in zip(names, own["z"], own["sd"], strict=False):  # the clock is last
+        value = expected(case, effect).get(name)
+        if value is not None:
+            [parameter] = [p for p in effect_class(effect).declared if p.name == name]
+            true = float(parameter.coordinate(value))
+            found.append(Number(z, true, sd, _share(entry, own, effect), group(entry)))
+    return found
+
+
+def _share(entry: Entry, own: Any, effect: str) -> float:
+    """As `statement` has it: what remains beyond the baseline over what the effect closes."""
+    mean, error = entry["usual"]
+    rest = max(0.0, own["excess"] - mean) + 2 * error
+    fewer = sorted({*own["effects"]} - {effect})
+    by_effects = {tuple(h["effects"]): h["excess"] for h in entry["hypotheses"]}
+    without = by_effects.get(tuple(fewer), by_effects[()])
+    return min(1.0, max(rest, NOTHING) / max(without - own["excess"], 1e-9))
+
+
+def form_error(of: Sequence[Number]) -> FormError:
+    """That of the least interval score."""
+    tried = [FormError(a, r) for a, r in product(ALWAYS, REMAINS)]
+    return min(tried, key=lambda form: sum(n.score(form) for n in of))
+
+
+def left_out(of: Sequence[Number]) -> list[tuple[Number, FormError]]:
+    """Each number with the form error of all other groups."""
+    groups = sorted({n.group for n in of})
+    forms = {g: form_error([n for n in of if n.group != g]) for g in groups}
+    return [(n, forms[n.group]) for n in of]
+
+
+def covered(of: Sequence[tuple[Number, FormError]]) -> tuple[Figure, float]:
+    """Share of numbers inside their intervals, and the median half width [prior scales]."""
+    inside = [abs(n.z - n.true) <= n.half_width(form) for n, form in of]
+    return share(inside), statistics.median(n.half_width(form) for n, form in of)
+
+
+def intervals(entries: Sequence[Entry], form: FormError | None = None) -> str:
+    """A table in Markdown: coverage by a form error, or by that of all other groups."""
+    of = numbers(entries)
+    lines = [
+        "| 95 % interval by | truth inside | median half width [prior scales] |",
+        "|---|---|--:|",
+    ]
+    if not of:
+        return "\n".join(lines)
+    ways = {
+        "form error" if form else "form error of other groups": (
+            [(n, form) for n in of] if form else left_out(of)
+        ),
+        "chance alone": [(n, FormError(0.0, 0.0)) for n in of],
+        "all that remains": [(n, FormError(0.0, 1.0)) for n in of],
+    }
+    for name, given in ways.items():
+        inside, width = covered(given)
+        between = f"{100 * inside.low:.0f} to {100 * inside.high:.0f}"
+        lines.append(
+            f"| {name} | {100 * inside.value:.0f} % ({between}) of {inside.count} | {width:.2f} |"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,74 @@
+"""How much a joint search rolls out, and how much less for a slow simulator."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from buggy_rl.estimation.hypothesis import TRIAL_SIZES
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Sizes of a joint search; the defaults are those of a simulator that is fast enough."""
+
+    fitted: Mapping[int, int] = field(default_factory=lambda: {1: 6, 2: 6, 3: 4})
+    """Effects of a set -> sets of that size that are fitted at first."""
+    around: int = 3
+    """Sets of each size that are fitted about the leading one."""
+    rounds: int = 3
+    """Times that the leading set is looked at anew, at most."""
+    iterations: int = 6
+    """Gauss-Newton iterations of a fit."""
+    sizes: tuple[float, ...] = TRIAL_SIZES
+    """[prior scales] at which each effect is rolled out before anything is fitted."""
+    share: float = 1.0
+    """Of the segments."""
+
+    @property
+    def sets(self) -> int:
+        """Sets of effects that are fitted at first."""
+        return sum(self.fitted.values())
+
+    def segments(self, count: int) -> int:
+        """Of `count` segments those that are used."""
+        return min(count, max(LEAST_SEGMENTS, round(self.share * count)))
+
+    def loss(self, count: int) -> str:
+        """What is lost by it, in one line, of `count` segments; empty for the full budget."""
+        full = FULL
+        if self == full:
+            return ""
+        parts = [
+            f"{self.segments(count)} of {count} segments",
+            f"{self.sets} of {full.sets} sets",
+            f"{self.iterations} of {full.iterations} iterations",
+            f"{self.rounds} of {full.rounds} rounds",
+        ]
+        if self.sizes != full.sizes:
+            parts.append(f"{len(self.sizes)} of {len(full.sizes)} trial sizes")
+        surely = "pairs are found less surely" if self.sets > 6 else "pairs are hardly found"
+        return f"{', '.join(parts)}: {surely}, intervals are wider"
+
+
+LEAST_SEGMENTS = 16  # two blocks of 8 s: with fewer there is nothing to hold out; chosen
+FULL = Budget()
+FEWER = ({}, *({"rounds": r, "iterations": i} for r, i in ((2, 4), (1, 4), (1, 3), (1, 2), (1, 1))))
+"""Fewer rollouts, one after the other: for a simulator whose step takes long whatever the batch."""
+THINNER = (
+    {},
+    {"fitted": {1: 5, 2: 5, 3: 3}, "share": 0.75},
+    {"fitted": {1: 5, 2: 4, 3: 2}, "share": 0.5, "around": 2},
+    {"fitted": {1: 4, 2: 3, 3: 1}, "share": 0.35, "around": 2},
+    {"fitted": {1: 4, 2: 2}, "share": 0.25, "around": 1, "sizes": (0.7,)},
+    {"fitted": {1: 3, 2: 1}, "share": 0.0, "around": 1, "sizes": (0.7,)},
+)
+"""Rollouts of fewer environments: for a simulator whose step takes as long as it has of them."""
+
+
+def smaller() -> Iterator[Budget]:
+    """Budgets from the full one to the least: what loses less comes first, segments last."""
+    for loss in range(len(FEWER) + len(THINNER) - 1):
+        for thin in range(len(THINNER)):
+            if 0 <= loss - thin < len(FEWER):
+                changed: dict[str, Any] = {**FEWER[loss - thin], **THINNER[thin]}
+                yield replace(FULL, **changed)

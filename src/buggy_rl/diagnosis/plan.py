@@ -1,0 +1,151 @@
+"""What a diagnosis is going to roll out, how long that takes, and how much less it may be."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from buggy_rl.diagnosis.budget import Budget, smaller
+from buggy_rl.estimation.cost import MANY, Cost
+
+Stage = Literal["prepare", "search", "answer"]
+STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
+NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
+DAMPED = 3  # steps of an iteration that are tried
+MEASURED = 700  # steps of a few environments in which effects measure a simulator
+CORRECTED = 20  # rollouts in which a correction is learned from a baseline
+PROVED = 12  # rollouts of half the segments in which an answer is proved
+SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
+HELD = 0.85  # [-] of the time that is allowed, which a plan may fill; its error is larger
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the size of a diagnosis depends on."""
+
+    segments: int
+    """Of the recordings, all that there are up to `stretches`."""
+    rows: int
+    """Steps of one."""
+    trials: int
+    """Effects in each of their directions."""
+    baseline: int = 0
+    """Segments of the baseline."""
+    longer: int = 0
+    """Segments of 3 s."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One of the plan."""
+
+    stage: Stage
+    environments: int
+    rows: int
+    share: float = 0.0
+    """Of the library's effects that stand in the stack."""
+    times: int = 1
+
+    @property
+    def steps(self) -> int:
+        """Of environments."""
+        return self.environments * self.rows * self.times
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A budget and what it comes to."""
+
+    budget: Budget
+    cost: Cost
+    rollouts: tuple[Rollout, ...]
+    notes: tuple[str, ...] = ()
+    """What is lost by a budget that is not full, and whether it takes longer than allowed."""
+
+    @property
+    def seconds(self) -> float:
+        """Expected [s]."""
+        return sum(map(self._seconds, self.rollouts))
+
+    @property
+    def steps(self) -> int:
+        """Of environments, expected."""
+        return sum(r.steps for r in self.rollouts)
+
+    def before(self, stage: Stage) -> tuple[float, int]:
+        """Seconds and environment steps expected before a stage."""
+        earlier = STAGES[: STAGES.index(stage)]
+        parts = [r for r in self.rollouts if r.stage in earlier]
+        return sum(map(self._seconds, parts)), sum(r.steps for r in parts)
+
+    def _seconds(self, rollout: Rollout) -> float:
+        one = self.cost.seconds(rollout.environments, rollout.rows, rollout.share)
+        return rollout.times * one
+
+
+def planned(question: Question, cost: Cost, minutes: float) -> Plan:
+    """The largest budget that is expected to end in time; the smallest where none is.
+
+    Args:
+        question: The size of the diagnosis.
+        cost: Of the simulator's rollouts.
+        minutes: That are allowed; 0 for as many as it takes.
+    """
+    plans = (Plan(b, cost, tuple(rollouts(question, b))) for b in smaller())
+    plan = next(plans)
+    while minutes and plan.seconds > HELD * 60 * minutes:
+        less = next(plans, None)
+        if less is None:
+            break
+        plan = less
+    return replace(plan, notes=tuple(_notes(question, plan, minutes)))
+
+
+def _notes(question: Question, plan: Plan, minutes: float) -> Iterator[str]:
+    loss = plan.budget.loss(question.segments)
+    if loss:
+        yield f"the simulator makes {plan.cost.rate:,.0f} environment steps a second: {loss}"
+    step = MANY / plan.cost.rate
+    if plan.cost.reset > SLOW_RESET * question.rows * step:
+        yield (
+            f"a reset of the simulator takes {plan.cost.reset:.2g} s, as long as "
+            f"{plan.cost.reset / step:.0f} of its steps: every rollout waits for it"
+        )
+    if minutes and plan.seconds > 60 * minutes:
+        yield (
+            f"about {plan.seconds / 60:.0f} minutes are expected, more than minutes={minutes:g}: "
+            "a smaller library by effects=[...] takes less, and so does a simulator that steps "
+            "many environments at once"
+        )
+
+
+def rollouts(question: Question, budget: Budget) -> Iterator[Rollout]:
+    """What is rolled out, as far as it can be known before."""
+    rows, count = question.rows, budget.segments(question.segments)
+    trials = len(budget.sizes) * question.trials
+    yield Rollout("prepare", 50, MEASURED)
+    yield Rollout("prepare", 4 * count, rows, times=4)
+    if question.baseline:
+        yield Rollout("prepare", budget.segments(question.baseline), rows, times=CORRECTED)
+    yield Rollout("search", 4 * count, rows, times=4)
+    yield from _rolled_trials(trials * count, rows)
+    yield from _fits(budget.sets, count, rows, budget.iterations)
+    for _ in range((budget.rounds + 2) // 2):  # most searches end before the last of them
+        yield Rollout("search", 7 * count, rows, 0.1)
+        yield from _rolled_trials(trials * count, rows)
+        yield from _fits(2 + 3 * budget.around, count, rows, budget.iterations)
+    yield Rollout("answer", 2 * count, rows, 0.1, PROVED)
+    if question.longer:
+        yield Rollout("answer", min(question.longer, count), 3 * rows, 0.1, 3)
+
+
+def _rolled_trials(environments: int, rows: int) -> Iterator[Rollout]:
+    yield Rollout("search", environments, rows, 1.0)
+
+
+def _fits(sets: int, count: int, rows: int, iterations: int) -> Iterator[Rollout]:
+    """Of one batch: start, damped steps, derivatives where another step was best, held out."""
+    many = sets * count
+    yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5)
+    yield Rollout("search", (DAMPED + NUMBERS) * many * 2 // 3, rows, 0.5, iterations)
+    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, iterations)
+    yield Rollout("search", many, rows, 0.5)

@@ -1,0 +1,53 @@
+"""Measures a simulator and plans a diagnosis with it."""
+
+from collections.abc import Sequence
+
+from buggy_rl.diagnosis.case import segments_of
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.plan import Plan, Question, planned
+from buggy_rl.estimation.cost import measured_cost
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import HORIZONS, cut_segments
+from buggy_rl.recordings import Recording
+
+MEASURED = 0.1  # [s] of a rollout by which time is measured, beside its warm-up
+
+
+def plan_of(
+    config: DiagnosisConfig,
+    simulation: Simulation,
+    library: Library,
+    recordings: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+) -> Plan:
+    """The plan of a diagnosis in the time that it may take.
+
+    Args:
+        config: The question.
+        simulation: Of the simulator; its workers learn from it what is worth dividing.
+        library: Effects to choose from.
+        recordings: To be compared.
+        baseline: Recordings on which the simulator was right.
+    """
+    segments = segments_of(recordings, config)
+    cost = measured_cost(
+        simulation, segments.shortened(round(MEASURED / segments.dt)), library.effects
+    )
+    simulation.workers.least = cost.least_share
+    question = Question(
+        segments=len(segments),
+        rows=segments.pose.shape[1] - 1,
+        trials=sum(len(library.trials(name, segments, (1.0,))) for name in library.names),
+        baseline=len(segments_of(baseline, config)) if baseline else 0,
+        longer=_longer(recordings),
+    )
+    return planned(question, cost, config.minutes)
+
+
+def _longer(recordings: Sequence[Recording]) -> int:
+    """Segments of the longest horizon."""
+    try:
+        return len(cut_segments(recordings, HORIZONS[-1], HORIZONS[-1]))
+    except ValueError:  # no gap-free part is that long
+        return 0

@@ -1,0 +1,44 @@
+"""A progress bar of a diagnosis, in environment steps."""
+
+from typing import Self
+
+from tqdm import tqdm
+
+from buggy_rl.diagnosis.meter import Reading
+
+FORMAT = "{elapsed} {desc}{postfix}"  # before there is a plan
+PLANNED = "{elapsed} {desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
+
+
+class StepBar:
+    """What is being done, environment steps done and planned, and the time left."""
+
+    def __init__(self) -> None:
+        self._bar = tqdm(bar_format=FORMAT, unit_scale=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def says(self, text: str) -> None:
+        """What is being done."""
+        self._bar.set_description_str(text)
+
+    def show(self, reading: Reading) -> None:
+        """How far it is."""
+        self._bar.bar_format = PLANNED
+        self._bar.total, self._bar.n = reading.planned, reading.done
+        self._bar.set_postfix_str(f"steps, about {in_words(reading.left)} left")
+
+
+def in_words(seconds: float) -> str:
+    """A time to the precision of an estimate.
+
+    >>> in_words(42.0), in_words(200.0)
+    ('40 s', '3 min')
+    """
+    if seconds < 90:
+        return f"{10 * max(1, round(seconds / 10)):.0f} s"
+    return f"{seconds / 60:.0f} min"

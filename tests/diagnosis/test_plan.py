@@ -1,0 +1,93 @@
+"""A slow simulator gets fewer rollouts, not a longer wait; what is lost is said."""
+
+from dataclasses import replace
+
+import pytest
+
+from buggy_rl.diagnosis.budget import FULL, LEAST_SEGMENTS, Budget, smaller
+from buggy_rl.diagnosis.meter import Meter
+from buggy_rl.diagnosis.plan import Plan, Question, planned, rollouts
+from buggy_rl.estimation.cost import Cost
+
+QUESTION = Question(segments=60, rows=130, trials=120, longer=28)
+FAST = Cost(fixed=3e-4, each=1e-7, effects=1e-3)
+BATCHED = Cost(fixed=0.08, each=1.4e-5)  # 20 times the reference car
+SERIAL = Cost(fixed=1e-5, each=2e-4)  # one environment at a time
+
+
+def test_a_fast_simulator_gets_everything_and_nothing_is_said():
+    plan = planned(QUESTION, FAST, 10.0)
+    assert plan.budget == FULL
+    assert plan.notes == ()
+    assert plan.seconds < 60
+
+
+@pytest.mark.parametrize("cost", [BATCHED, SERIAL])
+def test_a_slow_one_gets_so_little_that_it_ends_in_time_and_the_loss_is_said(cost):
+    plan = planned(QUESTION, cost, 10.0)
+    assert plan.budget != FULL
+    assert plan.seconds <= 600
+    [note] = plan.notes
+    assert f"{plan.budget.segments(60)} of 60 segments, {plan.budget.sets} of 16 sets" in note
+    assert note.endswith("intervals are wider")
+
+
+def test_one_that_cannot_end_in_time_gets_the_least_and_is_told_how_long_it_takes():
+    plan = planned(QUESTION, replace(SERIAL, each=0.1), 10.0)
+    assert plan.budget == [*smaller()][-1]
+    assert "minutes are expected, more than minutes=10" in plan.notes[-1]
+
+
+def test_a_slow_reset_is_told_with_its_price_in_steps():
+    assert planned(QUESTION, replace(FAST, reset=1e-3), 10.0).notes == ()
+    [note] = planned(QUESTION, replace(FAST, reset=2.0), 0.0).notes
+    assert note.startswith("a reset of the simulator takes 2 s, as long as 5695 of its steps")
+
+
+def test_without_a_limit_everything_is_rolled_out():
+    assert planned(QUESTION, SERIAL, 0.0).budget == FULL
+
+
+def test_where_the_batch_costs_nothing_segments_are_kept_and_else_rollouts():
+    assert planned(QUESTION, replace(BATCHED, each=0.0), 10.0).budget.share == 1.0
+    serial = planned(QUESTION, SERIAL, 10.0).budget
+    assert (serial.rounds, serial.iterations) == (FULL.rounds, FULL.iterations)
+    assert serial.share < 1.0
+
+
+def test_the_least_budget_takes_a_small_part_of_the_time():
+    for cost in (BATCHED, SERIAL):
+        plans = [Plan(b, cost, tuple(rollouts(QUESTION, b))).seconds for b in smaller()]
+        assert plans[-1] == min(plans) < 0.5 * plans[0]
+
+
+def test_workers_shorten_what_is_large_and_leave_what_is_small():
+    two = replace(SERIAL, workers=2)
+    assert two.seconds(10_000, 100) == pytest.approx(0.5 * SERIAL.seconds(10_000, 100), rel=1e-2)
+    assert two.seconds(16, 100) == SERIAL.seconds(16, 100)
+    both = replace(BATCHED, workers=2)
+    assert both.seconds(1000, 100) == BATCHED.seconds(1000, 100)  # its fixed time is not divided
+
+
+def test_few_segments_are_never_thinned_below_what_can_be_held_out():
+    assert Budget(share=0.1).segments(60) == LEAST_SEGMENTS
+    assert Budget(share=0.1).segments(7) == 7
+
+
+def test_the_meter_knows_the_time_left_from_the_start_and_learns_the_speed():
+    shown = []
+    plan = planned(QUESTION, BATCHED, 10.0)
+    meter = Meter(shown.append, lambda _: None)
+    meter.rolled(10, 10)  # before there is a plan nothing is counted
+    assert shown == []
+    meter.begin(plan)
+    assert shown[-1].done == 0
+    assert shown[-1].left == pytest.approx(plan.seconds)
+    meter.stage("answer")
+    seconds, steps = plan.before("answer")
+    assert shown[-1].done == 0
+    assert shown[-1].planned == plan.steps - steps
+    assert shown[-1].left == pytest.approx(plan.seconds - seconds)
+    meter.rolled(1_000_000, 1000)  # far beyond the plan: no time is left, and no step is lost
+    assert shown[-1].left == 0.0
+    assert shown[-1].planned == shown[-1].done == 1_000_000_000

@@ -1,0 +1,160 @@
+"""Rollouts divided among processes: the same numbers, clear errors, nothing left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from buggy_rl.diagnosis.maker import Maker
+from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
+from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.estimation.workers import Workers
+from tests.diagnosis.planted import QUIET, planted_drives
+from tests.test_jobs import alive
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def segments():
+    return cut_segments(planted_drives([{}], 1, 5.0, quality=QUIET)[0], 1.0, 1.0)
+
+
+@pytest.fixture(scope="module")
+def workers():
+    with Workers(2, least=1) as both:
+        yield both
+
+
+def settings(sets, count=0):
+    gain = torch.linspace(0.8, 1.2, sets)
+    gain = gain.unsqueeze(1) + 0.01 * torch.arange(count) if count else gain
+    mass = torch.linspace(1.5, 2.0, sets)
+    offset = torch.linspace(0.0, 0.02, sets)
+    return Settings({"steering_gain": {"gain": gain}}, {} if count else {"mass": mass}, offset)
+
+
+@pytest.mark.parametrize("simulator", ["single_track", "mujoco"])
+def test_two_processes_give_what_one_gives_to_the_last_bit(segments, workers, simulator):
+    one = Simulation(Maker(simulator))
+    two = replace(one, workers=workers)
+    for given in (settings(5), settings(2), settings(1)):
+        if simulator == "mujoco":
+            given = replace(given, parameters={})
+        assert torch.equal(two.readings(segments, given), one.readings(segments, given))
+
+
+def test_values_of_each_segment_start_errors_and_learned_corrections_are_divided_too(
+    segments, workers
+):
+    effect = ResidualAcceleration(model=ResidualNetwork().eval(), strength=1.0)
+    one = Simulation(Maker("single_track"), standing=(effect,))
+    two = replace(one, workers=workers)
+    given = settings(3, len(segments))
+    assert torch.equal(two.residuals(segments, given), one.residuals(segments, given))
+    error = 0.1 * torch.eye(6)
+    found = two.residuals(segments, start_error=error)
+    assert torch.equal(found, one.residuals(segments, start_error=error))
+
+
+def test_more_parts_than_processes_keep_their_order():
+    rows = [(torch.full((1,), float(n)),) for n in range(5)]
+    with Workers(2) as both:
+        assert both.results(torch.neg, rows) == [-row[0] for row in rows]
+
+
+def test_small_rollouts_and_closed_workers_stay_in_this_process(segments):
+    alone = Workers(4, least=10_000)
+    simulation = Simulation(Maker("single_track"), workers=alone)
+    assert simulation.readings(segments, settings(3)).shape[0] == 3
+    alone.close()
+    assert alone.results(lambda x: x, [(torch.ones(1),)] * 3)[2] == 1
+    assert alone._others == []
+
+
+BROKEN = """
+import os
+from tests.plain_env import PlainCar
+class Broken(PlainCar):
+    def _step(self, tensordict):
+        if bool((tensordict["velocity"][:, 0] > 1.0).any()):
+            raise FloatingPointError("tyre without road")
+        return super()._step(tensordict)
+class OnlyHere(PlainCar):
+    substeps = 2
+    def __init__(self, *arguments):
+        if os.environ.get("HOME_OF_THE_SIMULATOR") != str(os.getpid()):
+            raise OSError("licence is held by another process")
+        super().__init__(*arguments)
+"""
+
+
+@pytest.fixture
+def broken(tmp_path, monkeypatch):
+    file = tmp_path / "broken.py"
+    file.write_text(BROKEN)
+    monkeypatch.setenv("HOME_OF_THE_SIMULATOR", str(os.getpid()))
+    return file
+
+
+def test_a_simulators_own_error_is_raised_as_if_it_were_alone(segments, broken):
+    with Workers(2, least=1) as both:
+        simulation = Simulation(Maker(f"{broken}:Broken"), workers=both)
+        with pytest.raises(FloatingPointError, match="tyre without road"):
+            simulation.readings(segments, Settings(clock_offset=torch.zeros(2)))
+        assert both._others == []
+
+
+def test_what_only_a_worker_cannot_do_is_said_with_the_remedy(segments, broken):
+    with Workers(2, least=1) as both:
+        simulation = Simulation(Maker(f"{broken}:OnlyHere"), workers=both)
+        with pytest.raises(ValueError, match=r"licence is held by another.*set workers=1"):
+            simulation.readings(segments, Settings(clock_offset=torch.zeros(2)))
+
+
+def test_a_worker_that_is_killed_is_an_error_with_its_signal():
+    with Workers(2) as both:
+        both.results(torch.neg, [(torch.ones(1),)] * 2)
+        [worker] = both._others
+        worker._process.kill()
+        with pytest.raises(ValueError, match=r"was ended by signal 9.*workers=1"):
+            both.results(torch.neg, [(torch.ones(1),)] * 2)
+
+
+INTERRUPTED = """
+import os, sys, time, torch
+from pathlib import Path
+from buggy_rl.config import run
+from buggy_rl.estimation.workers import Workers
+def main():
+    with Workers(2) as both:
+        both.results(torch.neg, [(torch.ones(1),)] * 2)
+        Path(sys.argv[1] + ".partial").write_text(str(both._others[0]._process.pid))
+        Path(sys.argv[1] + ".partial").rename(sys.argv[1])
+        time.sleep(60)
+run(main)
+"""
+
+
+@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_their_parent_however_it_ends(tmp_path, blow):
+    file = tmp_path / "pid"
+    parent = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, str(file)],
+        cwd=ROOT,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while not file.exists():
+        assert parent.poll() is None
+        time.sleep(0.05)
+    parent.send_signal(blow)
+    assert parent.wait(20) != 0
+    assert not alive(int(file.read_text()))

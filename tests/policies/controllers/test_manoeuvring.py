@@ -1,0 +1,50 @@
+"""The driver that brakes, stops and reverses."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from buggy_rl.engines import make_engine
+from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
+from buggy_rl.policies.controllers.recording import RecordConfig, driven, make_driver
+
+COMMANDS = ["throttle_brake_reverse", "current", {"kind": "speed", "reverse": True}]
+
+
+def drives(command, seed=2, steps=1500, cars=3):
+    engine = make_engine("reference", cars, command=command)
+    driver = make_driver(RecordConfig("unused", driver="manoeuvring", seed=seed), engine)
+    return TensorDict.stack(list(driven(engine, driver, steps)), 1)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_it_drives_both_ways_brakes_and_stays_in_the_room(command):
+    motion = drives(command)
+    vx, throttle = motion["velocity"][..., 0], motion["action"][..., 0]
+    assert motion["pose"][..., :2].abs().max() < 4.0  # [m] half the room
+    assert vx.max() > 1.5
+    assert 0.05 < (vx < -0.2).float().mean() < 0.6
+    assert (vx.abs() < 0.05).any()
+    assert ((vx > 0.5) & (throttle < 0.1)).any()
+    assert throttle.min() < -0.05
+
+
+def test_the_same_seed_is_the_same_drive_and_another_is_not():
+    first, again, other = (drives(COMMANDS[0], seed, 300) for seed in (2, 2, 3))
+    assert torch.equal(first["action"], again["action"])
+    assert not torch.equal(first["action"], other["action"])
+
+
+def test_setpoints_without_reverse_are_never_below_rest():
+    motion = drives("speed", steps=400)
+    assert motion["action"][..., 0].min() == -1.0
+    assert motion["velocity"][..., 0].max() > 1.0
+
+
+def test_each_driver_refuses_the_other_s_cars():
+    with pytest.raises(ValueError, match="a one-way throttle has no brake: driver=room"):
+        ManoeuvringDriver(command=LongitudinalCommand())
+    engine = make_engine("reference", 1, command="current")
+    with pytest.raises(ValueError, match="reference takes current: driver=manoeuvring"):
+        make_driver(RecordConfig("unused"), engine)
