@@ -1,8 +1,6 @@
 import pytest
 
 from buggy_rl.estimation.gauss_newton import fitted
-from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.parameters import Parameter
 from tests.diagnosis.planted import problem_of
 
 
@@ -51,13 +49,6 @@ def test_a_parameter_at_a_bound_is_reported(late):
     assert right.at_bound("steering_dead_time") == ()
     slippery = problem.library.hypothesis(["grip_patch"], [0.0, 0.0, 0.0, -99.0, 0.0])
     assert slippery.at(slippery.vector).at_bound("grip_patch") == ("grip",)
-
-
-def test_the_deciding_parameter_of_a_patch_is_its_grip():
-    library = Library(parameters={"mass": Parameter("mass", 1.0, 0.5, 2.0, "kg", "of the car")})
-    assert library.deciding("grip_patch") == {"grip"}
-    assert library.deciding("floor_slope") == {"along_x", "along_y"}
-    assert library.deciding("parameter:mass") == {"mass"}
 
 
 def test_the_cost_is_the_loss_of_all_segments_and_the_penalty_of_the_values(late):

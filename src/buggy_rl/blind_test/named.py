@@ -8,7 +8,7 @@ from buggy_rl.blind_test.calibration import meant, of_another_form, outside, tru
 from buggy_rl.blind_test.statistics import Figure, calibration_error, share
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
-from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior
+from buggy_rl.diagnosis.posterior import EVEN, LISTED, STANDING, Posterior
 
 Entry = Mapping[str, Any]
 VERDICTS = {"no_mismatch": "nothing", "unknown_physics": "unknown", "cannot_tell": "cannot tell"}
@@ -34,6 +34,10 @@ class Answered(Protocol):
 
     def of(self, effect: str) -> float:
         """Probability that an effect is missing."""
+        ...
+
+    def whatever_else(self, effect: str) -> float:
+        """That it is if effects are missing at all."""
         ...
 
 
@@ -65,6 +69,11 @@ class Claimed:
     def of(self, effect: str) -> float:
         """Its confidence."""
         return self.named.get(effect, 0.0)
+
+    def whatever_else(self, effect: str) -> float:
+        """Not known."""
+        del effect
+        return 0.0
 
 
 def lowest_loss(entry: Entry) -> Posterior:
@@ -104,6 +113,8 @@ def _figures(said: Said) -> dict[str, str]:
             forms, _says_unknown
         ),
     }
+    standing = [c for entry, p in said for c in _standing(entry, p)]
+    figures["called unknown: a name that holds whatever else is missing, right"] = share(standing)
     squares = [(p - right) ** 2 for p, right in claims]
     return {
         **{name: _cell(figure) for name, figure in figures.items()},
@@ -124,6 +135,14 @@ def sure(p: Answered) -> dict[str, float]:
 def listed(entry: Entry, p: Answered) -> list[tuple[float, bool]]:
     """Probability of each effect that has any, and whether it is concealed."""
     return [(s, e in truth(entry)) for e, s in sure(p).items() if s >= LISTED]
+
+
+def _standing(entry: Entry, p: Answered) -> list[bool]:
+    """Whether each effect is concealed that an answer says holds whatever else is missing."""
+    if p.says != "unknown":
+        return []
+    named = [e for e in p.best if p.whatever_else(e) >= STANDING]
+    return [name in truth(entry) for name in meant(named)]
 
 
 def _came_to(entry: Entry, p: Answered) -> bool:

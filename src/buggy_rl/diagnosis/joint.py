@@ -34,7 +34,7 @@ from buggy_rl.estimation.evidence import Evidence, evidence
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.noise_model import NoiseModel
-from buggy_rl.estimation.screening import trials
+from buggy_rl.estimation.screening import thinned, trials
 from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
 LOOKED_AT = 24  # segments, spread evenly, on which sets about the leading one are proposed
@@ -226,10 +226,7 @@ def _secants(
     problem: Problem, base: Fit, removals: Sequence[Fit], sizes: Sequence[float]
 ) -> Secants:
     """About a base, on some of the segments: they only propose what is fitted to all."""
-    count = len(problem.segments)
-    rows = torch.linspace(0, count - 1, min(count, LOOKED_AT)).round().long()
-    few = problem[rows]
-    at, *less = (fit[rows] for fit in (base, *removals))
+    few, [at, *less] = thinned(problem, LOOKED_AT, [base, *removals])
     return Secants.of(few, at, few.rolled_out(trials(problem, base, sizes)), less)
 
 

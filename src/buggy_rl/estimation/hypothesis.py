@@ -127,11 +127,6 @@ class Library:
         kind = effect_class(effect)
         return tuple(p for p in kind.declared if p.name not in kind.alternatives)
 
-    def deciding(self, effect: str) -> frozenset[str]:
-        """Parameters that say how much of an effect there is; the others say where, or how."""
-        own = () if effect.startswith(OWN) else effect_class(effect).deciding
-        return frozenset(own or (p.name for p in self.numbers(effect)))
-
     def hypothesis(self, effects: Sequence[str], vector: Sequence[float] = ()) -> Hypothesis:
         """Effects at normalised parameters, at neutral by default; the clock's is the last."""
         own = [Coordinate(e, p, PRIOR) for e in effects for p in self.numbers(e)]

@@ -17,7 +17,7 @@ FARTHEST = 1.5  # [-] times the way to a trial, along which the cost is minimise
 def screened(problem: Problem, base: Fit, keep: int) -> list[Fit]:
     """The most promising starts: the base and one more effect each, at its best trial size."""
     rows = trials(problem, base)
-    thin, few = _thinned(problem, base)
+    thin, [few] = thinned(problem, SCREENED, [base])
     best: dict[str, tuple[float, Fit]] = {}
     for trial in thin.rolled_out(rows):
         cost, name = promise(problem, few, trial), trial.effects[-1]
@@ -71,8 +71,8 @@ def promise(problem: Problem, base: Fit, trial: Fit) -> float:
     return float(torch.minimum(direct, noise.loss(square, dispersion).sum()))
 
 
-def _thinned(problem: Problem, base: Fit) -> tuple[Problem, Fit]:
-    """The problem on `SCREENED` of the segments at most, and the base on those."""
+def thinned(problem: Problem, most: int, fits: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
+    """A problem on so many of its segments at most, spread evenly, and fits on the same ones."""
     count = len(problem.segments)
-    rows = torch.linspace(0, count - 1, min(count, SCREENED)).round().long()
-    return problem[rows], base[rows]
+    rows = torch.linspace(0, count - 1, min(count, most)).round().long()
+    return problem[rows], [fit[rows] for fit in fits]
