@@ -29,7 +29,7 @@ class Coverage:
     lateral: ndarray
     """[N] lateral acceleration, speed times yaw rate [m/s^2]."""
     steering: ndarray
-    """[N] in the file's unit, positive to the left; NaN where there is none."""
+    """[N] in the file's unit, from its centre, positive to the left; NaN where there is none."""
     throttle: ndarray
     """[N] in the file's unit."""
 

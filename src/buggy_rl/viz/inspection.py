@@ -103,7 +103,7 @@ def _draw_coverage(figure, panels: Panels) -> None:
         )
     else:
         axes[2].text(0.5, 0.5, EMPTY, ha="center", transform=axes[2].transAxes)
-    axes[2].set(xlabel="steering, as in the file, + left", ylabel="speed [m/s]")
+    axes[2].set(xlabel="steering from its centre, as in the file, + left", ylabel="speed [m/s]")
     tidy(axes[2])
 
 
