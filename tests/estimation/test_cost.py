@@ -1,30 +1,52 @@
-"""The time of a rollout is measured, not guessed."""
+"""The time of a rollout is measured, not guessed; here on a clock that the simulation moves."""
 
-import time
+import types
+from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
+from buggy_rl.estimation import cost
 from buggy_rl.estimation.cost import measured_cost
-from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.planted import QUIET, planted_drives
-from tests.plain_env import PlainCar
 
-STEP, EACH, RESET = 0.01, 2e-4, 0.2  # [s]
+FIXED, EACH, EFFECT, RESET = 0.01, 2e-4, 1e-3, 0.2  # [s]
+NAMES = ["steering_gain", "viscous_drag", "sensor_latency", "steering_backlash"]
 
 
-class Sleepy(PlainCar):
-    """A step takes 10 ms and 0.2 ms for each environment, a reset 0.2 s."""
+class Clock:
+    now = 0.0
 
-    substeps = 1
+    def perf_counter(self):
+        return self.now
 
-    def _step(self, tensordict):
-        time.sleep(STEP + EACH * self.batch_size[0])
-        return super()._step(tensordict)
 
-    def _reset(self, tensordict=None, **keywords):
-        time.sleep(RESET)
-        return super()._reset(tensordict, **keywords)
+@dataclass(frozen=True)
+class Simulated:
+    """A step takes 10 ms, 0.2 ms for each environment and 1 ms for each effect; a reset 0.2 s."""
+
+    clock: Clock
+    workers: Any = field(default_factory=lambda: types.SimpleNamespace(count=2))
+    rolled: Any = None
+
+    def make(self, environments):
+        return self
+
+    def reset(self):
+        self.clock.now += RESET
+
+    def readings(self, segments, settings):
+        self.reset()
+        rows, environments = segments.pose.shape[1] - 1, len(segments) * len(settings)
+        self.clock.now += rows * (FIXED + EACH * environments + EFFECT * len(settings.effects))
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(cost, "time", clock)
+    return Simulated(clock)
 
 
 @pytest.fixture(scope="module")
@@ -32,16 +54,23 @@ def short():
     return cut_segments(planted_drives([{}], 1, 5.0, quality=QUIET)[0], 1.0, 1.0).shortened(10)
 
 
-def test_fixed_time_time_of_each_environment_and_of_a_reset_are_told_apart(short):
-    cost = measured_cost(Simulation(Sleepy), short, [])
-    assert STEP < cost.fixed < 2 * STEP
-    assert cost.each == pytest.approx(EACH, rel=0.7)
-    assert RESET < cost.reset < 3 * RESET
-    assert cost.effects == 0
+def test_fixed_time_time_of_each_environment_and_of_a_reset_are_told_apart(simulated, short):
+    measured = measured_cost(simulated, short, [])
+    assert measured.fixed == pytest.approx(FIXED)
+    assert measured.each == pytest.approx(EACH)
+    assert measured.reset == pytest.approx(RESET)
+    assert measured.effects == 0
 
 
-def test_effects_in_the_stack_cost_time(short):
-    names = ["steering_gain", "viscous_drag", "sensor_latency", "steering_backlash"]
-    cost = measured_cost(Simulation(PlainCar), short, names)
-    assert cost.effects > 0
-    assert cost.seconds(100, 10, 1.0) > cost.seconds(100, 10)
+def test_effects_in_the_stack_cost_time(simulated, short):
+    measured = measured_cost(simulated, short, NAMES)
+    assert measured.effects == pytest.approx(len(NAMES) * EFFECT)
+    assert measured.seconds(100, 10, 1.0) == pytest.approx(
+        measured.seconds(100, 10) + 10 * len(NAMES) * EFFECT
+    )
+
+
+def test_what_a_rollout_takes_is_foretold(simulated, short):
+    measured = measured_cost(simulated, short, NAMES)
+    rows = short.pose.shape[1] - 1
+    assert measured.seconds(8, rows) == pytest.approx(RESET + rows * (FIXED + 8 * EACH))
