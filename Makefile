@@ -38,6 +38,7 @@ install: .venv/installed
 	    echo "gigabytes of CUDA packages; README, Installation, says how to avoid them)" ; \
 	    $(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0 ; }
 	$(BIN)/pip install -e '.[dev]'
+	@$(BIN)/python scripts/compile.py || echo "nothing compiled: simulators run by PyTorch, slower"
 	touch $@
 
 clean:

@@ -1,13 +1,12 @@
 """Milliseconds of a call of each kernel, by its compiled package and by PyTorch.
 
-    python scripts/compile.py output=build/kernels
-    BUGGY_RL_KERNELS=build/kernels python benchmarks/kernels.py cars=[64,640,6000]
+    python scripts/compile.py
+    python benchmarks/kernels.py cars=[64,640,6000]
 
 Both alternate in one process of one thread, and the figures are medians. Run it on a quiet machine.
 """
 
 import json
-import os
 import statistics
 import time
 from dataclasses import dataclass, field
@@ -35,17 +34,16 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.kernels.kernel import FOLDER
     from buggy_rl.kernels.registry import kernels
 
     torch.set_num_threads(1)
-    if not os.environ.get(FOLDER):
-        raise ValueError(f"{FOLDER} names no folder of packages: python scripts/compile.py")
     rows = []
     with torch.no_grad():
         for kernel, cars in tqdm([(k, n) for k in kernels() for n in config.cars]):
             if not kernel.ready(torch.ones(2)):
-                raise ValueError(f"{os.environ[FOLDER]} holds no {kernel.name} of this source")
+                raise ValueError(
+                    f"no package of {kernel.name} of this source: python scripts/compile.py"
+                )
             arguments, ms = kernel.example(cars), {"pytorch": [], "package": []}
             for _ in range(config.repeats):
                 for name, call in (("pytorch", kernel.function), ("package", kernel.run)):

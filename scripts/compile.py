@@ -1,10 +1,10 @@
-"""Compiles inner loops of two engines and of the tyre effects for the CPU; needs g++.
+"""Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, half a minute.
 
-    python scripts/compile.py output=build/kernels
-    export BUGGY_RL_KERNELS=build/kernels
+    python scripts/compile.py
 
-With the second line every script uses them; results are the same to rounding. Compile again after
-a change of the source or of PyTorch: a package of other source is not used, and not made twice.
+`make install` does it. From then on every script uses them; results are the same to rounding.
+BUGGY_RL_KERNELS= (empty) runs without. Compile again after a change of the source or of PyTorch: a
+package of other source is not used, and not made twice.
 """
 
 from pathlib import Path
@@ -18,14 +18,16 @@ def main() -> None:
 
     from tqdm import tqdm
 
+    from buggy_rl.kernels.kernel import CACHE, FOLDER
     from buggy_rl.kernels.registry import kernels
 
-    folder = Path(config.output)
+    folder = Path(config.output or CACHE)
     for kernel in (bar := tqdm(kernels())):
         bar.set_description_str(kernel.name)
         if not kernel.file(folder).is_file():
             kernel.compile(folder)
-    print(f"written: {folder}; to use them: export BUGGY_RL_KERNELS={folder}")
+    use = "" if folder == CACHE else f"; to use them: export {FOLDER}={folder}"
+    print(f"written: {folder}{use}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from torchrl.envs import TransformedEnv
 
+from buggy_rl.effects import make_effect
+from buggy_rl.effects.motion.step import CENTRED, MEAN_ACCELERATION, MOVED
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.single_track import KERNEL
 from buggy_rl.kernels import kernel
@@ -68,6 +71,32 @@ def test_an_engine_drives_alike_with_it(folder, monkeypatch):
 
 
 @compiler
+def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
+    monkeypatch.delenv(FOLDER)
+    with torch.no_grad():
+        monkeypatch.setattr(kernel, "CACHE", folder)
+        assert KERNEL.ready(torch.ones(3))
+        monkeypatch.setattr(kernel, "CACHE", folder / "never compiled")
+        assert not KERNEL.ready(torch.ones(3))
+
+
+@compiler
+def test_an_effect_on_the_motion_acts_alike_with_it(tmp_path, monkeypatch):
+    runs = []
+    for k in (CENTRED, MEAN_ACCELERATION, MOVED):
+        k.compile(tmp_path)
+    for chosen in ("", str(tmp_path)):
+        monkeypatch.setenv(FOLDER, chosen)
+        torch.manual_seed(0)
+        effect = make_effect("payload", {"mass_ratio": 1.3})
+        env = TransformedEnv(make_engine("single_track", batch_size=3), effect)
+        with torch.no_grad():
+            after = env.rollout(50, break_when_any_done=False)["next"]
+            runs.append(torch.cat([after["pose"], after["velocity"]], -1))
+    torch.testing.assert_close(*runs, rtol=1e-4, atol=1e-4)
+
+
+@compiler
 def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
     row = torch.ones(3)
     monkeypatch.setenv(FOLDER, str(folder))
@@ -75,7 +104,7 @@ def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
     with torch.no_grad():
         assert KERNEL.ready(row)
         assert KERNEL.fastest(row) == KERNEL.run
-        monkeypatch.delenv(FOLDER)
+        monkeypatch.setenv(FOLDER, "")
         assert not KERNEL.ready(row)
         assert KERNEL.fastest(row) == KERNEL.function
 

@@ -60,7 +60,9 @@ def rotate(xy: Tensor, angle: Tensor) -> Tensor:
     return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
 
-def integrate_pose(pose: Tensor, velocity: Tensor, next_velocity: Tensor, dt: float) -> Tensor:
+def integrate_pose(
+    pose: Tensor, velocity: Tensor, next_velocity: Tensor, dt: float | Tensor
+) -> Tensor:
     """Moves a pose one step on, by the midpoint of the velocities at both ends.
 
     x' = x + dt R(yaw + dt r / 2) v,  yaw' = yaw + dt r,  with v, r the mean of both velocities.

@@ -107,7 +107,7 @@ def sides(left, right, covariance):
     fit = Fit(start.effects, start.coordinates, vector, torch.zeros(1, 1))
     known = torch.diag(torch.tensor([1.0, 1.0, 1.0, 1.0]))
     known[:2, :2] = torch.tensor(covariance)
-    return Candidate(fit, CrossValidated(torch.zeros(1), known))
+    return Candidate(fit, CrossValidated(torch.zeros(1, 1), known))
 
 
 def wrong(left, right, covariance):

@@ -1,6 +1,10 @@
-import pytest
+from dataclasses import replace
 
-from buggy_rl.estimation.gauss_newton import fitted
+import pytest
+import torch
+from scipy.optimize import minimize
+
+from buggy_rl.estimation.gauss_newton import _within, fitted
 from tests.diagnosis.planted import problem_of
 
 
@@ -57,3 +61,27 @@ def test_the_cost_is_the_loss_of_all_segments_and_the_penalty_of_the_values(late
     assert len(loss) == len(problem.segments) > 1
     assert right.penalty() > 0
     assert problem.cost(right) == pytest.approx(float(sum(loss)) + right.penalty())
+
+
+def test_a_step_beyond_a_bound_goes_along_it_to_the_least_there(late):
+    problem, _ = late
+    start = problem.library.hypothesis(["steering_dead_time"], [0.5, 0.0])  # at least 0
+    hessian = torch.tensor([[2.0, 1.5], [1.5, 2.0]], dtype=torch.float64)
+    gradient = torch.tensor([2.0, 0.4], dtype=torch.float64)
+    step = _within(start, hessian, gradient)
+    assert float(start.vector[0] + step[0]) == pytest.approx(0.0)
+    least = minimize(
+        lambda s: gradient.numpy() @ s + 0.5 * s @ hessian.numpy() @ s,
+        [0.0, 0.0],
+        bounds=[(-0.5, None), (-5.0, 5.0)],
+    )
+    assert step.tolist() == pytest.approx(least.x.tolist(), abs=1e-4)
+
+
+def test_a_fit_that_begins_at_its_end_rolls_out_no_step(late):
+    problem, (right, _) = late
+    asked = []
+    simulation = replace(problem.simulation, rolled=lambda *size: asked.append(size))
+    [again] = fitted(replace(problem, simulation=simulation), [right])
+    assert len(asked) == 1
+    assert torch.equal(again.vector, right.vector)

@@ -15,9 +15,9 @@ class Budget:
     """Effects of a set -> sets of that size that are fitted at first."""
     around: int = 3
     """Sets of each size that are fitted about the leading one."""
-    rounds: int = 3
+    rounds: int = 5
     """Times that the leading set is looked at anew, at most."""
-    iterations: int = 6
+    iterations: int = 10
     """Gauss-Newton iterations of a fit."""
     sizes: tuple[float, ...] = TRIAL_SIZES
     """[prior scales] at which each effect is rolled out before anything is fitted."""

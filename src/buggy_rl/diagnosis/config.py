@@ -12,7 +12,7 @@ class SearchConfig:
     What is named, and how surely, is decided by the weights of `calibration.yaml` alone.
     """
 
-    iterations: int = 6
+    iterations: int = 10
     """Gauss-Newton iterations of a fit; numerical."""
     restarts: list[float] = field(default_factory=lambda: [-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])
     """[prior scales] offsets of local restarts; half a sample of clock or dead time is a valley."""

@@ -10,7 +10,7 @@ from buggy_rl.estimation.cost import MANY, Cost
 Stage = Literal["prepare", "search", "answer"]
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
 NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
-DAMPED = 3  # steps of an iteration that are tried
+USUAL = 6  # iterations after which a fit has ended, most often
 MEASURED = 700  # steps of a few environments in which effects measure a simulator
 CORRECTED = 20  # rollouts in which a correction is learned from a baseline
 PROVED = 12  # rollouts of half the segments in which an answer is proved
@@ -129,7 +129,7 @@ def rollouts(question: Question, budget: Budget) -> Iterator[Rollout]:
     yield Rollout("search", 4 * count, rows, times=4)
     yield from _rolled_trials(trials * count, rows)
     yield from _fits(budget.sets, count, rows, budget.iterations)
-    for _ in range((budget.rounds + 2) // 2):  # most searches end before the last of them
+    for _ in range(min(2, budget.rounds)):  # most searches end before the last of them
         yield Rollout("search", 7 * count, rows, 0.1)
         yield from _rolled_trials(trials * count, rows)
         yield from _fits(2 + 3 * budget.around, count, rows, budget.iterations)
@@ -143,9 +143,9 @@ def _rolled_trials(environments: int, rows: int) -> Iterator[Rollout]:
 
 
 def _fits(sets: int, count: int, rows: int, iterations: int) -> Iterator[Rollout]:
-    """Of one batch: start, damped steps, derivatives where another step was best, held out."""
-    many = sets * count
+    """Of one batch: start, steps, derivatives where a damped one was best, held out."""
+    many, times = sets * count, min(USUAL, iterations)
     yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5)
-    yield Rollout("search", (DAMPED + NUMBERS) * many * 2 // 3, rows, 0.5, iterations)
-    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, iterations)
+    yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times)
+    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2)
     yield Rollout("search", many, rows, 0.5)

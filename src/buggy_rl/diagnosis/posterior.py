@@ -69,9 +69,16 @@ class Posterior:
 
     @property
     def best(self) -> Effects:
-        """The most probable set that is not empty; empty where none was fitted."""
+        """The median set: effects that most of the probability of all sets of effects has.
+
+        The most probable set where that one is empty or was not fitted; empty where none was.
+
+        Source: Barbieri & Berger (2004), Optimal predictive model selection.
+        """
         named = {effects: p for effects, p in self.sets.items() if effects}
-        return max(named, key=lambda effects: named[effects], default=())
+        every = sorted({e for effects in named for e in effects})
+        median = tuple(e for e in every if self.whatever_else(e) > EVEN)
+        return median if median in named else max(named, key=lambda e: named[e], default=())
 
     def of(self, effect: str) -> float:
         """That an effect is missing, alone or beside others."""

@@ -8,7 +8,7 @@ import torch
 from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.search_result import held_out_loss
-from buggy_rl.estimation.cross_validation import cross_validated
+from buggy_rl.estimation.cross_validation import cross_validated, rewhitened
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.noise_model import noise_model
@@ -73,15 +73,15 @@ def renoised(state: State, best: Candidate, criteria: Criteria) -> State:
     noise = noise_model(problem.simulation, problem.segments, settings, extra=problem.noise.extra)
     change = noise.change_from(problem.noise)
     problem = replace(problem, noise=noise)
-    fits = []
-    for candidate in state.tried.values():
+    tried = {}
+    for key, candidate in state.tried.items():
         fit, jacobian = candidate.fit, candidate.fit.jacobian
         whitened = torch.einsum("nij,nj->ni", change, fit.whitened)
         jacobian = None if jacobian is None else change @ jacobian
-        fits.append(replace(fit, whitened=whitened, jacobian=jacobian))
-    known = cross_validated(problem, fits, criteria.group)
-    candidates = [Candidate(fit, cv) for fit, cv in zip(fits, known, strict=True)]
-    return State(problem, dict(zip(state.tried, candidates, strict=True)))
+        fit = replace(fit, whitened=whitened, jacobian=jacobian)
+        known = rewhitened(problem, fit, candidate.cross_validated, change, criteria.group)
+        tried[key] = Candidate(fit, known)
+    return State(problem, tried)
 
 
 def restarts(fit: Fit, offsets: Sequence[float]) -> list[Hypothesis]:

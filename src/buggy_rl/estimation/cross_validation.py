@@ -17,10 +17,15 @@ BLOCK = 8.0  # [s] segments of a recording closer than this are held out togethe
 class CrossValidated:
     """How well a hypothesis predicts what it was not fitted to."""
 
-    square: Tensor
-    """|W e|^2 [N] of each segment when its block was held out."""
+    whitened: Tensor
+    """[N, D] whitened residuals of each segment when its block was held out."""
     covariance: Tensor
     """[P, P] of the vector, by leaving out one block at a time."""
+
+    @property
+    def square(self) -> Tensor:
+        """|W e|^2 [N] of each segment."""
+        return self.whitened.square().sum(-1)
 
 
 def blocks(segments: Segments, seconds: float = BLOCK) -> Tensor:
@@ -32,17 +37,36 @@ def blocks(segments: Segments, seconds: float = BLOCK) -> Tensor:
 
 def cross_validated(problem: Problem, fits: Sequence[Fit], group: Tensor) -> list[CrossValidated]:
     """Holds out one block [N] at a time; residuals there are those of a rollout anew."""
-    parts = []
-    for fit in fits:
-        curvature, score = normal_equations(problem, fit)
-        parts.append(jackknife(curvature, score, fit.prior**-2, group))
+    parts = [_without_each(problem, fit, group) for fit in fits]
     rows = [
         (fit, fit.bounded(fit.vector + moves)) for fit, (moves, _) in zip(fits, parts, strict=True)
     ]
     return [
-        CrossValidated(whitened.square().sum(-1), covariance)
+        CrossValidated(whitened, covariance)
         for whitened, (_, covariance) in zip(problem.whitened(rows), parts, strict=True)
     ]
+
+
+def rewhitened(
+    problem: Problem, fit: Fit, known: CrossValidated, change: Tensor, group: Tensor
+) -> CrossValidated:
+    """Under another noise model, without a rollout: held out at the same numbers.
+
+    Args:
+        problem: With the new noise model.
+        fit: Under it.
+        known: Under the former one.
+        change: [N, D, D] of `NoiseModel.change_from`.
+        group: [N] int, blocks.
+    """
+    whitened = torch.einsum("nij,nj->ni", change, known.whitened)
+    return CrossValidated(whitened, _without_each(problem, fit, group)[1])
+
+
+def _without_each(problem: Problem, fit: Fit, group: Tensor) -> tuple[Tensor, Tensor]:
+    """`jackknife` of a fit's own curvature."""
+    curvature, score = normal_equations(problem, fit)
+    return jackknife(curvature, score, fit.prior**-2, group)
 
 
 def jackknife(

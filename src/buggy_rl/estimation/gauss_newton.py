@@ -1,19 +1,19 @@
 """Damped Gauss-Newton on whitened residuals, of many hypotheses in one batch of rollouts."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from buggy_rl.estimation.hypothesis import Hypothesis, Library
+from buggy_rl.estimation.hypothesis import AT_BOUND, Hypothesis, Library
 from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 
 STEP = 0.02  # [prior scales] finite difference
 LONGEST = 2.0  # [prior scales] step of an iteration, in each coordinate
-TRIED = 2  # iterations after which hypotheses that gain little are no longer fitted:
+TRIED = 2  # iterations with all dampings; then hypotheses that gain little are no longer fitted:
 HOPELESS = 0.3  # [-] less than this share of what the best one has gained
 DAMPINGS = (1e-6, 0.1, 10.0)  # [-] of the curvature's diagonal; the first follows a ridge
 CONVERGED = (1e-3, 0.5)  # [-] relative, [nats] absolute decrease below both of which a fit ends
@@ -98,7 +98,9 @@ def fitted(
 ) -> list[Fit]:
     """Minimises the cost of each hypothesis; all get their derivatives.
 
-    z <- z - (H + lambda diag H)^-1 g, with lambda the best of `DAMPINGS` by rollouts.
+    z <- z - (H + lambda diag H)^-1 g, with the best lambda of `DAMPINGS` by rollouts; after `TRIED`
+    iterations with the first, and with the others where that one is no better. A fit ends where no
+    step is expected to gain.
 
     Args:
         problem: What they are fitted to.
@@ -108,52 +110,77 @@ def fitted(
             `TRIED` iterations are fitted no further.
     """
     found = problem.rolled_out([h.at(h.vector) for h in hypotheses], linear=True)
-    active = list(range(len(found)))
+    going = dict.fromkeys(range(len(found)), DAMPINGS)
     for iteration in range(iterations):
         if reference is not None and iteration >= TRIED:
             gains = [reference - problem.cost(f) for f in found]
-            active = [i for i in active if gains[i] > HOPELESS * max(gains)]
-        if not active:
-            break
-        for i, fit in zip(active, linearised(problem, [found[i] for i in active]), strict=True):
+            going = {i: d for i, d in going.items() if gains[i] > HOPELESS * max(gains)}
+        for i, fit in zip(going, linearised(problem, [found[i] for i in going]), strict=True):
             found[i] = fit
-        best = _best_steps(problem, [found[i] for i in active])
-        moved = []
-        for i, other in zip(active, best, strict=True):
-            before, after = problem.cost(found[i]), problem.cost(other)
-            found[i] = other
-            relative, absolute = CONVERGED
-            if before - after > relative * max(1.0, abs(before)) or before - after > absolute:
-                moved.append(i)
-        active = moved
+        steps = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
+        steps = {i: own for i, own in steps.items() if own}
+        if not steps:
+            break
+        before, going = {i: found[i] for i in steps}, {}
+        for i, fit in _best(problem, before, steps).items():
+            found[i] = fit
+            if _worth(problem.cost(before[i]) - problem.cost(fit), problem.cost(before[i])):
+                going[i] = DAMPINGS if iteration + 1 < TRIED else DAMPINGS[:1]
+            elif fit is before[i] and len(steps[i]) == 1:
+                going[i] = DAMPINGS[1:]
     return linearised(problem, found)
 
 
-def _best_steps(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The best of each fit's damped steps; the fit itself where none is better.
+def _best(
+    problem: Problem, fits: Mapping[int, Fit], steps: Mapping[int, Sequence[Hypothesis]]
+) -> dict[int, Fit]:
+    """Of each fit the best of its steps; the fit itself where none is better.
 
-    The longest, which most often is the best, comes with its derivatives.
+    The first, which most often is the best, comes with its derivatives.
     """
-    owners, trials, longest = [], [], []
-    for index, fit in enumerate(fits):
-        for number, vector in enumerate(_steps(problem, fit)):
-            owners.append(index)
-            trials.append(fit.at(vector))
-            longest.append(number == 0)
-    best = list(fits)
-    for index, other in zip(owners, problem.rolled_out(trials, longest), strict=True):
-        if problem.cost(other) < problem.cost(best[index]):
-            best[index] = other
+    owners = [i for i, own in steps.items() for _ in own]
+    linear = [number == 0 for own in steps.values() for number in range(len(own))]
+    trials = [trial for own in steps.values() for trial in own]
+    best = dict(fits)
+    for i, other in zip(owners, problem.rolled_out(trials, linear), strict=True):
+        if problem.cost(other) < problem.cost(best[i]):
+            best[i] = other
     return best
 
 
-def _steps(problem: Problem, fit: Fit) -> Iterator[Tensor]:
+def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> list[Hypothesis]:
+    """Where damped steps lead; none where the first is expected to gain nothing."""
     curvature, score = normal_equations(problem, fit)
     hessian = curvature.sum(0) + torch.diag(fit.prior**-2)
     gradient = score.sum(0) + fit.vector / fit.prior**2
-    for damping in DAMPINGS:
+    ends = []
+    for damping in dampings:
         damped = hessian + damping * torch.diag(hessian.diagonal())
-        yield fit.vector - torch.linalg.solve(damped, gradient).clamp(-LONGEST, LONGEST)
+        ends.append(fit.at(fit.vector + _within(fit, damped, gradient)))
+    step = ends[0].vector - fit.vector
+    expected = -float(step @ gradient + 0.5 * step @ hessian @ step)
+    return ends if _worth(expected, problem.cost(fit)) else []
+
+
+def _within(fit: Hypothesis, hessian: Tensor, gradient: Tensor) -> Tensor:
+    """The step [P] to the minimum of a parabola, along what bounds it and `LONGEST`."""
+    step, held = torch.zeros_like(gradient), torch.zeros_like(gradient, dtype=torch.bool)
+    for _ in gradient:
+        free = ~held
+        rest = gradient + hessian[:, held] @ step[held]
+        step[free] = -torch.linalg.solve(hessian[free][:, free], rest[free])
+        within = fit.bounded(fit.vector + step.clamp(-LONGEST, LONGEST)) - fit.vector
+        out = free & ((within - step).abs() > AT_BOUND)
+        step, held = within, held | out
+        if not bool(out.any()) or bool(held.all()):
+            break
+    return step
+
+
+def _worth(gain: float, cost: float) -> bool:
+    """Whether a decrease of the cost [nats] is worth another step."""
+    relative, absolute = CONVERGED
+    return gain > relative * max(1.0, abs(cost)) or gain > absolute
 
 
 def linearised(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:

@@ -18,6 +18,8 @@ from buggy_rl.estimation.hypothesis import Hypothesis
 
 FARTHEST = 1.5  # [-] times its trial size that an effect may have
 REWEIGHTED = 4  # times that heavy-tailed weights are computed anew
+ROUGHLY = 2  # times, of many sets, to choose those that are solved in full
+CHOSEN = 10  # of those, times as many as are wanted
 BEAM = 200  # sets of one size that are extended; numerical
 CHUNK = 8_000  # sets that are solved at once, to bound memory
 FIXED = 1e12  # [-] precision of a coefficient that is held at its bound
@@ -61,7 +63,9 @@ class Secants:
         wide = torch.cat(columns, -1)  # (N, D, M)
         return cls(problem, base, trials, removals, wide.mT @ wide)
 
-    def solved(self, members: Tensor, removed: Sequence[int] = ()) -> tuple[Tensor, Tensor, Tensor]:
+    def solved(
+        self, members: Tensor, removed: Sequence[int] = (), times: int = REWEIGHTED
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Least loss of each set of trials, and its coefficients.
 
         r = r_base + sum d_removed + sum a_t m_t + J b,  0 <= a <= `FARTHEST`, by reweighted least
@@ -70,11 +74,12 @@ class Secants:
         Args:
             members: [C, k] indices of trials.
             removed: Effects of the base, by index, that are taken out.
+            times: That the weights are computed.
 
         Returns:
             Losses [C], a [C, k] and b [C, P] of the coordinates of `kept(removed)`.
         """
-        parts = [self._solved(part, removed) for part in members.split(CHUNK)]
+        parts = [self._solved(part, removed, times) for part in members.split(CHUNK)]
         return tuple(torch.cat(p) for p in zip(*parts, strict=True))  # type: ignore[return-value]
 
     def kept(self, removed: Sequence[int]) -> list[int]:
@@ -82,7 +87,9 @@ class Secants:
         out = {self.base.effects[i] for i in removed}
         return [i for i, c in enumerate(self.base.coordinates) if c.effect not in out]
 
-    def _solved(self, members: Tensor, removed: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+    def _solved(
+        self, members: Tensor, removed: Sequence[int], times: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
         noise, phi = self.problem.noise, self.problem.dispersion
         count, k = members.shape
         size = len(self.base.coordinates)
@@ -99,7 +106,7 @@ class Secants:
         low[:, :k], high[:, :k] = 0.0, FARTHEST
         square = left.expand(count, -1)
         solution = torch.zeros_like(centre)
-        for _ in range(REWEIGHTED):
+        for _ in range(times):
             weight = noise.weight(square, phi) / phi  # (C, N)
             hessian = torch.einsum("cnrs,cn->crs", gram, weight)
             score = torch.einsum("cnr,cn->cr", along, weight) - precision * centre
@@ -161,8 +168,7 @@ def proposals(
         members = torch.zeros(1, 0, dtype=torch.long)
         for size in range(min(added, most - left) + 1):
             if size or out:  # the base itself is no proposal
-                chosen = _best(secants, members, out, best, BEAM if not out else BEAM // 4)
-                members = members[chosen]
+                members = _best(secants, members, out, best, BEAM if not out else BEAM // 4)
             members = _grown(members, effect)
     every = torch.arange(len(names))
     for names_of in also:
@@ -192,8 +198,11 @@ def _best(
     removed: Sequence[int],
     best: dict[frozenset[str], Proposal],
     most: int,
-) -> list[int]:
-    """Rows of the best sets, each of its own effects; enters those that are new or better."""
+) -> Tensor:
+    """The best sets [C', k], each of its own effects; enters those that are new or better."""
+    if len(members) > CHOSEN * most:
+        rough, _, _ = secants.solved(members, removed, ROUGHLY)
+        members = members[rough.argsort()[: CHOSEN * most]]
     loss, share, moved = secants.solved(members, removed)
     kept = {e for i, e in enumerate(secants.base.effects) if i not in removed}
     chosen: list[int] = []
@@ -208,7 +217,7 @@ def _best(
                 best[key] = Proposal(start, float(loss[row]))
         if len(chosen) == most:
             break
-    return chosen
+    return members[chosen]
 
 
 def _start(

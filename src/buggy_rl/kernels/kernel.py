@@ -2,9 +2,9 @@
 
 Of a few hundred cars an operation of PyTorch takes microseconds whatever it does, and a step of a
 car has hundreds. Compiled into one call they take as long as their arithmetic. Both give the same
-numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and time, so it is done
-once, by `scripts/compile.py`, and only who names the folder of the packages gets them. A package
-holds for the source that it was made of and no other.
+numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and half a minute, so
+it is done once, by `scripts/compile.py`. A package holds for the source and the processor that it
+was made of and no other.
 
 Source: `torch.export` and `torch._inductor.aoti_compile_and_package`, PyTorch documentation.
 """
@@ -17,12 +17,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
 FOLDER = "BUGGY_RL_KERNELS"
-"""Environment variable: the folder of the packages; none are used where it is not set."""
+"""Environment variable: the folder of the packages, where it is not `CACHE`; empty for none."""
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "buggy_rl"
+"""Folder of the packages by default."""
 SOURCE = Path(__file__).parents[1]
 MADE_OF = ("engines", "effects", "vehicle.py")
 """What kernels follow from, whole: a package too many is made anew rather than one too few."""
@@ -48,17 +51,18 @@ class Kernel:
     def ready(self, row: Tensor) -> bool:
         """Whether its package is there and takes a batch like `row`, which has a value per car."""
         return (
-            row.dim() == 1
+            not torch.compiler.is_compiling()  # traced into another package
+            and row.dim() == 1
             and 1 < len(row) <= (self.up_to or len(row))
             and row.dtype == torch.float32
             and row.device.type == "cpu"
             and not torch.is_grad_enabled()
-            and _package(self, os.environ.get(FOLDER, "")) is not None
+            and _package(self, os.environ.get(FOLDER, str(CACHE))) is not None
         )
 
     def run(self, *arguments: Tensor) -> Sequence[Tensor]:
         """Runs the package, which must be `ready`, on arguments like those of `example`."""
-        package = _package(self, os.environ.get(FOLDER, ""))
+        package = _package(self, os.environ.get(FOLDER, str(CACHE)))
         assert package is not None
         return package([argument.contiguous() for argument in arguments])
 
@@ -104,7 +108,7 @@ class _Module(torch.nn.Module):
 @cache
 def digest() -> str:
     """Of the source, PyTorch and the processor."""
-    parts = [torch.__version__, platform.machine(), torch.backends.cpu.get_cpu_capability()]
+    parts = [torch.__version__, platform.machine(), _instructions()]
     for place in MADE_OF:
         path = SOURCE / place
         files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
@@ -112,17 +116,28 @@ def digest() -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
+def _instructions() -> str:
+    """Of the processor: a package may use all of them, and another processor have fewer."""
+    about = Path("/proc/cpuinfo")
+    lines = about.read_text(errors="replace").splitlines() if about.exists() else []
+    flags = [line for line in lines if line.lower().startswith(("flags", "features"))]
+    return flags[0] if flags else torch.backends.cpu.get_cpu_capability()
+
+
 @cache
 def _package(kernel: Kernel, folder: str) -> Callable[[list[Tensor]], list[Tensor]] | None:
-    if not folder:
+    if not folder or not Path(folder).is_dir():
         return None
     if not kernel.file(Path(folder)).is_file():
+        again = "python scripts/compile.py" + ("" if folder == str(CACHE) else f" output={folder}")
         warnings.warn(
-            f"{FOLDER}={folder} holds no {kernel.name} of this source, which runs by PyTorch, "
-            f"slower: python scripts/compile.py output={folder}",
+            f"{folder} holds no {kernel.name} of this source, which runs by PyTorch, slower: "
+            f"{again} makes it",
             stacklevel=2,
         )
         return None
-    # `loader.run` takes and gives flat lists, without the nesting that is not needed here.
     file = str(kernel.file(Path(folder)))
-    return torch._inductor.aoti_load_package(file, run_single_threaded=True).loader.run
+    # Not by `aoti_load_package`: it compiles a program to ask what the processor is, which takes a
+    # second and is in the digest. One thread, one runner, of a file with the default name, no GPU.
+    aoti: Any = torch._C._aoti  # type: ignore[attr-defined]
+    return aoti.AOTIModelPackageLoader(file, "model", True, 1, -1).run

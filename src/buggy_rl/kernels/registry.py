@@ -8,6 +8,9 @@ from buggy_rl.kernels.kernel import Kernel
 KERNELS = (
     "buggy_rl.engines.reference.car:KERNEL",
     "buggy_rl.engines.single_track:KERNEL",
+    "buggy_rl.effects.motion.step:CENTRED",
+    "buggy_rl.effects.motion.step:MEAN_ACCELERATION",
+    "buggy_rl.effects.motion.step:MOVED",
     "buggy_rl.effects.tyre.change:REAR_DRIVEN",
     "buggy_rl.effects.tyre.change:ALL_DRIVEN",
 )
@@ -17,10 +20,11 @@ KERNELS = (
 class CompileConfig:
     """Options of `scripts/compile.py`."""
 
-    output: str = "build/kernels"
-    """Folder of the packages; name it in BUGGY_RL_KERNELS to use them."""
+    output: str = ""
+    """Folder of the packages; empty for the user's cache, where every script looks for them.
+    Another one is to be named in BUGGY_RL_KERNELS."""
 
 
 def kernels() -> list[Kernel]:
-    """The two engines; the tyre effects of rear-wheel and of four-wheel drive."""
+    """The two engines; a step of effects on the motion; the tyre effects of both drives."""
     return [load_named(name) for name in KERNELS]

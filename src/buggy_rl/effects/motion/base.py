@@ -18,8 +18,9 @@ from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
+from buggy_rl.effects.motion.step import CENTRED, MEAN_ACCELERATION, MOVED
 from buggy_rl.longitudinal import ONE_WAY_REST
-from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
+from buggy_rl.vehicle import VehicleDimensions
 
 LOCK = 0.45  # [rad] largest road-wheel angle; DART's locks are 0.32 and 0.40
 SETTING_OFF = 0.1  # [m/s] speed at which a force that rest cancels reaches tanh(1) = 76 %; chosen
@@ -78,15 +79,12 @@ class Motion:
 
     @property
     def acceleration(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Force over mass ax, ay [m/s^2] and yaw acceleration [rad/s^2], means of the step [n].
-
-        In the body frame of the middle of the step, between whose ends it turns by 2 h = r dt:
-        a = (R(h) v' - R(-h) v) / dt, without the apparent forces of a turning frame.
-        """
-        h = 0.5 * self.dt * self.turn_rate
-        start, end = rotate(self.before[..., :2], -h), rotate(self.after[..., :2], h)
-        ax, ay = ((end - start) / self.dt).unbind(-1)
-        return ax, ay, (self.after[..., 2] - self.before[..., 2]) / self.dt
+        """`mean_acceleration`: ax, ay [m/s^2] and yaw acceleration [rad/s^2], each [n]."""
+        numbers = torch.as_tensor(self.dt, dtype=self.after.dtype, device=self.after.device)
+        acceleration = MEAN_ACCELERATION.fastest(self.after[..., 2])
+        (found,) = acceleration(numbers.reshape(1), self.before, self.after)
+        ax, ay, turning = found.unbind(-1)
+        return ax, ay, turning
 
 
 class MotionEffect(Effect):
@@ -111,6 +109,8 @@ class MotionEffect(Effect):
             dimensions = VehicleDimensions(**(dimensions or {}))
         self.dimensions = dimensions
         super().__init__(**rest)
+        numbers = torch.tensor([dimensions.sensor_to_cg, self.dt])
+        self.register_buffer("step_numbers", numbers, persistent=False)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -145,8 +145,8 @@ class MotionEffect(Effect):
             for part in (before.get(keys.POSE), before.get(keys.VELOCITY), next_velocity)
         )
         action = self._gather(before.get(keys.ACTION)).clamp(-1, 1)
-        arm = self.dimensions.sensor_to_cg
-        at_cg = shift_velocity(torch.stack([start, end]), -arm)
+        numbers = self._tensor("step_numbers").to(end.dtype)
+        at_cg = CENTRED.fastest(end[..., 2])(numbers, start, end)
         memory = before.get(self.memory) if self.state_size else None
         state = None if memory is None else self._gather(memory)
         asked = None
@@ -157,11 +157,9 @@ class MotionEffect(Effect):
         change, state = self._change_and_state(motion)
         if memory is not None and state is not None:
             after.set(self.memory, self._scatter(memory, state))
-        changed = end + shift_velocity(change, arm)
-        # Both poses are computed from x = y = 0: far from there their difference would be rounded.
-        origin = torch.cat([torch.zeros_like(pose[..., :2]), pose[..., 2:]], -1)
-        ends = integrate_pose(origin, start, torch.stack([end, changed]), self.dt)
-        placed = self._gather(next_pose) + (ends[1] - ends[0])
+        placed, changed = MOVED.fastest(end[..., 2])(
+            numbers, pose, start, end, change, self._gather(next_pose)
+        )
         after.set(keys.POSE, self._scatter(next_pose, placed))
         after.set(keys.VELOCITY, self._scatter(next_velocity, changed))
 
