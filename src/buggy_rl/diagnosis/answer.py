@@ -51,6 +51,15 @@ class NamedEffect:
     """Condition with which its parameters vary: then it is probably misspecified."""
     whatever_else: float = 0.0
     """Share of the probability of all sets of effects that those with it have."""
+    inside: tuple[str, ...] = ()
+    """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
+
+    @property
+    def realised(self) -> str:
+        """How the repaired simulator has it, as `diagnosis.json` says."""
+        if not self.inside:
+            return "effect"
+        return f"parameter{'s' * (len(self.inside) > 1)} {', '.join(self.inside)}"
 
 
 @dataclass(frozen=True)
@@ -244,6 +253,8 @@ def _line(effect: NamedEffect, unknown: bool = False) -> str:
         text += f"; alternatives: {others}"
     if effect.varies_with:
         text += f"; varies with {WORDS[effect.varies_with]}: probably misspecified"
+    if effect.inside and effect.kind != "parameter":
+        text += f"; in the simulator: {effect.realised}"
     if effect.at_bound:
         text += f"; at a bound of its range: {', '.join(effect.at_bound)}"
     return f"{effect.sentence[:1].upper()}{effect.sentence[1:]} [{text}]."
@@ -266,6 +277,7 @@ def _named(e: NamedEffect) -> dict[str, Any]:
         "at_bound": list(e.at_bound),
         "varies_with": e.varies_with,
         "whatever_else": e.whatever_else,
+        "realised": e.realised,
     }
 
 

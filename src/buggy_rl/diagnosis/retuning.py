@@ -87,6 +87,7 @@ def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
             parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
             confidence=CERTAINLY,
             held_out_gain=0.0,
+            inside=(p.name,),
         )
         found.append((abs(z), named))
     return [named for _, named in sorted(found, key=lambda item: -item[0])]

@@ -91,7 +91,7 @@ def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -
     named = [_named(case, found, e, sure[e]) for e in found.best.effects]
     named += _retuned(found, before.square().mean(-1), wrong)
     named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
-    return Judged(named, verdict_of(found.posterior, named), rest)
+    return Judged(named, verdict_of(found.posterior, named, problem.library.own), rest)
 
 
 def _as_given(case: Case, found: SearchResult) -> Tensor:
@@ -129,7 +129,8 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     numbers = {name: v.value for name, v in values.items()}
     own = effect.startswith(OWN)
     kind = "parameter" if own else effect_class(effect).kind
-    p = case.problem.library.numbers(effect)[0]
+    library = case.problem.library
+    p = library.numbers(effect)[0]
     return NamedEffect(
         name=effect,
         kind=kind,
@@ -142,6 +143,7 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
         at_bound=fit.at_bound(effect),
         varies_with=found.varies.get(effect, ""),
         whatever_else=sure.whatever_else,
+        inside=(effect.removeprefix(OWN),) if own else library.inside.parameters_of(effect),
     )
 
 
