@@ -30,7 +30,7 @@ class SearchConfig:
     depends_share: float = 0.05
     """Share of the unexplained variance that a condition must explain to be named."""
     deciding_nats: float = 10.0
-    """[nats] by which a suggested manoeuvre must tell hypotheses apart."""
+    """[nats] by which predictions differ, on average, that these recordings tell apart."""
 
 
 DEFAULTS = SearchConfig()

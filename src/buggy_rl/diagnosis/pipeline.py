@@ -226,7 +226,7 @@ def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
         case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
     )
     seen = observed(case.criteria, found)
-    return found.result(posterior(seen), partial(varying, seen))
+    return replace(found.result(posterior(seen), partial(varying, seen)), observed=seen)
 
 
 def _diagnosed(

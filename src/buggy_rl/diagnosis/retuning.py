@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from buggy_rl.diagnosis.answer import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import SearchConfig
+from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis

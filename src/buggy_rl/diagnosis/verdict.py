@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from buggy_rl.diagnosis.answer import NamedEffect, Verdict
+from buggy_rl.diagnosis.answer import Verdict
+from buggy_rl.diagnosis.named_effect import NamedEffect
 from buggy_rl.diagnosis.posterior import EVEN, Posterior
 
 
