@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.answer import Answer, NamedEffect, Proof, Value, described, sentence
+from buggy_rl.diagnosis.answer import Answer, Proof, described
+from buggy_rl.diagnosis.equivalents import Equivalents
+from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.localisation import Interval, Located, Region
+from buggy_rl.diagnosis.named_effect import NamedEffect, Value, sentence
 from buggy_rl.diagnosis.unexplained import Unexplained
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.
@@ -40,6 +43,14 @@ SCHEMA = {
     },
     "excitation": {"weak": [str], "suggest": [str]},
 }
+EITHER = Equivalents(
+    effects=("steering_dead_time", "steering_lag"),
+    probability=0.97,
+    shares=(0.55, 0.41),
+    nats=3.2,
+    sentences=("the steering takes effect 61 ms late", "the wheels turn gradually"),
+    decided_by="slalom",
+)
 
 
 def broken(value, schema, where="answer"):
@@ -95,6 +106,45 @@ def an_answer(**changes):
     parts = {"verdict": "missing_physics", "located": located, "effects": [named]}
     parts |= {"remaining": rest, "proof": proof, "weak": ["x hardly driven"], "suggest": ["y"]}
     return Answer(**(parts | changes))
+
+
+def test_effects_that_cannot_be_told_apart_are_one_finding():
+    said = an_answer(equivalents=[EITHER])
+    content = said.to_dict()
+    assert broken(content, SCHEMA) == []
+    [either] = content["equivalents"]
+    assert either == {
+        "effects": ["steering_dead_time", "steering_lag"],
+        "probability": 0.97,
+        "shares": [0.55, 0.41],
+        "nats": 3.2,
+        "decided_by": "slalom",
+    }
+    assert [e["name"] for e in content["effects"]] == ["steering_dead_time"]  # as it was
+    [line] = [line for line in said.lines() if "61 ms" in line]
+    assert line == (
+        "Either the steering takes effect 61 ms late, or the wheels turn gradually: these "
+        "recordings cannot tell [steering_dead_time 55%, steering_lag 41%, together 97%]."
+    )
+    open_ = an_answer(equivalents=[replace(EITHER, decided_by="")]).lines()
+    assert any("no manoeuvre known here is expected to decide" in line for line in open_)
+
+
+def test_how_an_effect_is_realised_and_what_manoeuvres_decide_is_added_to_the_contract():
+    rate = DecisionRate("slalom", "a slalom", 0.87, 0.93, (("steering_lag",), ()))
+    content = an_answer(manoeuvres=[rate]).to_dict()
+    assert content["effects"][0]["realised"] == "effect"
+    assert content["excitation"]["manoeuvres"] == [
+        {
+            "manoeuvre": "slalom",
+            "words": "a slalom",
+            "rate": 0.87,
+            "expected": 0.93,
+            "between": [["steering_lag"], []],
+        }
+    ]
+    named = an_answer().effects[0]
+    assert replace(named, inside=("a", "b")).realised == "parameters a, b"
 
 
 def test_the_answer_is_as_the_contract_has_it():

@@ -1,21 +1,34 @@
 """Which manoeuvre decides between hypotheses that recordings at steady speed leave open."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 
 from buggy_rl.diagnosis import experiments
-from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.experiments import TIMES, decided, suggestions
+from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.evidence_features import varying
+from buggy_rl.diagnosis.experiments import (
+    SUGGESTED,
+    DecisionRate,
+    decided,
+    decision_rates,
+    leading,
+    suggestions,
+    with_drives,
+)
+from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.manoeuvre_drives import HEADINGS, TIMES, simulated, trusted
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.estimation.cross_validation import blocks, cross_validated
-from buggy_rl.estimation.gauss_newton import fitted
+from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.planted import commands, planted_drives, problem_of
 
-ENOUGH = DEFAULTS.deciding_nats
-DRAGGY = {"viscous_drag": {"rate": 0.1}}
+DRAGGY = {"viscous_drag": {"rate": 0.03}}
+VISCOUS, AIR = ("viscous_drag",), ("aerodynamic_drag",)
 EFFECTS = ("viscous_drag", "aerodynamic_drag", "steering_gain")
 
 
@@ -26,80 +39,112 @@ def measured(action, seed=0):
 
 def steady():
     """At one throttle and changing steering: speed hardly changes."""
-    return measured(commands(2, 1500, drive=(0.3, 0.3)))
+    return measured(commands(2, 1000, drive=(0.3, 0.3)))
 
 
-def candidate(problem, effect):
-    """One effect, fitted and cross-validated."""
-    [fit] = fitted(problem, [problem.library.hypothesis([effect], [0.5, 0.0])])
-    [known] = cross_validated(problem, [fit], blocks(problem.segments))
-    return Candidate(fit, known)
-
-
-def suggested(problem, best, others):
-    return suggestions(problem, best, others, ENOUGH)
+def searched(problem):
+    criteria = Criteria(blocks(problem.segments))
+    found = joint_search(problem, criteria, also=[VISCOUS, AIR])
+    seen = observed(criteria, found)
+    result = found.result(posterior(seen), partial(varying, seen))
+    return replace(result, observed=seen)
 
 
 @pytest.fixture(scope="module")
 def undecided():
-    """Steady recordings of a car that has more drag, fitted by each of three effects."""
+    """Steady recordings of a car that has more drag, which two effects explain alike."""
     problem = problem_of(steady(), EFFECTS)
-    return problem, [candidate(problem, effect) for effect in EFFECTS]
+    found = searched(problem)
+    return found.problem(problem), found
 
 
 @pytest.fixture(scope="module")
-def nats(undecided):
-    """Of each manoeuvre: the first from the second, and from itself."""
-    problem, (best, other, _) = undecided
-    return decided(problem, best, [other, best])[0]
+def manoeuvres(undecided):
+    """As the car with viscous drag would have them recorded."""
+    problem, found = undecided
+    known = [found.tried[VISCOUS], found.tried[AIR], found.null]
+    return experiments._rolled_out(problem, found.tried[VISCOUS], known)
 
 
 def named(name):
     return [m.name for m in MANOEUVRES].index(name)
 
 
-def test_a_manoeuvre_decides_by_as_many_nats_as_predicted(undecided, nats):
-    problem, candidates = undecided
-    alone = [problem.cost(candidate.fit) for candidate in candidates[:2]]
-    predicted = float(nats[0, named("slow_slalom")])
+def test_the_most_probable_hypotheses_lead_and_a_sure_one_leaves_nothing_open(undecided):
+    problem, found = undecided
+    assert leading(found) == [VISCOUS, AIR]
+    assert found.posterior.of(AIR[0]) > 0.1
+    sure = replace(found, posterior=Posterior({VISCOUS: 0.92, AIR: 0.05}, 0.03))
+    assert decided(sure.posterior, VISCOUS)
+    assert not decided(found.posterior, VISCOUS)
+    assert decided(Posterior({(): 0.95}, 0.05), ())
+    assert decision_rates(problem, sure) == []
+
+
+def test_what_another_hypothesis_leaves_is_what_it_leaves_of_real_drives(undecided, manoeuvres):
+    _, found = undecided
+    slalom = manoeuvres[named("slow_slalom")]
+    left = {e: TIMES / HEADINGS * float(r.square().sum()) / 2 for e, r in slalom.residuals.items()}
+    assert left[VISCOUS] < 1e-6
+    assert left[VISCOUS] < left[AIR] < left[()]
     driven = MANOEUVRES[named("slow_slalom")].actions(0.01).expand(TIMES, -1, -1)
     both = problem_of([*steady(), *measured(driven, seed=1)], EFFECTS)
-    costs = [both.cost(candidate(both, effect).fit) for effect in EFFECTS[:2]]
-    gained = (costs[1] - costs[0]) - (alone[1] - alone[0])
-    assert predicted > ENOUGH
-    assert 0.5 * predicted < gained < 2 * predicted
+    again = searched(both)
+    alone, now = (f.loss(f.tried[AIR]) - f.loss(f.tried[VISCOUS]) for f in (found, again))
+    assert 0.4 * left[AIR] < now - alone < 2.5 * left[AIR]
 
 
-def test_no_manoeuvre_tells_a_hypothesis_from_itself(nats):
-    assert float(nats[1].abs().max()) < 1e-6
+def test_a_manoeuvre_that_tells_nothing_leaves_the_odds_as_they_are(undecided, manoeuvres):
+    problem, found = undecided
+    slalom = manoeuvres[named("slow_slalom")]
+    n = len(slalom.drive)
+    noise = torch.full((2, n), float(problem.noise.dimension))
+    alike = with_drives(problem, found.observed, dict.fromkeys([VISCOUS, AIR, ()], noise), slalom)
+    kept = {tuple(h["effects"]): h for h in found.observed["hypotheses"]}
+    restricted = {**found.observed, "hypotheses": [kept[e] for e in ((), VISCOUS, AIR)]}
+    before, after = posterior(restricted), posterior(alike)
+    odds = [p.sets[VISCOUS] / p.sets[AIR] for p in (before, after)]
+    assert odds[1] == pytest.approx(odds[0], rel=0.2)
+    assert len(alike["hypotheses"][0]["held_out"]) == len(kept[()]["held_out"]) + TIMES
+    worse = with_drives(
+        problem, found.observed, {VISCOUS: noise, AIR: 2 * noise, (): 4 * noise}, slalom
+    )
+    assert posterior(worse).sets[AIR] < 0.1 * after.sets[AIR]
 
 
-def test_a_manoeuvre_much_faster_than_what_was_driven_decides_nothing(undecided, nats):
-    problem, (best, other, _) = undecided
-    assert nats[0, named("full_throttle")] == 0
-    segments = problem.segments
-    faster = replace(segments, smooth_velocity=2 * segments.smooth_velocity)
-    problem = replace(problem, segments=faster)
-    assert decided(problem, best, [other])[0][0, named("full_throttle")] > ENOUGH
+def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided):
+    problem, found = undecided
+    rates = decision_rates(problem, found)
+    assert {r.manoeuvre for r in rates} == {m.name for m in MANOEUVRES}
+    assert all(0 <= r.rate <= 1 for r in rates)
+    ranks = [(r.rate, r.expected) for r in rates]
+    assert ranks == sorted(ranks, reverse=True)
+    assert rates[0].between == (VISCOUS, AIR)
+    by_name = {r.manoeuvre: r.rate for r in rates}
+    # Of what is much faster than what was driven, little can be trusted.
+    assert by_name["full_throttle"] < 0.5
+    assert rates[0].rate >= SUGGESTED
+    assert decision_rates(problem, found) == rates  # same input, same answer
 
 
-def test_one_manoeuvre_is_suggested_where_one_tells_all_apart(undecided):
-    problem, (best, *others) = undecided
-    lines = suggested(problem, best, others)
-    assert any(lines[0].startswith(m.words) for m in MANOEUVRES)
-    assert "tells viscous_drag from " in lines[0]
-    assert all(f"from {effect}" in " ".join(lines) for effect in EFFECTS[1:])
-    assert len(lines) < 3
-    assert suggested(problem, best, []) == []
+def test_the_best_is_suggested_where_it_probably_decides():
+    rates = [
+        DecisionRate(m.name, m.words, rate, rate, (VISCOUS, ()))
+        for m, rate in zip(MANOEUVRES, (0.87, 0.4), strict=False)
+    ]
+    [line] = suggestions(rates)
+    assert line.startswith(MANOEUVRES[0].words)
+    assert "between viscous_drag and nothing with a probability of 87%" in line
+    assert f"{TIMES} times" in line
+    assert suggestions(rates[1:]) == suggestions([]) == []
+    assert rates[1].rate < SUGGESTED
 
 
-def test_a_manoeuvre_outside_the_training_range_decides_nothing(undecided, monkeypatch):
-    problem, (best, other, _) = undecided
-    simulated = experiments._simulated
-
-    def beyond(*given):
-        recordings, outside = simulated(*given)
-        return recordings, torch.ones_like(outside)
-
-    monkeypatch.setattr(experiments, "_simulated", beyond)
-    assert suggested(problem, best, [other]) == []
+def test_a_manoeuvre_outside_the_training_range_is_not_trusted(undecided):
+    problem, found = undecided
+    recordings, outside = simulated(problem, found.tried[VISCOUS])
+    segments = cut_segments(recordings, 1.0, 1.0)
+    assert bool(trusted(problem.segments, segments, outside).any())
+    assert not bool(trusted(problem.segments, segments, torch.ones_like(outside)).any())
+    nothing = experiments._Manoeuvre(torch.zeros(0), {VISCOUS: torch.zeros(0, 60)})
+    assert experiments._rate(problem, found.observed, VISCOUS, nothing, torch.Generator()) == (0, 0)

@@ -9,10 +9,11 @@ import pytest
 import torch
 from torchrl.envs import TransformedEnv
 
-from buggy_rl.diagnosis.answer import Answer, NamedEffect, Proof, Value
+from buggy_rl.diagnosis.answer import Answer, Proof
 from buggy_rl.diagnosis.case import prepared
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.localisation import Region, locate
+from buggy_rl.diagnosis.named_effect import NamedEffect, Value
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, wording

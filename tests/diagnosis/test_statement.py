@@ -1,6 +1,6 @@
 import pytest
 
-from buggy_rl.diagnosis.answer import NORMAL
+from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.statement import interval
 from buggy_rl.effects.base import EffectParameter
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.diagnosis.answer import NamedEffect
+from buggy_rl.diagnosis.named_effect import NamedEffect
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.verdict import verdict_of
 

@@ -8,7 +8,7 @@ import torch
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import acting, driven, plant_of, plant_parameters, save_drives
 from buggy_rl.blind_test.sealing import CaseStore
-from buggy_rl.diagnosis.experiments import TIMES
+from buggy_rl.diagnosis.manoeuvre_drives import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
 from buggy_rl.policies.controllers.replay import Replay
 from buggy_rl.vehicle import CONTROL_PERIOD

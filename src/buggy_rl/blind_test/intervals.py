@@ -15,8 +15,8 @@ from buggy_rl.blind_test.calibration import Entry, group, truth, unknown
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.oracle import expected
 from buggy_rl.blind_test.statistics import Figure, share
-from buggy_rl.diagnosis.answer import NORMAL
 from buggy_rl.diagnosis.form_error import FormError
+from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.misfit import NOTHING
 

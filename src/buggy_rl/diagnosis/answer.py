@@ -5,52 +5,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from buggy_rl.diagnosis.constancy import WORDS
+from buggy_rl.diagnosis.equivalents import Equivalents
+from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.localisation import Located
-from buggy_rl.diagnosis.posterior import STANDING, Posterior
+from buggy_rl.diagnosis.named_effect import NamedEffect
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.unexplained import Unexplained
-from buggy_rl.effects import effect_class
 
 Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
 ]
 SCHEMA = 1
 SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
-NORMAL = 1.96  # standard deviations of a 95 % interval
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
 CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
-
-
-@dataclass(frozen=True)
-class Value:
-    """A fitted number with the bounds of its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class NamedEffect:
-    """An effect that the search selected."""
-
-    name: str
-    kind: Literal["actuation", "motion", "sensing", "parameter"]
-    equation: str
-    sentence: str
-    parameters: dict[str, Value]
-    confidence: float
-    held_out_gain: float
-    """Share of the residual without it that it closes, on what was held out."""
-    confused_with: dict[str, float] = field(default_factory=dict)
-    """Alternative effects and their probabilities."""
-    at_bound: tuple[str, ...] = ()
-    """Parameters at a bound of their range."""
-    varies_with: str = ""
-    """Condition with which its parameters vary: then it is probably misspecified."""
-    whatever_else: float = 0.0
-    """Share of the probability of all sets of effects that those with it have."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +75,10 @@ class Answer:
     notes: list[str] = field(default_factory=list)
     posterior: Posterior | None = None
     """Of all sets that were fitted."""
+    manoeuvres: list[DecisionRate] = field(default_factory=list)
+    """How probably each decides between the leading hypotheses, the highest first."""
+    equivalents: list[Equivalents] = field(default_factory=list)
+    """Named effects with what these recordings cannot tell from them."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -137,7 +109,7 @@ class Answer:
                     ],
                     "lags": self.located.lags,
                 },
-                "effects": [_named(e) for e in self.effects],
+                "effects": [e.to_dict() for e in self.effects],
                 "tried": [
                     {
                         "causes": t.effects,
@@ -147,6 +119,7 @@ class Answer:
                     }
                     for t in self.tried
                 ],
+                "equivalents": [e.to_dict() for e in self.equivalents],
                 "posterior": _posterior(self.posterior),
                 "unexplained": {
                     "share": self.remaining.share,
@@ -171,7 +144,11 @@ class Answer:
                         for name, of_horizon in p.median.items()
                     },
                 },
-                "excitation": {"weak": self.weak, "suggest": self.suggest},
+                "excitation": {
+                    "weak": self.weak,
+                    "suggest": self.suggest,
+                    "manoeuvres": [m.to_dict() for m in self.manoeuvres],
+                },
                 "notes": self.notes,
             }
         )
@@ -185,7 +162,7 @@ class Answer:
                 f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
             )
         unknown = self.verdict == "unknown_physics"
-        result += [_line(e, unknown) for e in self.effects[:SPOKEN]]
+        result += self._findings(unknown)
         if more := [e.name for e in self.effects[SPOKEN:]]:
             result.append(f"And {', '.join(more)}: see the report.")
         p = self.proof
@@ -200,6 +177,14 @@ class Answer:
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")
         return result
+
+    def _findings(self, unknown: bool) -> list[str]:
+        """A sentence for each effect, or for it and what cannot be told from it."""
+        merged = {e.effects[0]: e for e in self.equivalents}
+        return [
+            merged[e.name].line() if e.name in merged else e.line(unknown)
+            for e in self.effects[:SPOKEN]
+        ]
 
     def _headline(self) -> str:
         first = {
@@ -234,39 +219,8 @@ def described(remaining: Unexplained) -> str:
     return f"The unexplained residual is largest in {channel}{grows}{memory}."
 
 
-def _line(effect: NamedEffect, unknown: bool = False) -> str:
-    """Sentence, name and confidence of an effect, and what speaks against it."""
-    text = f"{effect.name}, confidence {effect.confidence:.0%}"
-    if unknown and effect.whatever_else >= STANDING:
-        text += f"; whatever else is missing: in {effect.whatever_else:.0%} of what may explain it"
-    if effect.confused_with:
-        others = ", ".join(f"{name} ({p:.0%})" for name, p in effect.confused_with.items())
-        text += f"; alternatives: {others}"
-    if effect.varies_with:
-        text += f"; varies with {WORDS[effect.varies_with]}: probably misspecified"
-    if effect.at_bound:
-        text += f"; at a bound of its range: {', '.join(effect.at_bound)}"
-    return f"{effect.sentence[:1].upper()}{effect.sentence[1:]} [{text}]."
-
-
 def _millimetres(before: float, after: float) -> str:
     return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
-
-
-def _named(e: NamedEffect) -> dict[str, Any]:
-    return {
-        "name": e.name,
-        "kind": e.kind,
-        "equation": e.equation,
-        "sentence": e.sentence,
-        "parameters": {k: vars(v) for k, v in e.parameters.items()},
-        "confidence": e.confidence,
-        "held_out_gain": e.held_out_gain,
-        "confused_with": [{"name": n, "confidence": c} for n, c in e.confused_with.items()],
-        "at_bound": list(e.at_bound),
-        "varies_with": e.varies_with,
-        "whatever_else": e.whatever_else,
-    }
 
 
 def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:
@@ -290,12 +244,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def sentence(effect: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
-    """An effect, or a wrong parameter of the simulator's own, in words."""
-    if effect.startswith("parameter:"):
-        name = effect.partition(":")[2]
-        value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
-        return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
-    return effect_class(effect).sentence(values)

@@ -30,7 +30,7 @@ class SearchConfig:
     depends_share: float = 0.05
     """Share of the unexplained variance that a condition must explain to be named."""
     deciding_nats: float = 10.0
-    """[nats] by which a suggested manoeuvre must tell hypotheses apart."""
+    """[nats] by which predictions differ, on average, that these recordings tell apart."""
 
 
 DEFAULTS = SearchConfig()
@@ -55,7 +55,8 @@ class DiagnosisConfig:
     """Effects to choose from; empty for the whole library. A user's own as file.py:Class."""
     parameters: bool | None = None
     """Whether the simulator's own parameters may be what is wrong; by default they may unless
-    baseline recordings show that they are right."""
+    baseline recordings show that they are right. false: a black box, of which no effect is realised
+    inside either."""
     car: str = ""
     """The car: a name in configs/cars or a file of one's own; empty for the buggy. Its limits hold
     for the recordings, its numbers for an engine of ours, its speeds for what counts as driven."""

@@ -1,176 +1,232 @@
-"""Which manoeuvre to drive next, so that hypotheses the recordings leave open are decided."""
+"""Which manoeuvre to drive next: the one that most probably decides between what is left open.
 
-from collections.abc import Sequence
-from dataclasses import replace
+Each leading hypothesis is taken for the truth, weighted by its probability. What it would have
+recorded of a manoeuvre is simulated; the others take other numbers as far as what was driven lets
+them; noise of the size that the search came to is drawn; and the calibrated posterior is computed
+anew with these drives as further held-out blocks. The decision rate of a manoeuvre is how often the
+truth then has a probability of at least `SURE`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.candidate import Candidate, Effects
+from buggy_rl.diagnosis.manoeuvre_drives import HEADINGS, TIMES, simulated, trusted
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
+from buggy_rl.diagnosis.posterior import LISTED, Posterior, posterior
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
+from buggy_rl.estimation.misfit import misfit
 from buggy_rl.estimation.noise_model import noise_model
-from buggy_rl.estimation.rollout import sensed
-from buggy_rl.estimation.segments import Segments, cut_segments
-from buggy_rl.longitudinal import declared_by
-from buggy_rl.recordings import Recording
+from buggy_rl.estimation.segments import cut_segments
 
-TIMES = 6  # as often as a manoeuvre is expected to be driven, each time facing another way,
-HEADINGS = 3  # of which as many are simulated
-PLENTY = 100.0  # [nats] beyond which more of them decide no better
-# A simulator is trusted up to so many times the 95 % quantile of the driven speed and lateral
-# acceleration.
-TRUSTED, ALMOST = (1.5, 1.2), 0.95
+SURE = 0.9  # [-] probability from which a hypothesis is decided
+SUGGESTED = 0.8  # [-] decision rate from which a manoeuvre is suggested
+MOST = 3  # leading hypotheses, of which each is taken for the truth
+SAMPLES = 32  # of the noise, for each manoeuvre and truth
 LEAST = 1e-9  # [prior scales^2] variance of a parameter, at least
 
 
-def suggestions(
-    problem: Problem, best: Candidate, others: Sequence[Candidate], least: float
-) -> list[str]:
-    """What to drive next, a line each, until the best is told from every alternative that can be.
+@dataclass(frozen=True)
+class DecisionRate:
+    """How probably a manoeuvre decides."""
 
-    Args:
-        problem: What was driven.
-        best: The hypothesis that is taken for the truth.
-        others: Alternatives that the recordings do not tell from it.
-        least: Nats by which a manoeuvre decides.
-    """
-    if not others:
-        return []
-    nats, size = decided(problem, best, others)
-    left, found = list(range(len(others))), []
-    while left:
-        # Where all decide, by what shows most in a segment, for that may drown in what remains.
-        shows = size[left].min(0).values
-        chosen = int(((nats[left] / PLENTY).clamp_max(1.0).sum(0) + shows / (1 + shows)).argmax())
-        told = [r for r in left if nats[r, chosen] >= least]
-        if not told and (found or not bool(nats.any())):
-            break  # nothing tells what is left, or the simulator was taught no manoeuvre at all
-        told = told or [max(left, key=lambda r: float(nats[r, chosen]))]
-        names = " and from ".join("+".join(others[r].effects) or "nothing" for r in told)
-        by = min(float(size[r, chosen]) for r in told)
-        found.append(
-            f"{MANOEUVRES[chosen].words} (tells {'+'.join(best.effects) or 'nothing'} from "
-            f"{names}, by {by:.2g} times the noise)"
+    manoeuvre: str
+    """Its name."""
+    words: str
+    """For a driver."""
+    rate: float
+    """Probability with which the true one of `between` is decided afterwards."""
+    expected: float
+    """Mean probability that the true one has afterwards; ranks equal rates."""
+    between: tuple[Effects, ...]
+    """The leading hypotheses, the most probable first."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return asdict(self)
+
+    def line(self) -> str:
+        """What to drive, and why."""
+        names = " and ".join("+".join(effects) or "nothing" for effects in self.between)
+        return (
+            f"{self.words}, {TIMES} times, each facing another way (expected to decide between "
+            f"{names} with a probability of {self.rate:.0%})"
         )
-        left = [r for r in left if r not in told]
-    return found
 
 
-def decided(
-    problem: Problem, best: Candidate, others: Sequence[Candidate]
-) -> tuple[Tensor, Tensor]:
-    """How well each manoeuvre would tell a hypothesis from its alternatives.
+def suggestions(rates: Sequence[DecisionRate]) -> list[str]:
+    """The manoeuvre that most probably decides, as a line; none where none reaches `SUGGESTED`."""
+    return [best.line() for best in rates[:1] if best.rate >= SUGGESTED]
 
-    T-optimality (Atkinson, Fedorov 1975): the best is taken for the truth, and an alternative may
-    take other numbers as far as what was driven lets it. To first order, with the residual d
-    between both on the segments of a manoeuvre, the alternative's derivatives J there and the
-    precision P of its numbers, it is worse by (d^T d - d^T J (P + J^T J)^-1 J^T d) / 2. Segments
-    much faster than what was driven decide nothing: there the simulator may be wrong in other
-    ways. Nor do those that a learned simulator reports as outside its training range.
+
+def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
+    """Of every manoeuvre, the highest first; none where nothing is left open.
 
     Args:
-        problem: What was driven.
-        best: That is taken for the truth.
-        others: R alternatives.
-
-    Returns:
-        nats [R, M] of each of M manoeuvres, driven `TIMES` times, and the residual that they stand
-        for, a root mean square in noise standard deviations.
+        problem: What was driven, with the noise model and dispersion that the search came to.
+        found: What it found.
     """
-    recordings, outside = _simulated(problem, best)
+    between = leading(found)
+    if len(between) < 2 or decided(found.posterior, between[0]):
+        return []
+    candidates = [found.tried[effects] for effects in between]
+    weights = [found.posterior.sets[effects] for effects in between]
+    rates = torch.stack([_rates(problem, found, truth, candidates) for truth in candidates])
+    share = torch.tensor(weights, dtype=rates.dtype) / sum(weights)
+    mean = torch.einsum("h,hmk->mk", share, rates).tolist()
+    every = [
+        DecisionRate(m.name, m.words, rate, expected, tuple(between))
+        for m, (rate, expected) in zip(MANOEUVRES, mean, strict=True)
+    ]
+    return sorted(every, key=lambda r: (-r.rate, -r.expected))
+
+
+def leading(found: SearchResult) -> list[Effects]:
+    """The most probable hypotheses, of those that are listed; at most `MOST`."""
+    ranked = sorted(found.posterior.sets.items(), key=lambda item: -item[1])
+    return [effects for effects, p in ranked[:MOST] if p >= LISTED]
+
+
+def decided(posterior: Posterior, effects: Effects) -> bool:
+    """Whether every effect of a hypothesis has the probability `SURE`; of none, nothing."""
+    return least_sure(posterior, effects) >= SURE
+
+
+def least_sure(posterior: Posterior, effects: Effects) -> float:
+    """Probability of the least probable effect of a hypothesis; of none, of nothing."""
+    return min([posterior.of(e) for e in effects] or [posterior.nothing])
+
+
+@dataclass(frozen=True)
+class _Manoeuvre:
+    """What hypotheses leave of a manoeuvre as the truth would have it recorded, without noise."""
+
+    drive: Tensor
+    """[n] number of the simulated drive that a segment is of."""
+    residuals: Mapping[Effects, Tensor]
+    """Hypothesis -> whitened residuals [n, D]."""
+
+
+def _rates(
+    problem: Problem, found: SearchResult, truth: Candidate, candidates: Sequence[Candidate]
+) -> Tensor:
+    """Decision rate and mean probability [M, 2] of every manoeuvre if a candidate is the truth."""
+    known = [*candidates, *([] if found.null in candidates else [found.null])]
+    generator = torch.Generator().manual_seed(0)
+    rates = [
+        _rate(problem, found.observed, truth.key, manoeuvre, generator)
+        for manoeuvre in _rolled_out(problem, truth, known)
+    ]
+    return torch.tensor(rates, dtype=torch.float64)
+
+
+def _rolled_out(problem: Problem, truth: Candidate, known: Sequence[Candidate]) -> list[_Manoeuvre]:
+    """Every manoeuvre."""
+    recordings, outside = simulated(problem, truth)
     segments = cut_segments(recordings, problem.segments.horizon * problem.segments.dt, 1.0)
-    trusted = _trusted(problem.segments, segments, outside)
-    settings = problem.library.settings([(best.fit, best.fit.vector)])
+    settings = problem.library.settings([(truth.fit, truth.fit.vector)])
     noise = noise_model(
         problem.simulation, segments, settings, problem.noise.extra, problem.segments
     )
-    there = replace(problem, segments=segments, noise=noise, dispersion=max(1.0, best.typical))
-    truth, *rolled_out = there.rolled_out([candidate.fit for candidate in (best, *others)])
-    nats = torch.zeros(len(others), len(MANOEUVRES), dtype=torch.float64)
-    size = torch.zeros_like(nats)
-    for index, (other, fit) in enumerate(zip(others, linearised(there, rolled_out), strict=True)):
-        own = torch.eye(len(fit.vector), dtype=torch.float64)
-        precision = torch.linalg.inv(other.cross_validated.covariance + LEAST * own)
-        for manoeuvre in range(len(MANOEUVRES)):
-            rows = (segments.recording // HEADINGS == manoeuvre) & trusted
-            if bool(rows.any()):
-                weight = TIMES / HEADINGS / there.dispersion
-                told = _told_apart(truth, fit, rows, precision, weight)
-                nats[index, manoeuvre], size[index, manoeuvre] = told
-    return nats, size
+    there = replace(problem, segments=segments, noise=noise)
+    true, *rolled = there.rolled_out([candidate.fit for candidate in (truth, *known)])
+    fits, kept = linearised(there, rolled), trusted(problem.segments, segments, outside)
+    result = []
+    for number in range(len(MANOEUVRES)):
+        rows = (segments.recording // HEADINGS == number) & kept
+        residuals = {
+            candidate.key: refitted(true[rows], fit[rows], candidate, problem.dispersion)
+            for candidate, fit in zip(known, fits, strict=True)
+        }
+        result.append(_Manoeuvre(segments.recording[rows] % HEADINGS, residuals))
+    return result
 
 
-def _told_apart(
-    truth: Fit, fit: Fit, rows: Tensor, precision: Tensor, weight: float
-) -> tuple[Tensor, Tensor]:
-    """Nats and residual by which a hypothesis, fitted anew, is worse on some segments."""
-    assert fit.jacobian is not None
-    d = (fit.whitened - truth.whitened)[rows].flatten()  # (n D,)
-    jacobian = fit.jacobian[rows].flatten(0, 1)  # (n D, P)
-    score = weight * jacobian.T @ d
-    refitted = torch.linalg.solve(precision + weight * jacobian.T @ jacobian, score)
-    rest = (weight * d.square().sum() - score @ refitted).nan_to_num(0.0).clamp_min(0.0)
-    return 0.5 * rest, (rest / weight / len(d)).sqrt()
+def refitted(truth: Fit, fit: Fit, candidate: Candidate, dispersion: float) -> Tensor:
+    """What a hypothesis leaves [n, D] of what the truth predicts, to first order.
 
-
-def _trusted(driven: Segments, segments: Segments, outside: Tensor) -> Tensor:
-    """Which segments [N] of manoeuvres a simulator is trusted in."""
-    rows = segments.row.unsqueeze(-1) + torch.arange(segments.pose.shape[1])  # (N, L)
-    trusted = ~outside[segments.recording.unsqueeze(-1), rows].any(-1)
-    for most, asked, beyond in zip(_pace(driven), _pace(segments), TRUSTED, strict=True):
-        trusted &= asked <= beyond * most.quantile(ALMOST)
-    return trusted
-
-
-def _pace(segments: Segments) -> tuple[Tensor, Tensor]:
-    """Highest speed [m/s] and lateral acceleration [m/s^2] of segments, [N] each."""
-    vx, yaw_rate = segments.smooth_velocity[..., 0], segments.smooth_velocity[..., 2]
-    return vx.abs().amax(-1), (vx * yaw_rate).abs().amax(-1)
-
-
-def _simulated(problem: Problem, truth: Candidate) -> tuple[list[Recording], Tensor]:
-    """What the sensor would show of all manoeuvres, `HEADINGS` of each, one after the other.
-
-    Returns:
-        Recordings, and which of their rows [recordings, T] the simulator calls out of its range.
+    With d the difference of both, J its derivatives and P the precision of its numbers by what was
+    driven, d - J (P + w J^T J)^-1 w J^T d, w the drives that each simulated one stands for over
+    phi.
     """
-    dt = problem.segments.dt
-    rest = declared_by(problem.simulation.make(1)).rest
-    actions = [m.actions(dt, rest) for m in MANOEUVRES for _ in range(HEADINGS)]
-    longest, count = max(map(len, actions)), len(actions)
-    idle = torch.tensor([rest, 0.0])
-    padded = torch.stack([torch.cat([a, idle.expand(longest - len(a), 2)]) for a in actions])
-    settings = problem.library.settings([(truth.fit, truth.fit.vector)])
-    start = TensorDict(
-        {keys.POSE: torch.zeros(count, 3), keys.VELOCITY: torch.zeros(count, 3)}, [count]
-    )
-    start[keys.POSE][:, 2] = 2 * torch.pi / HEADINGS * (torch.arange(count) % HEADINGS)
-    shown, outside = [], []
-    inside = torch.zeros(count, 1, dtype=torch.bool)
-    for state in problem.simulation.drive(padded, settings, start):
-        shown.append(sensed(state))
-        outside.append(state.get(keys.OUT_OF_RANGE, inside).flatten())
-    read = torch.stack(shown, 1)  # (count, T, 6)
-    recordings = [
-        Recording(f"manoeuvre_{index}", _as_recorded(read[index, : len(a)], a, dt), dt)
-        for index, a in enumerate(actions)
+    assert fit.jacobian is not None
+    own = torch.eye(len(fit.vector), dtype=torch.float64)
+    precision = torch.linalg.inv(candidate.cross_validated.covariance + LEAST * own)
+    difference = (fit.whitened - truth.whitened).double()
+    jacobian, weight = fit.jacobian.double(), TIMES / HEADINGS / dispersion
+    flat = jacobian.flatten(0, 1)  # (n D, P)
+    score = weight * flat.mT @ difference.flatten()
+    moved = torch.linalg.solve(precision + weight * flat.mT @ flat, score)
+    return (difference - jacobian @ moved).nan_to_num(0.0)
+
+
+def _rate(
+    problem: Problem,
+    observed: Mapping[str, Any],
+    truth: Effects,
+    manoeuvre: _Manoeuvre,
+    generator: torch.Generator,
+) -> tuple[float, float]:
+    """How often the truth is decided once a manoeuvre is driven, and its mean probability then."""
+    if not len(manoeuvre.drive):
+        return 0.0, 0.0
+    repeats = TIMES // HEADINGS
+    shape = (SAMPLES, repeats, *manoeuvre.residuals[truth].shape)
+    noise = torch.randn(shape, generator=generator, dtype=torch.float64)
+    noise = math.sqrt(problem.dispersion) * noise
+    squares = {
+        effects: (noise + residual).square().sum(-1)  # (SAMPLES, repeats, n)
+        for effects, residual in manoeuvre.residuals.items()
+    }
+    after = [
+        posterior(with_drives(problem, observed, {e: q[k] for e, q in squares.items()}, manoeuvre))
+        for k in range(SAMPLES)
     ]
-    return recordings, torch.stack(outside, 1)
+    sure = [least_sure(p, truth) for p in after]
+    return sum(p >= SURE for p in sure) / SAMPLES, sum(sure) / SAMPLES
 
 
-def _as_recorded(shown: Tensor, action: Tensor, dt: float) -> TensorDict:
-    """A recording [T] of what was shown [T, 6] under actions [T, 2]."""
-    time = dt * torch.arange(len(shown), dtype=torch.float64)
-    return TensorDict(
-        {
-            keys.TIME: time.unsqueeze(-1),
-            keys.POSE: shown[:, :3].clone(),
-            keys.VELOCITY: shown[:, 3:].clone(),
-            keys.ACTION: action,
-            keys.SEGMENT: torch.zeros(len(shown), dtype=torch.long),
-        },
-        [len(shown)],
-    )
+def with_drives(
+    problem: Problem,
+    observed: Mapping[str, Any],
+    squares: Mapping[Effects, Tensor],
+    manoeuvre: _Manoeuvre,
+) -> dict[str, Any]:
+    """What was observed of some hypotheses, with further drives held out.
+
+    Args:
+        problem: Dispersion and length of a residual.
+        observed: Of the recordings so far.
+        squares: Hypothesis -> |W e|^2 [repeats, n] of the further segments.
+        manoeuvre: Which drives they are of.
+    """
+    kept = [h for h in observed["hypotheses"] if tuple(h["effects"]) in squares]
+    hypotheses = [_with(problem, observed, h, squares[*h["effects"],], manoeuvre) for h in kept]
+    [first] = [h["excess"] for h in hypotheses if not h["effects"]]
+    return {**observed, "hypotheses": hypotheses, "first": first}
+
+
+def _with(
+    problem: Problem,
+    observed: Mapping[str, Any],
+    hypothesis: Mapping[str, Any],
+    square: Tensor,
+    manoeuvre: _Manoeuvre,
+) -> dict[str, Any]:
+    loss = problem.noise.loss(square, problem.dispersion)
+    blocks = torch.stack([loss[:, manoeuvre.drive == d].sum(-1) for d in range(HEADINGS)]).flatten()
+    segments, more = observed["segments"], square.numel()
+    excess = misfit(square.flatten() / problem.noise.dimension) - 1
+    evidence = hypothesis["evidence"]
+    return {
+        **hypothesis,
+        "held_out": [*hypothesis["held_out"], *blocks.tolist()],
+        "excess": (segments * hypothesis["excess"] + more * excess) / (segments + more),
+        "evidence": {**evidence, "log_evidence": evidence["log_evidence"] - float(loss.sum())},
+    }

@@ -180,9 +180,11 @@ def _measured(
     make = simulation.make
     own = own if config.parameters is None else config.parameters
     inside = [effect.name for effect in effects_of(make(1))]
-    declared = getattr(make(1), "declared", {}) if own else {}
+    black_box = config.parameters is False
+    realises = {} if black_box else getattr(make(1), "realises", {})
+    declared = getattr(make(1), "declared", {}) if own or realises else {}
     names = config.effects or offered(declared_by(make(1)))
-    library = Library([e for e in names if e not in inside], declared)
+    library = Library([e for e in names if e not in inside], declared, own, realises)
     options, notes = measurable_options(make)
     return replace(simulation, options=options), library, notes
 
@@ -224,7 +226,7 @@ def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
         case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
     )
     seen = observed(case.criteria, found)
-    return found.result(posterior(seen), partial(varying, seen))
+    return replace(found.result(posterior(seen), partial(varying, seen)), observed=seen)
 
 
 def _diagnosed(

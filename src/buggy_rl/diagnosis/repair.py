@@ -28,12 +28,16 @@ def repaired(simulator: str, done: Diagnosis, folder: Path) -> dict[str, Any]:
         strength = float(done.correction.effect.values["strength"])
         effects[done.correction.effect.name] = {"strength": strength, "model": FILE}
     options = done.case.problem.simulation.options
+    inside, realised = done.case.problem.library.inside, {}
     for named in done.answer.effects:
         values = {name: value.value for name, value in named.parameters.items()}
         if named.kind == "parameter":
             parameters = {**values, **parameters}
+        elif named.name in inside:
+            realised[named.name] = values
         else:
             effects[named.name] = {**values, **options.get(named.name, {})}
+    parameters = inside.values(realised, parameters)
     if parameters:
         content["parameters"] = parameters
     if effects:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from buggy_rl.diagnosis.answer import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import SearchConfig
+from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
@@ -87,6 +87,7 @@ def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
             parameters={p.name: Value(value, min(low, high), max(low, high), p.unit)},
             confidence=CERTAINLY,
             held_out_gain=0.0,
+            inside=(p.name,),
         )
         found.append((abs(z), named))
     return [named for _, named in sorted(found, key=lambda item: -item[0])]

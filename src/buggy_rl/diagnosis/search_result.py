@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
 from buggy_rl.diagnosis.posterior import Posterior
@@ -29,6 +30,8 @@ class SearchResult:
     """Of each hypothesis [nats]."""
     varies: Mapping[str, str] = field(default_factory=dict)
     """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
+    observed: Mapping[str, Any] = field(default_factory=dict)
+    """What the posterior was computed from."""
 
     @property
     def null(self) -> Candidate:

@@ -6,22 +6,21 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.answer import (
-    NORMAL,
-    Alternative,
-    Answer,
-    NamedEffect,
-    Proof,
-    Value,
-    Verdict,
-    sentence,
-)
-from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
+from buggy_rl.diagnosis.answer import Alternative, Answer, Proof, Verdict
+from buggy_rl.diagnosis.candidate import excess_misfit
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences
+from buggy_rl.diagnosis.equivalents import Equivalents, alike, probability_of_any, swapped
 from buggy_rl.diagnosis.excitation import weak
-from buggy_rl.diagnosis.experiments import suggestions
+from buggy_rl.diagnosis.experiments import (
+    SUGGESTED,
+    SURE,
+    DecisionRate,
+    decision_rates,
+    suggestions,
+)
 from buggy_rl.diagnosis.localisation import locate
+from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.posterior import LISTED, shipped
 from buggy_rl.diagnosis.retuning import with_own
 from buggy_rl.diagnosis.search_result import SearchResult
@@ -34,7 +33,6 @@ from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.estimation.misfit import NOTHING, misfit
 
 WRITTEN = 24  # hypotheses that are written down
-MOST_ALTERNATIVES = 4  # that a manoeuvre is looked for to decide between
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,14 @@ def answered(
         progress: Told what is being done.
         wrong: Parameters that the simulator was re-tuned by.
     """
-    problem, rules = case.problem, case.criteria.rules
+    problem = case.problem
     progress("locating the error")
     located = locate(case.given, problem.segments, problem.noise.sd, case.names)
     said = judged(case, found, wrong)
     progress("proving it on what was held out")
     proof = _proof(case, found, _as_given(case, found).square().mean(-1))
     progress("looking for what to drive next")
-    undecided = _undecided(found, said.named)
+    rates = decision_rates(problem, found)
     return Answer(
         verdict=said.verdict,
         located=located,
@@ -75,9 +73,11 @@ def answered(
         remaining=said.rest,
         proof=proof,
         weak=weak(problem.segments),
-        suggest=suggestions(problem, found.best, undecided, rules.deciding_nats),
+        suggest=suggestions(rates),
         tried=_tried(found),
         posterior=found.posterior,
+        manoeuvres=rates,
+        equivalents=_equivalents(case, found, said.named, rates),
     )
 
 
@@ -91,7 +91,7 @@ def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -
     named = [_named(case, found, e, sure[e]) for e in found.best.effects]
     named += _retuned(found, before.square().mean(-1), wrong)
     named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
-    return Judged(named, verdict_of(found.posterior, named), rest)
+    return Judged(named, verdict_of(found.posterior, named, problem.library.own), rest)
 
 
 def _as_given(case: Case, found: SearchResult) -> Tensor:
@@ -101,15 +101,40 @@ def _as_given(case: Case, found: SearchResult) -> Tensor:
     return case.problem.noise.whiten(case.given.residuals(case.problem.segments))[0]
 
 
-def _undecided(found: SearchResult, named: Sequence[NamedEffect]) -> list[Candidate]:
-    """Alternatives that the data do not tell from the best hypothesis, the closest first."""
-    undecided = []
-    for item in named:
-        for other in item.confused_with:
-            key = tuple(sorted({*found.best.effects} - {item.name} | {other}))
-            if key in found.tried:
-                undecided.append(found.tried[key])
-    return undecided[:MOST_ALTERNATIVES]
+def _equivalents(
+    case: Case,
+    found: SearchResult,
+    named: Sequence[NamedEffect],
+    rates: Sequence[DecisionRate],
+) -> list[Equivalents]:
+    """Named effects that are not sure, with what these recordings cannot tell from them."""
+    result, least = [], case.criteria.rules.deciding_nats
+    best = rates[0] if rates and rates[0].rate >= SUGGESTED else None
+    for effect in named:
+        if effect.name not in found.best.effects or effect.confidence >= SURE:
+            continue
+        others = alike(found, effect.name, least)
+        if not others:
+            continue
+        every = (effect.name, *others)
+        shares = found.posterior.in_place_of(effect.name)
+        finding = Equivalents(
+            effects=every,
+            probability=probability_of_any(found, every),
+            shares=(effect.confidence, *(shares[other] for other in others)),
+            nats=max(others.values()),
+            sentences=(effect.sentence, *(_words(case, found, effect.name, o) for o in others)),
+            decided_by=best.words if best else "",
+        )
+        result.append(finding)
+    return result
+
+
+def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
+    """Another effect in the place of one of the best hypothesis, in words."""
+    candidate, p = swapped(found, effect, other), case.problem.library.numbers(other)[0]
+    assert candidate is not None
+    return sentence(other, candidate.fit.values()[other], p.unit, p.value)
 
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
@@ -129,7 +154,8 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     numbers = {name: v.value for name, v in values.items()}
     own = effect.startswith(OWN)
     kind = "parameter" if own else effect_class(effect).kind
-    p = case.problem.library.numbers(effect)[0]
+    library = case.problem.library
+    p = library.numbers(effect)[0]
     return NamedEffect(
         name=effect,
         kind=kind,
@@ -142,6 +168,7 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
         at_bound=fit.at_bound(effect),
         varies_with=found.varies.get(effect, ""),
         whatever_else=sure.whatever_else,
+        inside=(effect.removeprefix(OWN),) if own else library.inside.parameters_of(effect),
     )
 
 

@@ -22,6 +22,7 @@ from buggy_rl.engines.preset import declare
 from buggy_rl.engines.steady import steady_actuators
 from buggy_rl.engines.steering_map import road_wheel_angle
 from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, drive_of
+from buggy_rl.realisation import Added, Realisations, Scaled
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
 
@@ -151,6 +152,17 @@ class ActuatedEngine(Engine):
     def _parameter_rows(self) -> tuple:
         rows = (*self.own_parameters, *ACTUATION)
         return (*(r for r in rows if r[0] not in self.law.replaced), *self.law.parameters)
+
+    @property
+    def realises(self) -> Realisations:
+        found: dict[str, tuple] = {
+            "throttle_dead_time": (Added("throttle_dead_time", "dead_time"),),
+            "steering_dead_time": (Added("steering_dead_time", "dead_time"),),
+            "viscous_drag": (Added("viscous_friction", "rate", self.declared["mass"].value),),
+        }
+        if "drive_force_loss" in self.declared:  # of a throttle, behind which is a motor's law
+            found["top_speed"] = (Scaled("drive_force_loss", "speed_ratio", -1.0),)
+        return found
 
     def _nominal(self) -> VehicleDimensions:
         return self.dimensions or super()._nominal()

@@ -18,6 +18,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.parameters import Parameter
+from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
@@ -166,6 +167,11 @@ class Engine(EnvBase):
     def _named(self, *names: str) -> dict[str, float]:
         """Parameters by name, as far as the engine has them."""
         return {n: round(float(self.values[n].mean()), 6) for n in names if n in self.values}
+
+    @property
+    def realises(self) -> Realisations:
+        """Effects that are exactly a change of declared parameters; none by default."""
+        return {}
 
     @property
     def half_step(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from buggy_rl.engines.actuation import ACTUATION, ActuatedEngine, moved_on, side
 from buggy_rl.engines.longitudinal_force import ONE_WAY_LAW, LongitudinalLaw, resistance
 from buggy_rl.engines.preset import declare
 from buggy_rl.kernels.kernel import Kernel
+from buggy_rl.realisation import Realisations, Scaled
 from buggy_rl.vehicle import GRAVITY
 
 SLIP_SPEED = 0.3  # [m/s] rolling speed below which slip angles are softened; chosen
@@ -153,6 +154,14 @@ class SingleTrackEngine(ActuatedEngine):
 
     own_parameters = TYRES
 
+    @property
+    def realises(self) -> Realisations:
+        return {
+            **super().realises,
+            "tire_grip": _friction("grip", 1.0, 1.0),
+            "grip_balance": _friction("front_to_rear", 0.5, -0.5),
+        }
+
     def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
         return self._physics.substep(velocity, drive, steering_angle, h)
 
@@ -174,6 +183,15 @@ class SingleTrackEngine(ActuatedEngine):
         size = self.batch_size
         # Of the kernel, [P, *].
         self._columns = torch.stack([self.values[name].expand(size) for name in VALUES])
+
+
+def _friction(number: str, front: float, rear: float) -> list[Scaled]:
+    """Friction of both axles by powers of a number, at the same stiffness B C D."""
+    return [
+        Scaled(f"{axle}_{factor}", number, side * power)
+        for axle, power in (("front", front), ("rear", rear))
+        for factor, side in (("grip", 1.0), ("stiffness", -1.0))
+    ]
 
 
 VALUES = tuple(name for name, *_ in (*TYRES, *ACTUATION))

@@ -9,9 +9,11 @@ from torch import Tensor
 
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.base import EffectParameter
+from buggy_rl.estimation.inside import Inside
 from buggy_rl.estimation.rollout import Settings
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.parameters import Parameter
+from buggy_rl.realisation import Realisations
 
 PRIOR = 3.0  # [prior scales] standard deviation of a parameter: wide, so that data decide
 # Later by a sample and a half at most: beyond, a clock is no other than a sensor that is late.
@@ -103,6 +105,7 @@ class Library:
         effects: Names, also a user's own as file.py:Class; all of `EFFECTS` by default.
         parameters: What the simulator declares.
         own: Whether those may be wrong.
+        realises: Effects that the simulator realises by its parameters: their numbers act there.
     """
 
     def __init__(
@@ -110,22 +113,28 @@ class Library:
         effects: Sequence[str] | None = None,
         parameters: Mapping[str, Parameter] | None = None,
         own: bool = True,
+        realises: Realisations | None = None,
     ) -> None:
         self.own = own
         self.effects = list(EFFECTS if effects is None else effects)
         self.parameters = {name: _own(p) for name, p in (parameters or {}).items()}
+        self.inside = Inside(realises or {}, self.parameters, self.effects)
 
     @property
     def names(self) -> list[str]:
-        """All that a hypothesis may hold."""
-        return [*self.effects, *(OWN + name for name in self.parameters if self.own)]
+        """All that a hypothesis may hold; a parameter that is an effect has that name alone."""
+        own = self.parameters if self.own else ()
+        return [*self.effects, *(OWN + n for n in own if n not in self.inside.replaced)]
 
     def numbers(self, effect: str) -> tuple[EffectParameter, ...]:
         """Free parameters of an effect."""
         if effect.startswith(OWN):
             return (self.parameters[effect.removeprefix(OWN)],)
         kind = effect_class(effect)
-        return tuple(p for p in kind.declared if p.name not in kind.alternatives)
+        free = tuple(p for p in kind.declared if p.name not in kind.alternatives)
+        if effect in self.inside:
+            return tuple(self.inside.bounded(effect, p) for p in free)
+        return free
 
     def hypothesis(self, effects: Sequence[str], vector: Sequence[float] = ()) -> Hypothesis:
         """Effects at normalised parameters, at neutral by default; the clock's is the last."""
@@ -164,7 +173,7 @@ class Library:
                         declared = effect_class(c.effect).declared
                         effects[c.effect] = {p.name: torch.full(shape, p.value) for p in declared}
                     effects[c.effect][name][row] = value
-        return Settings(effects, parameters, offset)
+        return Settings(*self.inside.moved(effects, parameters), offset)
 
     def trials(
         self, effect: str, segments: Segments, at: Sequence[float] = TRIAL_SIZES

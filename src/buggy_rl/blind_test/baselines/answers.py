@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from buggy_rl.diagnosis.answer import NORMAL, Verdict
+from buggy_rl.diagnosis.answer import Verdict
+from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.effects.base import EffectParameter
 
 Numbers = Mapping[str, Mapping[str, Any]]

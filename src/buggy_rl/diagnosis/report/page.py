@@ -5,9 +5,10 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from buggy_rl.diagnosis.answer import NORMAL, Answer, described
+from buggy_rl.diagnosis.answer import Answer, described
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.constancy import WORDS
+from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.figures import errors, is_repaired, replays
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking

@@ -5,9 +5,12 @@ data. Mass, yaw inertia and centre of gravity are those of the car's dimensions;
 of another car are the buggy's, scaled.
 """
 
+from collections.abc import Container
+
 from buggy_rl.engines import speed_control, two_way
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.parameters import Parameter
+from buggy_rl.realisation import Added, Realisations, Scaled
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import VehicleDimensions
 
@@ -34,6 +37,27 @@ def declared_parameters(
         own = [p for p in own if p.name not in speed_control.REPLACED]
     own += _commanded(command, brake_front_share)
     return [*_body(dimensions), *(scale.scaled(p) for p in own)]
+
+
+def realised(declared: Container[str]) -> Realisations:
+    """Effects that are exactly a change of declared parameters."""
+    found = {
+        "throttle_dead_time": [Added("throttle_dead_time", "dead_time")],
+        "steering_dead_time": [Added("steering_dead_time", "dead_time")],
+        "steering_gain": [Scaled("steering_left", "gain"), Scaled("steering_right", "gain")],
+        "steering_asymmetry": [
+            Scaled("steering_left", "left_to_right", 0.5),
+            Scaled("steering_right", "left_to_right", -0.5),
+        ],
+        "tire_grip": [Scaled("grip_front", "grip"), Scaled("grip_rear", "grip")],
+        "grip_balance": [
+            Scaled("grip_front", "front_to_rear", 0.5),
+            Scaled("grip_rear", "front_to_rear", -0.5),
+        ],
+        "payload": [Scaled("mass", "mass_ratio")],
+        "top_speed": [Scaled("drive_speed_loss", "speed_ratio", -1.0)],
+    }
+    return {e: own for e, own in found.items() if all(c.parameter in declared for c in own)}
 
 
 def _commanded(command: LongitudinalCommand, brake_front_share: float) -> list[Parameter]:

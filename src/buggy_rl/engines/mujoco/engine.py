@@ -28,12 +28,13 @@ from torchrl.data import TensorSpec
 from buggy_rl import keys
 from buggy_rl.engines.mujoco.actuators import Actuators, memory_length
 from buggy_rl.engines.mujoco.car import Tyres, make_car, model_fields
-from buggy_rl.engines.mujoco.declared import declared_parameters
+from buggy_rl.engines.mujoco.declared import declared_parameters, realised
 from buggy_rl.engines.mujoco.drivetrain import FRONT_SHARE, Drive
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
 from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
@@ -121,6 +122,10 @@ class MujocoEngine(RowsEngine):
         self._forces = Forces(self.car, values, self.command)
 
     _parameters_changed = _prepare
+
+    @property
+    def realises(self) -> Realisations:
+        return realised(self.declared)
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         state = self.car.model.nq + self.car.model.nv + 6

@@ -15,7 +15,7 @@ from buggy_rl import keys
 from buggy_rl.engines.base import Engine
 from buggy_rl.engines.reference.car import Car
 from buggy_rl.engines.reference.faults import Faults, as_tensors, refuse_of_another_command
-from buggy_rl.engines.reference.parameters import COMMANDED, DIMENSIONS, PARAMETERS
+from buggy_rl.engines.reference.parameters import COMMANDED, DIMENSIONS, PARAMETERS, REALISES
 from buggy_rl.engines.reference.state import (
     CHARGE,
     DUTY,
@@ -31,6 +31,7 @@ from buggy_rl.engines.reference.state import (
     CarState,
 )
 from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.realisation import Realisations
 from buggy_rl.vehicle import rotate, shift_velocity
 
 SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
@@ -210,6 +211,10 @@ class ReferenceEngine(Engine):
             CHARGE: car.charge.unsqueeze(-1),
             **{name: value.movedim(0, -1).contiguous() for name, value in car.fault_state.items()},
         }
+
+    @property
+    def realises(self) -> Realisations:
+        return REALISES
 
     @property
     def half_step(self) -> dict[str, Any]:

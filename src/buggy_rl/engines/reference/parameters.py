@@ -7,6 +7,7 @@ full throttle from rest, a servo lag of 0.05-0.1 s). No chosen value was measure
 """
 
 from buggy_rl.parameters import Parameter
+from buggy_rl.realisation import Realisations, Scaled
 from buggy_rl.vehicle import VehicleDimensions
 
 DIMENSIONS = VehicleDimensions()
@@ -189,6 +190,13 @@ STEERING = (
 )
 
 PARAMETERS = (*BODY, *TYRES, *DRIVE, *BATTERY, *STEERING)
+
+# Friction of an axle is no parameter: `grip_balance` stays around the car.
+REALISES: Realisations = {
+    "tire_grip": [Scaled("grip", "grip")],
+    "payload": [Scaled("mass", "mass_ratio")],
+    "steering_gain": [Scaled("lock_left", "gain"), Scaled("lock_right", "gain")],
+}
 
 # Of commands that are no one-way throttle. Chosen, as of the single-track car, all but the first
 # two: discs on both axles, as 1:5 cars have them, and reverse limited to half.

@@ -1,0 +1,1 @@
+"""Parts of manoeuvres.py."""

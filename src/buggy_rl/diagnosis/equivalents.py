@@ -1,0 +1,89 @@
+"""Effects that these recordings cannot tell apart: one finding, with a joint probability.
+
+Hypotheses that differ in one member, and whose predictions differ by little: with whitened
+residuals r_A and r_B at their fits and dispersion phi,
+
+    |r_A - r_B|^2 / (2 phi) < deciding_nats,
+
+the nats by which recordings such as these are expected to speak for the one that is true.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.posterior import LISTED
+from buggy_rl.diagnosis.search_result import SearchResult
+
+
+@dataclass(frozen=True)
+class Equivalents:
+    """Effects in each other's place."""
+
+    effects: tuple[str, ...]
+    """The one of the best hypothesis, then the others, the most probable first."""
+    probability: float
+    """Of all sets with any of them."""
+    shares: tuple[float, ...]
+    """Probability of the first, and of each of the others in its place."""
+    nats: float
+    """By which the predictions of the least alike of them differ from the first one's."""
+    sentences: tuple[str, ...]
+    """Of each, with its numbers."""
+    decided_by: str = ""
+    """Manoeuvre that is predicted to decide; empty where none is."""
+
+    def line(self) -> str:
+        """The finding in a sentence."""
+        each = [f"{e} {p:.0%}" for e, p in zip(self.effects, self.shares, strict=True)]
+        text = f"{', '.join(each)}, together {self.probability:.0%}"
+        if not self.decided_by:
+            text += "; no manoeuvre known here is expected to decide"
+        return f"Either {', or '.join(self.sentences)}: these recordings cannot tell [{text}]."
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "effects": list(self.effects),
+            "probability": self.probability,
+            "shares": list(self.shares),
+            "nats": self.nats,
+            "decided_by": self.decided_by,
+        }
+
+
+def apart(found: SearchResult, one: Candidate, other: Candidate) -> float:
+    """Nats by which the predictions of two hypotheses differ."""
+    difference = one.fit.whitened - other.fit.whitened
+    return float(difference.square().sum() / (2 * found.dispersion))
+
+
+def swapped(found: SearchResult, effect: str, other: str) -> Candidate | None:
+    """The best hypothesis with another effect in the place of one of its own, if it was tried."""
+    return found.tried.get(tuple(sorted({*found.best.effects} - {effect} | {other})))
+
+
+def alike(found: SearchResult, effect: str, least: float) -> dict[str, float]:
+    """Effects that cannot be told from one of the best hypothesis -> nats, the most probable first.
+
+    Args:
+        found: What a search came to.
+        effect: Of its best hypothesis.
+        least: Nats from which predictions are told apart.
+    """
+    result = {}
+    for other, probability in found.posterior.in_place_of(effect).items():
+        candidate = swapped(found, effect, other)
+        if candidate is None or probability < LISTED:
+            continue
+        nats = apart(found, found.best, candidate)
+        if nats < least:
+            result[other] = nats
+    return result
+
+
+def probability_of_any(found: SearchResult, effects: Sequence[str]) -> float:
+    """Of all sets with at least one of some effects."""
+    sets = found.posterior.sets.items()
+    return min(1.0, sum(p for own, p in sets if {*own} & {*effects}))

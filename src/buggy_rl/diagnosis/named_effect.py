@@ -1,0 +1,96 @@
+"""An effect that a diagnosis names, with its numbers and its confidence."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from buggy_rl.diagnosis.constancy import WORDS
+from buggy_rl.diagnosis.posterior import STANDING
+from buggy_rl.effects import effect_class
+
+NORMAL = 1.96  # standard deviations of a 95 % interval
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with the bounds of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the search selected."""
+
+    name: str
+    kind: Literal["actuation", "motion", "sensing", "parameter"]
+    equation: str
+    sentence: str
+    parameters: dict[str, Value]
+    confidence: float
+    held_out_gain: float
+    """Share of the residual without it that it closes, on what was held out."""
+    confused_with: dict[str, float] = field(default_factory=dict)
+    """Alternative effects and their probabilities."""
+    at_bound: tuple[str, ...] = ()
+    """Parameters at a bound of their range."""
+    varies_with: str = ""
+    """Condition with which its parameters vary: then it is probably misspecified."""
+    whatever_else: float = 0.0
+    """Share of the probability of all sets of effects that those with it have."""
+    inside: tuple[str, ...] = ()
+    """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
+
+    @property
+    def realised(self) -> str:
+        """How the repaired simulator has it, as `diagnosis.json` says."""
+        if not self.inside:
+            return "effect"
+        return f"parameter{'s' * (len(self.inside) > 1)} {', '.join(self.inside)}"
+
+    def line(self, unknown: bool = False) -> str:
+        """Sentence, name and confidence of an effect, and what speaks against it."""
+        text = f"{self.name}, confidence {self.confidence:.0%}"
+        if unknown and self.whatever_else >= STANDING:
+            text += (
+                f"; whatever else is missing: in {self.whatever_else:.0%} of what may explain it"
+            )
+        if self.confused_with:
+            others = ", ".join(f"{name} ({p:.0%})" for name, p in self.confused_with.items())
+            text += f"; alternatives: {others}"
+        if self.varies_with:
+            text += f"; varies with {WORDS[self.varies_with]}: probably misspecified"
+        if self.inside and self.kind != "parameter":
+            text += f"; in the simulator: {self.realised}"
+        if self.at_bound:
+            text += f"; at a bound of its range: {', '.join(self.at_bound)}"
+        return f"{self.sentence[:1].upper()}{self.sentence[1:]} [{text}]."
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "equation": self.equation,
+            "sentence": self.sentence,
+            "parameters": {k: vars(v) for k, v in self.parameters.items()},
+            "confidence": self.confidence,
+            "held_out_gain": self.held_out_gain,
+            "confused_with": [{"name": n, "confidence": c} for n, c in self.confused_with.items()],
+            "at_bound": list(self.at_bound),
+            "varies_with": self.varies_with,
+            "whatever_else": self.whatever_else,
+            "realised": self.realised,
+        }
+
+
+def sentence(effect: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
+    """An effect, or a wrong parameter of the simulator's own, in words."""
+    if effect.startswith("parameter:"):
+        name = effect.partition(":")[2]
+        value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
+        return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
+    return effect_class(effect).sentence(values)

@@ -1,0 +1,84 @@
+"""What an engine declares as realised is what a plant with that physics does."""
+
+import pytest
+import torch
+from benchmarks.grip import loss
+from benchmarks.gripping.plants import maker
+from benchmarks.inside import NUMBERS, rollouts
+from tensordict import TensorDict
+
+from buggy_rl.effects import effect_class
+from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.engines import ENGINES
+from buggy_rl.estimation.inside import Inside
+from buggy_rl.task.augment import augmented
+from tests.contracts.test_engines import make, manoeuvre
+from tests.engines.steps import follow, start
+
+CASES = [  # of the plants' own physics; the share of the wrapped effect's loss that is left at most
+    *(("reference", effect, 0.25) for effect in ("tire_grip", "payload")),
+    *(
+        ("mujoco", effect, 0.3)
+        for effect in ("tire_grip", "grip_balance", "payload", "top_speed", "steering_asymmetry")
+    ),
+]
+STANDING = torch.tensor([[-1.0, 0.0]]).expand(10, 2)  # rows: the memories of both are the same
+ACTUATED = {  # of engines without a plant: effect, number, value
+    "steering_dead_time": ("dead_time", 0.037),
+    "throttle_dead_time": ("dead_time", 0.037),
+    "viscous_drag": ("rate", 0.4),
+    "top_speed": ("speed_ratio", 0.7),
+    "tire_grip": ("grip", 0.6),
+    "grip_balance": ("front_to_rear", 0.7),
+}
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Plant -> what wrapped effects are told of it."""
+    return {plant: measurable_options(maker(plant))[0] for plant in ("reference", "mujoco")}
+
+
+@pytest.mark.parametrize(("plant", "effect", "share"), CASES)
+def test_inside_it_is_closer_to_the_plant_than_around_it(plant, effect, share, known):
+    values = NUMBERS[effect][1]
+    value = values[len(values) // 2]
+    shown, motions = rollouts(plant, effect, value, 6, known[plant])
+    left = {name: loss(motion, shown) for name, motion in motions.items()}
+    assert left["inside"] < share * left["wrapped"]
+    assert left["wrapped"] < left["bare"]
+
+
+@pytest.mark.parametrize("name", sorted(ENGINES))
+def test_at_neutral_numbers_every_parameter_is_as_declared(name):
+    engine = make(name, 3)
+    inside = Inside(engine.realises, engine.declared, list(engine.realises))
+    neutral = {
+        effect: {p.name: torch.full((3,), p.value) for p in effect_class(effect).declared}
+        for effect in inside.changes
+    }
+    _, values = inside.moved(neutral, {})
+    assert set(values) == {c.parameter for own in inside.changes.values() for c in own}
+    assert all(bool((v == engine.values[n]).all()) for n, v in values.items())
+
+
+@pytest.mark.parametrize("effect", ACTUATED)
+def test_of_the_single_track_it_is_the_wrapped_effect_but_for_what_that_reads_off(effect):
+    number, value = ACTUATED[effect]
+    engine, known = single(1), measurable_options(single)[0]
+    values = {p.name: torch.full((1,), p.value) for p in effect_class(effect).declared}
+    values[number] = torch.full((1,), value)
+    inside = Inside(engine.realises, engine.declared, [effect])
+    _, own = inside.moved({effect: values}, {})
+    wrapped, _ = augmented(single(1), {effect: values}, {}, (), known)
+    bare, within, around = (
+        follow(env, start(env), torch.cat([STANDING, manoeuvre(120)]))[1]
+        for env in (engine, engine.with_parameters(TensorDict(own, [1])), wrapped)
+    )
+    changed = float((within - bare).norm())
+    assert changed > 0.02
+    assert float((within - around).norm()) < 0.2 * changed
+
+
+def single(count):
+    return make("single_track", count)

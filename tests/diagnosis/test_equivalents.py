@@ -1,0 +1,81 @@
+"""Which effects are said as one finding: those whose predictions the recordings cannot tell."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.confidence import confidences
+from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.equivalents import alike, apart, probability_of_any, swapped
+from buggy_rl.diagnosis.evidence_features import varying
+from buggy_rl.diagnosis.joint import joint_search
+from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.diagnosis.statement import _equivalents, _named
+from buggy_rl.estimation.cross_validation import blocks
+from tests.diagnosis.planted import planted_drives, problem_of
+
+# Without restored range a deadband is a trim of the radio, but for the least of drives.
+TRIM, BAND, STEERING = ("throttle_offset",), ("throttle_deadband",), ("steering_gain",)
+LEAST = 10.0  # [nats]
+
+
+@pytest.fixture(scope="module")
+def case():
+    recordings = planted_drives([{"throttle_offset": {"offset": -0.1}}], cars=2, seconds=10.0)[0]
+    problem = problem_of(recordings, [*TRIM, *BAND, *STEERING])
+    return Case(problem, Criteria(blocks(problem.segments)), recordings)
+
+
+@pytest.fixture(scope="module")
+def found(case):
+    searched = joint_search(case.problem, case.criteria, also=[TRIM, BAND, STEERING])
+    seen = observed(case.criteria, searched)
+    result = searched.result(posterior(seen), partial(varying, seen))
+    return replace(
+        result,
+        best=result.tried[TRIM],
+        posterior=Posterior({(): 0.01, TRIM: 0.5, BAND: 0.4, STEERING: 0.05}, 0.04),
+    )
+
+
+def test_a_trim_and_a_deadband_predict_the_same_and_a_steering_gain_does_not(found):
+    trim, band, steering = (found.tried[e] for e in (TRIM, BAND, STEERING))
+    assert apart(found, trim, trim) == 0
+    assert apart(found, trim, band) < LEAST
+    assert apart(found, trim, steering) > 10 * LEAST
+    # |r_A - r_B|^2 / (2 phi), and so a half of it at twice the dispersion
+    less = replace(found, dispersion=2 * found.dispersion)
+    assert apart(less, trim, band) == pytest.approx(0.5 * apart(found, trim, band))
+
+
+def test_only_what_cannot_be_told_from_a_named_effect_is_merged_with_it(found):
+    assert list(alike(found, *TRIM, LEAST)) == list(BAND)
+    assert alike(found, *TRIM, 0.0) == {}
+    faint = replace(found, posterior=Posterior({TRIM: 0.95, BAND: 0.01}, 0.04))
+    assert alike(faint, *TRIM, LEAST) == {}  # below 2 % none is listed
+    assert swapped(found, *TRIM, "wind") is None  # that was never fitted
+
+
+def test_their_joint_probability_is_that_of_all_sets_with_any_of_them(found):
+    assert probability_of_any(found, [*TRIM, *BAND]) == pytest.approx(0.9)
+    both = replace(found, posterior=Posterior({TRIM: 0.5, (*BAND, *TRIM): 0.3}, 0.2))
+    assert probability_of_any(both, [*TRIM, *BAND]) == pytest.approx(0.8)
+
+
+def test_they_are_said_as_one_finding_while_neither_is_sure(case, found):
+    def findings(posterior):
+        now = replace(found, posterior=posterior)
+        named = _named(case, now, *TRIM, confidences(now, posterior)[TRIM[0]])
+        return _equivalents(case, now, [named], [])
+
+    [either] = findings(found.posterior)
+    assert either.effects == (*TRIM, *BAND)
+    assert either.shares == (0.5, 0.4)
+    assert either.probability == pytest.approx(0.9)
+    assert "throttle acts as if it were" in either.sentences[0]
+    assert "of the throttle do nothing" in either.sentences[1]
+    assert either.decided_by == ""
+    assert findings(Posterior({TRIM: 0.93, BAND: 0.03}, 0.04)) == []
