@@ -10,7 +10,7 @@ from benchmarks.resumed import appended, rows_of
 
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import driven, moved, plant_of
-from buggy_rl.blind_test.drives import measured as recorded
+from buggy_rl.blind_test.recorded import measured as recorded
 from buggy_rl.diagnosis.experiments import SUGGESTED, SURE
 from buggy_rl.diagnosis.manoeuvre_drives import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES

@@ -6,17 +6,8 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import (
-    DRIVERS,
-    DROPPED,
-    JITTER,
-    correlated,
-    driven,
-    measured,
-    moved,
-    plant_parameters,
-    save_drives,
-)
+from buggy_rl.blind_test.drives import DRIVERS, driven, moved, plant_parameters
+from buggy_rl.blind_test.recorded import DROPPED, JITTER, correlated, measured, save_drives
 from buggy_rl.blind_test.steady_driver import SPEED, SteadyDriver
 from buggy_rl.engines import make_engine
 from buggy_rl.policies.controllers.room import RoomDriver

@@ -6,7 +6,8 @@ import shutil
 import torch
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import acting, driven, plant_of, plant_parameters, save_drives
+from buggy_rl.blind_test.drives import acting, driven, plant_of, plant_parameters
+from buggy_rl.blind_test.recorded import save_drives
 from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.diagnosis.manoeuvre_drives import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
@@ -49,10 +50,11 @@ def drive_again(store: CaseStore, case: Case) -> int:
     pose = torch.zeros(TIMES, 3)  # in the middle, headings spread around the compass
     pose[:, 2] = torch.arange(TIMES) * 2 * torch.pi / TIMES - torch.pi
     for place, manoeuvre in enumerate(suggested(store, case)):
-        actions = manoeuvre.actions(CONTROL_PERIOD)
+        actions = manoeuvre.actions(case.every * CONTROL_PERIOD)
         plant = plant_of(case, TIMES, case.faults, plant_parameters(case))
         act = acting([case.disturbances], [TIMES])
-        true = driven(plant, Replay(actions), pose, len(actions), act)
+        rows = case.every * len(actions)
+        true = driven(plant, Replay(actions), pose, rows, act, case.every)
         numbers = range(place * TIMES, (place + 1) * TIMES)
         named = {f"manoeuvre_{number}": NOISE + number for number in numbers}
         save_drives(case, true, folder / "recordings", named)

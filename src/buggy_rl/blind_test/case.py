@@ -31,6 +31,7 @@ COMMANDS = {
     "speed": LongitudinalCommand("speed", reverse=True),
 }
 """What the first command of a case's car may be; the last two with the manoeuvring driver."""
+RATES = (20, 25, 50, 100)  # [Hz] of command and recording; cars move on at 100 Hz in between
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Case:
     """Share by which each parameter of the plant is drawn off its own, at most."""
     command: str = "throttle"
     """What the car's first command is, of `COMMANDS`; others than a throttle on the reference."""
+    rate: int = 100
+    """At which it is commanded and recorded [Hz], of `RATES`."""
 
     def __post_init__(self) -> None:
         known = {*SIZES, *UNKNOWN_SIZES, *COMMANDED_SIZES}
@@ -68,6 +71,10 @@ class Case:
         ):
             if name not in names and not (what == "effect" and is_composed(name)):
                 raise ValueError(f"no {what} {name!r}; available: {', '.join(sorted(names))}")
+        if self.rate not in RATES:
+            raise ValueError(f"rate is {self.rate}: must be one of {', '.join(map(str, RATES))}")
+        if self.rate != RATES[-1] and self.simulator == "learned":
+            raise ValueError(f"rate is {self.rate}: learned models are prepared at 100 Hz")
 
     @property
     def id(self) -> str:
@@ -90,6 +97,11 @@ class Case:
         """Whether no effect describes it: a drag brake is known of a car whose command has one."""
         named = self.command != "throttle" and effect in COMMANDED_SIZES
         return effect in UNKNOWN_SIZES and not named
+
+    @property
+    def every(self) -> int:
+        """Control periods between two of its commands."""
+        return RATES[-1] // self.rate
 
     @property
     def longitudinal(self) -> LongitudinalCommand:

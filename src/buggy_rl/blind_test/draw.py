@@ -4,7 +4,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from buggy_rl.blind_test.case import COMMANDS, Case
+from buggy_rl.blind_test.case import COMMANDS, RATES, Case
 from buggy_rl.blind_test.sizes import (
     CAMERA,
     COMMANDED_SIZES,
@@ -108,6 +108,8 @@ class Settings:
     spread: list[float] = field(default_factory=lambda: [0.0])
     """Shares by which the plant's parameters are drawn off their own; only where its simulator is
     of its make, or quickly fitted anew."""
+    rates: list[int] = field(default_factory=lambda: [100])
+    """At which cars are commanded and recorded [Hz]; learned simulators at 100 only."""
 
     def __post_init__(self) -> None:
         if self.split not in FIRST:
@@ -182,6 +184,7 @@ def draw(
         held_out=settings.held_out,
         spread=_spread(chance, settings, pairing.simulator),
         command=pairing.command,
+        rate=_rate(chance, settings, pairing.simulator),
     )
 
 
@@ -192,6 +195,11 @@ def commanded(pairing: Pairing) -> frozenset[str]:
 
 def _spread(chance: random.Random, settings: Settings, simulator: str) -> float:
     return chance.choice(settings.spread) if simulator in REFITTED else 0.0
+
+
+def _rate(chance: random.Random, settings: Settings, simulator: str) -> int:
+    rate = chance.choice(settings.rates)
+    return RATES[-1] if simulator == "learned" else rate
 
 
 def _able(pairing: Pairing, can: frozenset[str], settings: Settings) -> list[str]:

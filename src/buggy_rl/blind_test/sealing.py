@@ -17,8 +17,9 @@ from pathlib import Path
 
 import yaml
 
-from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import BASELINE_NOISE, Motion, moved, save_drives
+from buggy_rl.blind_test.case import RATES, Case
+from buggy_rl.blind_test.drives import Motion, moved
+from buggy_rl.blind_test.recorded import BASELINE_NOISE, save_drives
 from buggy_rl.blind_test.simulators import (
     COLUMNS,
     MODEL,
@@ -121,11 +122,11 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
     """Cases that can be driven in one batch, `TOGETHER` at most."""
     alike: dict[tuple, list[Case]] = {}
     for case in cases:
-        alike.setdefault((case.plant, case.command, case.seconds), []).append(case)
+        alike.setdefault((case.plant, case.command, case.seconds, case.rate), []).append(case)
     most = {"reference": TOGETHER}
     return [
         same[first : first + most.get(plant, 1)]
-        for (plant, _, _), same in alike.items()
+        for (plant, *_), same in alike.items()
         for first in range(0, len(same), most.get(plant, 1))
     ]
 
@@ -187,6 +188,8 @@ def _sealed_text(case: Case, secret: str) -> str:
         del content["spread"]  # hashes of cases were published before there was such a field
     if case.command == "throttle":
         del content["command"]  # likewise
+    if case.rate == RATES[-1]:
+        del content["rate"]  # likewise
     return json.dumps({"case": content, "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 

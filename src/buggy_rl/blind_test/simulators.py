@@ -11,8 +11,9 @@ from typing import Any
 
 import yaml
 
-from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import moved, plant_parameters, save_drives
+from buggy_rl.blind_test.case import RATES, Case
+from buggy_rl.blind_test.drives import moved, plant_parameters
+from buggy_rl.blind_test.recorded import save_drives
 from buggy_rl.effects import offered
 from buggy_rl.engines import make_engine, read_simulator
 from buggy_rl.engines.base import Engine
@@ -142,6 +143,8 @@ def question(case: Case, effects: list[str], segments: int = 0) -> str:
         content["baseline"] = ["baseline"]
     if case.simulator == "reference":
         content["parameters"] = False
+    if case.rate != RATES[-1]:
+        content["rate"] = case.rate
     if case.longitudinal != ONE_WAY:
         content["columns"] = COLUMNS
         effects = effects or offered(case.longitudinal)

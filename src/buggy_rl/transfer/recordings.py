@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import BASELINE_NOISE, moved, save_drives
+from buggy_rl.blind_test.drives import moved
+from buggy_rl.blind_test.recorded import BASELINE_NOISE, save_drives
 
 
 def recorded(case: Case, folder: Path) -> bool:

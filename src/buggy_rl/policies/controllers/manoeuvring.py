@@ -44,6 +44,7 @@ class ManoeuvringDriver(TensorDictModuleBase):
         seed: Of what it decides.
         command: What its first command is; one-way speed setpoints are braked, but not reversed.
         full_speed: Setpoint of a full command [m/s], of a speed command.
+        dt: Between two of its commands [s].
 
     Raises:
         ValueError: The command is a one-way throttle, which has no brake.
@@ -55,14 +56,15 @@ class ManoeuvringDriver(TensorDictModuleBase):
         seed: int = 0,
         command: LongitudinalCommand | None = None,
         full_speed: float = 5.0,
+        dt: float = CONTROL_PERIOD,
     ) -> None:
         super().__init__()
         self.command = command or LongitudinalCommand("throttle_brake_reverse")
         if self.command.kind == "throttle":
             raise ValueError("driver=manoeuvring: a one-way throttle has no brake: driver=room")
         self.in_keys, self.out_keys = [keys.POSE, keys.VELOCITY], [keys.ACTION]
-        self.room, self.full_speed = RoomDriver(config, seed), full_speed
-        self.dt = CONTROL_PERIOD
+        self.room, self.full_speed = RoomDriver(config, seed, dt), full_speed
+        self.dt = dt
         self._generator = torch.Generator().manual_seed(seed + 1)
         self._phase = self._left = self._size = torch.empty(0)
 

@@ -45,14 +45,17 @@ class RoomDriver(TensorDictModuleBase):
     Args:
         config: The room.
         seed: Of what it decides; the global random state is neither read nor changed.
+        dt: Between two of its commands [s].
     """
 
-    def __init__(self, config: RoomConfig | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, config: RoomConfig | None = None, seed: int = 0, dt: float = CONTROL_PERIOD
+    ) -> None:
         super().__init__()
         self.in_keys = [keys.POSE, keys.VELOCITY]
         self.out_keys = [keys.ACTION]
         self.config = config or RoomConfig()
-        self.dt = CONTROL_PERIOD
+        self.dt = dt
         self.memory: dict[str, Tensor] = {}
         self._generator = torch.Generator().manual_seed(seed)
 
