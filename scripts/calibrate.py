@@ -22,10 +22,11 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.blind_test.calibration:CalibrateConfig")
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
-    from buggy_rl.blind_test.compared import compared
+    from buggy_rl.blind_test.compared import compared, mcnemar
     from buggy_rl.blind_test.development import entries
     from buggy_rl.blind_test.intervals import form_error, intervals, numbers
-    from buggy_rl.blind_test.named import Answered, counted, lowest_loss
+    from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
+    from buggy_rl.blind_test.pairings import by_pairing
     from buggy_rl.diagnosis.posterior import SHIPPED, posterior, shipped
     from buggy_rl.files import write_atomically
 
@@ -43,7 +44,10 @@ def main() -> None:
             write_atomically(SHIPPED, content(calibration, form, files, len(cases), ridge))
     methods: dict[str, Sequence[Answered]]
     methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
+    methods["best single"] = [best_single(e) for e in cases]
     print(counted(cases, methods))
+    print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
+    print(f"\n{by_pairing(cases, found)}")
     if config.beside:
         print(f"\n{compared(cases, found, Path(config.beside))}")
     print(f"\n{intervals(cases, shipped().form_error if config.apply else None)}")

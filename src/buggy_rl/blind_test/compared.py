@@ -35,17 +35,23 @@ def compared(entries: Sequence[Entry], found: Sequence[Answered], file: Path) ->
     cases = [entry for entry, _, _ in both]
     ours = [own for _, own, _ in both]
     theirs = [other for _, _, other in both]
-    only = [0, 0]
-    for entry, own, other in both:
-        a, b = right(entry, own), right(entry, other)
-        only[0] += a and not b
-        only[1] += b and not a
-    total = sum(only)
-    chance = binomtest(only[0], total).pvalue if total else 1.0
     table = counted(cases, {"posterior": ours, file.stem: theirs})
+    tested = mcnemar(cases, ours, theirs, file.stem)
+    return f"{len(both)} cases that both have answered:\n\n{table}\n\n{tested}"
+
+
+def mcnemar(
+    entries: Sequence[Entry], ours: Sequence[Answered], theirs: Sequence[Answered], name: str
+) -> str:
+    """How many answers of two methods are exactly right, and the test of their difference."""
+    pairs = [
+        (right(entry, own), right(entry, other))
+        for entry, own, other in zip(entries, ours, theirs, strict=True)
+    ]
+    only = [sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)]
+    chance = binomtest(only[0], sum(only)).pvalue if any(only) else 1.0
     return (
-        f"{len(both)} cases that both have answered:\n\n{table}\n\nExactly right: "
-        f"{sum(right(e, a) for e, a, _ in both)} by the posterior, "
-        f"{sum(right(e, b) for e, _, b in both)} by {file.stem}; only one of both "
+        f"Exactly right: {sum(a for a, _ in pairs)} by the posterior, "
+        f"{sum(b for _, b in pairs)} by {name}; only one of both "
         f"{only[0]} : {only[1]} (McNemar's exact test, p = {chance:.2g})"
     )

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from buggy_rl.blind_test.calibration import meant, of_another_form, outside, truth, unknown
-from buggy_rl.blind_test.statistics import Figure, calibration_error, share
+from buggy_rl.blind_test.statistics import (
+    Figure,
+    calibration_error,
+    debiased_calibration_error,
+    share,
+)
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
 from buggy_rl.diagnosis.posterior import EVEN, LISTED, STANDING, Posterior
@@ -82,6 +87,12 @@ def lowest_loss(entry: Entry) -> Posterior:
     return Posterior({tuple(best["effects"]): 1.0}, 0.0)
 
 
+def best_single(entry: Entry) -> Posterior:
+    """All on the effect, or none, with the lowest held-out loss of those fitted alone."""
+    alone = [h for h in fitted(entry) if len(h["effects"]) < 2]
+    return Posterior({tuple(min(alone, key=loss)["effects"]): 1.0}, 0.0)
+
+
 def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Answered]]) -> str:
     """A table in Markdown, a column for each method: share, interval and number of cases."""
     lines = [f"| | {' | '.join(methods)} |", f"|---|{'---|' * len(methods)}"]
@@ -102,12 +113,12 @@ def _figures(said: Said) -> dict[str, str]:
         "two effects: exact set": _share(of[2], _exact),
         "three effects: exact set": _share(of[3], _exact),
         "true set fitted (one, two, three)": _share(of[1] + of[2] + of[3], _came_to),
-        "nothing: a name above 0.5": _share(of[0], _says_a_name),
-        "no effect describes it: a name above 0.5": _share(sorts, _says_a_name),
+        "nothing: a name above 0.5": _share(of[0], says_a_name),
+        "no effect describes it: a name above 0.5": _share(sorts, says_a_name),
         "no effect describes it: called unknown": _share(sorts, _says_unknown),
         "no effect describes it: called nothing": _share(sorts, _says_nothing),
         "another form, no baseline, nothing concealed: a name above 0.5": _share(
-            forms, _says_a_name
+            forms, says_a_name
         ),
         "another form, no baseline, nothing concealed: called unknown": _share(
             forms, _says_unknown
@@ -120,6 +131,7 @@ def _figures(said: Said) -> dict[str, str]:
         **{name: _cell(figure) for name, figure in figures.items()},
         "Brier score of all listed names": f"{sum(squares) / max(1, len(squares)):.3f}",
         "expected calibration error": f"{calibration_error(claims):.3f} ({len(claims)} names)",
+        "debiased": f"{debiased_calibration_error(claims):.3f}",
     }
 
 
@@ -160,7 +172,8 @@ def _exact(entry: Entry, p: Answered) -> bool:
     return meant(p.best) == truth(entry) and p.says == "effects"
 
 
-def _says_a_name(entry: Entry, p: Answered) -> bool:
+def says_a_name(entry: Entry, p: Answered) -> bool:
+    """Whether an effect has more than half of the probability."""
     del entry
     return any(s > EVEN for s in sure(p).values())
 

@@ -66,6 +66,20 @@ def calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
     return sum(n * abs(said - right) for said, right, n in calibration(claims)) / len(claims)
 
 
+def debiased_calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
+    """Root mean square calibration error, without what chance adds in bins of few claims.
+
+    sqrt(sum_b n_b / n ((said_b - right_b)^2 - right_b (1 - right_b) / (n_b - 1))), not below 0;
+    tenths with one claim are left out.
+
+    Source: Kumar, Liang & Ma (2019), Verified uncertainty calibration, eq. 5.
+    """
+    rows = [row for row in calibration(claims) if row[2] > 1]
+    total = sum(n for _, _, n in rows)
+    squares = sum(n * ((s - r) ** 2 - r * (1 - r) / (n - 1)) for s, r, n in rows)
+    return math.sqrt(max(0.0, squares / total)) if total else math.nan
+
+
 def coverage(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
     """Share of claims kept and share right of those, when only the most confident are kept."""
     ranked = sorted(claims, key=lambda claim: -claim[0])
