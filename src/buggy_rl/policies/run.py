@@ -19,6 +19,9 @@ from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 
+CLOCKED = ("speed", "seconds_left")
+"""Metrics that depend on the machine: left out of policy files, which are those of the training."""
+
 
 @dataclass(frozen=True)
 class EngineConfig:
@@ -153,7 +156,8 @@ class PolicyRun:
         return self.finished or int(self.ppo.steps * share) > int(before * share)
 
     def _save_policies(self, metrics: dict[str, float]) -> None:
-        about = {"config": plain(self.config), **metrics}
+        told = {name: value for name, value in metrics.items() if name not in CLOCKED}
+        about = {"config": plain(self.config), **told}
         if metrics["validation_waypoints"] > self.best:
             self.best = metrics["validation_waypoints"]
             save_policy(self.policy, self.folder / "best.pt", about)
