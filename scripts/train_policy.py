@@ -41,7 +41,8 @@ def main() -> None:
     bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
                desc=folder.name)  # fmt: skip
     try:
-        with closing(RunLog(folder, "steps", about, config.wandb, config.resume)) as log, bar:
+        log = RunLog(folder, "steps", about, config.wandb, config.resume)
+        with closing(training), closing(log), bar:
             for metrics in training.metrics():
                 bar.update(training.batch)
                 bar.set_postfix_str(

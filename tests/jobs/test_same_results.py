@@ -22,8 +22,8 @@ SEEDS = (
 PROVE = (
     "draw.each=true", "draw.nothing=1", "draw.cases=2", "draw.seconds=[12.0]",
     "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
-    "draw.names=[steering_gain]", "rivals=2", "stages=[prepare,seal,ask,weigh]",
-    "effects=[steering_gain,viscous_drag]",
+    "draw.names=[steering_gain]", "rivals=1", "stages=[prepare,seal,ask,weigh]",
+    "effects=[steering_gain,viscous_drag]", "stretches=10",
 )  # fmt: skip
 DEVELOP = (
     "configs/development.yaml", *PROVE[:7], "draw.families=[one]", "draw.spread=[0.0]",
@@ -75,6 +75,7 @@ def test_training_seeds(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(2400)
 def test_sealed_cases(tmp_path):
     written = ("cases/**/*.csv", "cases/**/*.yaml", "answers/*/diagnosis.json", "hashes.txt")
     patterns = [f"out/{pattern}" for pattern in written]
@@ -84,6 +85,7 @@ def test_sealed_cases(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(2400)
 def test_development_cases(tmp_path):
     found = {}
     for name, how in HOW.items():
