@@ -60,7 +60,7 @@ def make_collector(
         collector = Collector(
             list(makers),
             actor,
-            backend=config.backend,
+            backend=config.backend,  # pyright: ignore[reportArgumentType]  # not in_process
             sync=True,
             frames_per_batch=frames,
             total_frames=1 << 60,  # it is closed when the training ends
@@ -92,9 +92,13 @@ class DistributedBatches:
             ValueError: A process has ended, or its share of a batch is missing.
         """
         batches = iter(self._collector)
-        while True:
+
+        def following() -> TensorDictBase:
             self._collector.update_policy_weights_()
-            yield self._whole(self._awaited(lambda: next(batches)))
+            return next(batches)
+
+        while True:
+            yield self._whole(self._awaited(following))
 
     @property
     def dead(self) -> list[int]:
@@ -130,7 +134,7 @@ class DistributedBatches:
 
     def _whole(self, batch: TensorDictBase) -> TensorDictBase:
         rows = batch if batch.ndim == 2 else batch.flatten(0, 1)  # (cars, time)
-        parts = rows["next", PART][:, 0, 0]
+        parts = rows.get(("next", PART))[:, 0, 0]
         counts = torch.bincount(parts, minlength=self._processes)
         if len(counts) > self._processes or len(set(counts.tolist())) > 1:
             raise self._lost(f"environments by process in a batch: {counts.tolist()}")

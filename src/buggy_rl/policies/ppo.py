@@ -20,7 +20,7 @@ from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
 from buggy_rl.policies.clipped_loss import ClippedLoss
 from buggy_rl.policies.collecting import DistributedBatches
-from buggy_rl.policies.collector import in_process
+from buggy_rl.policies.collector import ResumableCollector, in_process
 from buggy_rl.policies.episodes import Episodes
 
 STATE_VALUE = "state_value"  # the critic's output
@@ -104,6 +104,7 @@ class PPO:
                 f"the environment has {env.batch_size.numel()} cars, ppo.cars is {config.cars}: "
                 "make them equal"
             )
+        policy.to(env.device or "cpu")
         self.env, self.policy, self.config = env, policy, config
         self.actor, self.critic = policy.actor(), policy.critic()
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
@@ -123,9 +124,9 @@ class PPO:
         )
         self.collector = batches or in_process(env, self.actor, config.cars * config.batch_steps)
         self.generator = torch.Generator().manual_seed(config.seed)
-        self.episodes = Episodes(env.batch_size, whole=not config.stagger)
+        self.episodes = Episodes(env.batch_size, not config.stagger, env.device)
         self.steps = 0
-        if config.stagger and batches is None:  # other processes do so themselves
+        if config.stagger and isinstance(self.collector, ResumableCollector):
             self._stagger(self.collector.state)
 
     def run(self) -> Iterator[dict[str, float]]:
@@ -197,20 +198,20 @@ class PPO:
         self.steps = state["steps"]
         self.policy.load_state_dict(state["policy"])
         self.optimiser.load_state_dict(state["optimiser"])
-        if self.collector.state is None:  # episodes begin anew in the processes that step them
-            self.episodes.load_state_dict(self.episodes.state_dict() | _last(state["episodes"]))
-        else:
-            self._restore_cars(self.collector.state, state["cars"])
+        if isinstance(self.collector, ResumableCollector):
+            self.collector.state = self._cars(self.collector.state, state["cars"])
             self.episodes.load_state_dict(state["episodes"])
+        else:  # episodes begin anew in the processes that step them
+            self.episodes.load_state_dict(self.episodes.state_dict() | _last(state["episodes"]))
         restore_environment(self.env, state["environment"])
         self.generator.set_state(state["minibatches"])
         torch.set_rng_state(state["random"])  # last: whatever is built draws from it
 
-    def _restore_cars(self, here: TensorDictBase, saved: dict[str, Any]) -> None:
+    def _cars(self, here: TensorDictBase, saved: dict[str, Any]) -> TensorDictBase:
         written = self.actor.out_keys  # anew by every step
         cars = TensorDict(saved, self.env.batch_size).exclude(*written)
         refuse_difference(here.flatten_keys(".").exclude(*written).keys(), cars.keys())
-        self.collector.state = cars.unflatten_keys(".").clone()
+        return cars.unflatten_keys(".").clone()
 
     def _stagger(self, cars: TensorDictBase) -> None:
         """Draws the ages of the first episodes uniformly, as after long collection."""
@@ -235,7 +236,10 @@ class PPO:
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
-            reports += [self._descend(part) for part in rows[order].split(self.config.minibatch)]
+            reports += [
+                self._descend(part)
+                for part in rows[order.to(self.env.device or "cpu")].split(self.config.minibatch)
+            ]
         self.policy.observe(rows[keys.OBSERVATION])
         means = torch.stack(reports).mean(0).tolist()
         return dict(zip(REPORTED, means, strict=True))

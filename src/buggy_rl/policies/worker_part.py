@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import Compose, EnvBase, StepCounter, Transform, TransformedEnv
+from torchrl.data import Composite, TensorSpec, Unbounded
+from torchrl.envs import EnvBase, StepCounter, Transform, TransformedEnv
 
 from buggy_rl import keys
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
@@ -46,7 +46,8 @@ class PartOfMany(Transform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Adds the number."""
-        shape = (*observation_spec.shape, 1)
+        assert isinstance(observation_spec, Composite)
+        shape = torch.Size([*observation_spec.shape, 1])
         observation_spec[PART] = Unbounded(shape, dtype=torch.int64)
         return observation_spec
 
@@ -78,4 +79,4 @@ class PartMaker:
         env = make_env(engine, task=self.task)
         limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0) if self.stagger else 0
-        return TransformedEnv(env, Compose(PartOfMany(self.number, limit, seed)))
+        return TransformedEnv(env, PartOfMany(self.number, limit, seed))
