@@ -60,7 +60,12 @@ def main() -> None:
     )
     devices = dict.fromkeys([config.device, "cpu"])
     memory = {device: bandwidth(device, config.seconds) for device in devices}
-    jobs = [(*kind[:2], e, n) for kind in kinds for e in config.engines for n in kind[2]]
+    jobs = [
+        (what, measure, engine, size)
+        for what, measure, sizes in kinds
+        for engine in config.engines
+        for size in sizes
+    ]
     rows: list[dict[str, Any]] = []
     for what, measure, engine, size in tqdm(jobs, unit="measurement"):
         for device in devices:

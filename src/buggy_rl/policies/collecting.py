@@ -133,8 +133,8 @@ class DistributedBatches:
         return answer
 
     def _whole(self, batch: TensorDictBase) -> TensorDictBase:
-        rows = batch if batch.ndim == 2 else batch.flatten(0, 1)  # (cars, time)
-        parts = rows.get(("next", PART))[:, 0, 0]
+        rows: Any = batch if batch.ndim == 2 else batch.flatten(0, 1)  # (cars, time)
+        parts = rows["next", PART][:, 0, 0]
         counts = torch.bincount(parts, minlength=self._processes)
         if len(counts) > self._processes or len(set(counts.tolist())) > 1:
             raise self._lost(f"environments by process in a batch: {counts.tolist()}")
