@@ -86,7 +86,8 @@ def main() -> None:
 
 def overhead(config: Config, name: str):
     """What a launcher costs beside the work."""
-    launching = Launching(name, OPTIONS[name], 1)  # pyright: ignore[reportArgumentType]
+    kind: Any = name
+    launching = Launching(launcher=kind, cluster=OPTIONS[name], cores=1)
     return overheads(launching, Path(config.output) / f"empty_{name}", config.empty)
 
 

@@ -155,10 +155,22 @@ def test_a_missing_package_is_named_with_the_extra_that_has_it(monkeypatch, name
     ("bad", "message"),
     [
         (Launching(cluster={"address": "auto"}), "launcher=local has no such options"),
-        (Launching("ray", {"adress": "auto"}), r"no options \['adress'\].*address"),
-        (Launching("ray", {"address": "127.0.0.1:1"}), "no Ray cluster at 127.0.0.1:1"),
-        (Launching("submitit", {"cluster": "cloud"}), "submitit, cluster.cluster=cloud"),
-        (Launching("submitit", {"cluster": "local", "minutes": 3}), "submitit.*minutes"),
+        (
+            Launching(launcher="ray", cluster={"adress": "auto"}),
+            r"no options \['adress'\].*address",
+        ),
+        (
+            Launching(launcher="ray", cluster={"address": "127.0.0.1:1"}),
+            "no Ray cluster at 127.0.0.1:1",
+        ),
+        (
+            Launching(launcher="submitit", cluster={"cluster": "cloud"}),
+            "submitit, cluster.cluster=cloud",
+        ),
+        (
+            Launching(launcher="submitit", cluster={"cluster": "local", "minutes": 3}),
+            "submitit.*minutes",
+        ),
     ],
 )
 def test_options_that_a_launcher_does_not_take_are_refused(tmp_path, bad, message):

@@ -11,7 +11,7 @@ from buggy_rl.jobs.process import Command, Process
 LAUNCHERS = ("local", "ray", "submitit")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)  # so that fields of those who inherit it come first
 class Launching:
     """Where independent jobs run; their results do not depend on it."""
 
