@@ -152,30 +152,18 @@ def test_a_missing_package_is_named_with_the_extra_that_has_it(monkeypatch, name
 
 
 @pytest.mark.parametrize(
-    ("bad", "message"),
+    ("name", "cluster", "message"),
     [
-        (Launching(cluster={"address": "auto"}), "launcher=local has no such options"),
-        (
-            Launching(launcher="ray", cluster={"adress": "auto"}),
-            r"no options \['adress'\].*address",
-        ),
-        (
-            Launching(launcher="ray", cluster={"address": "127.0.0.1:1"}),
-            "no Ray cluster at 127.0.0.1:1",
-        ),
-        (
-            Launching(launcher="submitit", cluster={"cluster": "cloud"}),
-            "submitit, cluster.cluster=cloud",
-        ),
-        (
-            Launching(launcher="submitit", cluster={"cluster": "local", "minutes": 3}),
-            "submitit.*minutes",
-        ),
+        ("local", {"address": "auto"}, "launcher=local has no such options"),
+        ("ray", {"adress": "auto"}, r"no options \['adress'\].*address"),
+        ("ray", {"address": "127.0.0.1:1"}, "no Ray cluster at 127.0.0.1:1"),
+        ("submitit", {"cluster": "cloud"}, "submitit, cluster.cluster=cloud"),
+        ("submitit", {"cluster": "local", "minutes": 3}, "submitit.*minutes"),
     ],
 )
-def test_options_that_a_launcher_does_not_take_are_refused(tmp_path, bad, message):
+def test_options_that_a_launcher_does_not_take_are_refused(tmp_path, name, cluster, message):
     with pytest.raises(ValueError, match=message):
-        list(run_jobs(counting(tmp_path, 1), 1, bad))
+        list(run_jobs(counting(tmp_path, 1), 1, Launching(launcher=name, cluster=cluster)))
 
 
 def test_no_worker_at_all_is_refused(tmp_path):

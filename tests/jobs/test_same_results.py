@@ -37,7 +37,7 @@ def made(folder: Path, script: str, *options: str) -> Path:
     folder.mkdir()
     for name in ("configs", "scripts", "data"):
         (folder / name).symlink_to(ROOT / name)
-    command = [sys.executable, f"scripts/{script}", "output=out", *options]
+    command = [sys.executable, f"scripts/{script}", *options, "output=out"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder
