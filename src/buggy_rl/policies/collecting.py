@@ -111,7 +111,7 @@ class DistributedBatches:
         if self._config.backend == "ray":
             _within(CLOSING, lambda: self._collector.shutdown(shutdown_ray=True))
             return
-        for job in self._collector.jobs:  # their own shutdown waits for ever for one that is dead
+        for job in self._collector.jobs:  # `shutdown` of `distributed` hung after a whole run
             job.kill() if hasattr(job, "kill") else job.cancel()
         for job in self._collector.jobs:
             if hasattr(job, "join"):
@@ -119,7 +119,7 @@ class DistributedBatches:
         _within(CLOSING, _leave_group)
 
     def _awaited(self, ask: Callable[[], TensorDictBase]) -> TensorDictBase:
-        """A batch; asked for in a thread, since the backends wait for dead processes for ever."""
+        """A batch, asked for in a thread while this one watches the processes and hears Ctrl-C."""
         answers: queue.Queue[Any] = queue.Queue()
         threading.Thread(target=_answered, args=(ask, answers), daemon=True).start()
         while True:
