@@ -18,11 +18,10 @@ from buggy_rl.viz.sweep import sweep_figure
 ROOT = Path(__file__).parents[2]
 SPACE = {"ppo.learning_rate": Range(1e-4, 1e-2, log=True), "ppo.epochs": Range(2, 5, integer=True)}
 SMALL = (
-    "configs/sweep.yaml", "steps=2048", "trials=4", "together=2", "startup=1", "best=1",
+    "steps=2048", "trials=4", "together=2", "startup=1", "best=1",
     "seeds=[1,2]", "validations=2",
     "policy=[configs/ppo.yaml,engine.simulator=kinematic,ppo.cars=32,ppo.batch_steps=16,"
     "ppo.minibatch=256,validation_steps=30]",
-    "space={ppo.learning_rate:{low:1e-4,high:1e-2,log:true},ppo.clip:{low:0.1,high:0.4}}",
 )  # fmt: skip
 
 
@@ -116,8 +115,21 @@ def test_the_picture_shows_every_setting_with_its_seeds():
     assert [label.get_text() for label in seeds.get_xticklabels()] == ["default", "trial_0000"]
 
 
+YAML = """
+space:
+  ppo.learning_rate: {low: 1.0e-4, high: 1.0e-2, log: true}
+  ppo.clip: {low: 0.1, high: 0.4}
+"""
+
+
+def command_of_sweep(folder: Path, *more: str) -> list[str]:
+    file = folder.with_suffix(".yaml")
+    file.write_text(YAML)
+    return [sys.executable, "scripts/sweep.py", str(file), *SMALL, f"output={folder}", *more]
+
+
 def swept(folder: Path, *more: str) -> dict[str, bytes]:
-    command = [sys.executable, "scripts/sweep.py", *SMALL, f"output={folder}", *more]
+    command = command_of_sweep(folder, *more)
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (folder / "sweep.png").stat().st_size > 1000
@@ -128,7 +140,7 @@ def swept(folder: Path, *more: str) -> dict[str, bytes]:
 def test_a_sweep_that_is_killed_goes_on_to_the_same_result_with_other_workers(tmp_path):
     wanted = swept(tmp_path / "whole", "workers=1")
     folder = tmp_path / "killed"
-    command = [sys.executable, "scripts/sweep.py", *SMALL, f"output={folder}", "workers=2"]
+    command = command_of_sweep(folder, "workers=2")
     for stage in ("trials/0000/checkpoint.pt", "trials/0003/checkpoint.pt"):
         sweep = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
         while not (folder / stage).exists() and sweep.poll() is None:
