@@ -1,6 +1,9 @@
 """The part of the environments that one process of a distributed collector steps."""
 
-from dataclasses import dataclass
+import os
+import threading
+import time
+from dataclasses import dataclass, field
 
 import torch
 from tensordict import TensorDictBase
@@ -67,9 +70,13 @@ class PartMaker:
     """Of the run; each process draws from its own."""
     number: int
     """Of the process."""
+    driver: int = field(default_factory=os.getpid)
+    """Process that asked for them."""
 
     def __call__(self) -> EnvBase:
         """The environments, in a process with one PyTorch thread."""
+        if os.getpid() != self.driver:
+            threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
         torch.set_num_threads(1)
         seed = 1000 * self.seed + self.number
         torch.manual_seed(seed)
@@ -80,3 +87,10 @@ class PartMaker:
         limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0) if self.stagger else 0
         return TransformedEnv(env, PartOfMany(self.number, limit, seed))
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent has: an `rpc` worker waits for a killed one for ever."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
