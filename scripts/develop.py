@@ -14,7 +14,7 @@ from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
 
-PART = 8  # cases whose lines are written together: so many an interruption loses at most
+PART = 8  # cases of a job: a start costs it some 4 s, a case 20 to 200 s
 
 
 def main() -> None:
@@ -23,12 +23,13 @@ def main() -> None:
 
     from tqdm import tqdm
 
+    from buggy_rl.blind_test.case import Case
     from buggy_rl.blind_test.counts import counts
-    from buggy_rl.blind_test.development import cases_left, developed, entries
+    from buggy_rl.blind_test.development import cases_left, developed, entries, line_file
     from buggy_rl.blind_test.discrimination import discrimination
     from buggy_rl.blind_test.sealing import groups
-    from buggy_rl.blind_test.simulators import prepare, unprepared
-    from buggy_rl.jobs import in_processes
+    from buggy_rl.blind_test.simulators import prepare, prepared_name, unprepared
+    from buggy_rl.jobs import results
 
     store, left = config.store, cases_left(config)
     store.prepared.mkdir(parents=True, exist_ok=True)
@@ -42,17 +43,21 @@ def main() -> None:
         prepare(case, folder, place)
     own = [job for job in jobs if job[0].spread]
     with tqdm(desc="fitting simulators", total=len(own), unit="simulator") as bar:
-        for _ in in_processes(prepare, own, config.workers):
+        fits = {prepared_name(job[0]): job for job in own}
+        for _ in results(prepare, fits, store.output / "jobs" / "prepare", config.workers, config):
             bar.update()
     config.file.parent.mkdir(parents=True, exist_ok=True)
     # By seed: a run that is stopped has cases of every plant and pairing.
     parts = (group[i : i + PART] for group in groups(left) for i in range(0, len(group), PART))
     ordered = sorted(parts, key=lambda group: group[0].seed)
-    work = [(config, group) for group in ordered]
+    place = store.output / "jobs" / "develop"
+    calls = {group[0].id: (store, config.effects, config.stretches, group) for group in ordered}
     with tqdm(desc="searching", total=len(left), unit="case") as bar:
-        for lines in in_processes(developed, work, config.workers):
+        for lines in results(developed, calls, place, config.workers, config):
             with open(config.file, "a") as file:
                 file.writelines(json.dumps(line) + "\n" for line in lines)
+            for line in lines:
+                line_file(store, Case(**line["case"])).unlink()
             bar.update(len(lines))
     done = entries(config.file)
     failed = sum("failed" in entry for entry in done)

@@ -4,7 +4,9 @@
     python scripts/diagnose.py simulator=my.py:make recordings=[new/] baseline=[old/] output=runs/d
 
 Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simulator), report.html.
-Interrupted, it goes on where it stopped when it is started again.
+Interrupted, it goes on where it stopped when it is started again. With `cars=FOLDER` in place of
+recordings, every folder in it is one car's recordings: each is diagnosed by itself in OUTPUT/CAR,
+`workers` at a time on any `launcher` (docs/scale.md), and OUTPUT/fleet.csv has a row for each.
 """
 
 import shutil
@@ -15,7 +17,10 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Diagnoses and writes."""
-    config = from_command_line(__doc__, "buggy_rl.diagnosis.config:DiagnosisConfig")
+    config = from_command_line(__doc__, "buggy_rl.diagnosis.fleet:FleetConfig")
+    if config.cars:
+        return each_car(config)
+    config = config.single
 
     import json
 
@@ -29,22 +34,10 @@ def main() -> None:
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
-    from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(1)
-    read = (config.columns or None, config.dt, iter, config.car)
-    recordings, refusals = load_recordings(config.recordings, *read)
-    for refusal in refusals:
-        tqdm.write(f"refused: {refusal}")
-    if not recordings:
-        raise ValueError("no drive is left to look at: the lines above say why")
-    baseline = []
-    if config.baseline:
-        baseline, refusals = load_recordings(config.baseline, *read)
-        for refusal in refusals:
-            tqdm.write(f"refused: {refusal}")
-        if not baseline:
-            raise ValueError("no baseline drive is left: the lines above say why")
+    recordings = loaded(config, config.recordings, "drive")
+    baseline = loaded(config, config.baseline, "baseline drive") if config.baseline else []
     folder = Path(config.output)
     save_run(config, folder)
     with StepBar() as bar:
@@ -64,6 +57,37 @@ def main() -> None:
     print("\n".join(answer.lines()))
     names = ("report.html", "diagnosis.json", "repaired.yaml")
     print(f"written: {', '.join(str(folder / name) for name in names)}")
+
+
+def loaded(config, names, what: str) -> list:
+    """Recordings that can be used; says which cannot."""
+    from tqdm import tqdm
+
+    from buggy_rl.recordings import load_recordings
+
+    found, refusals = load_recordings(names, config.columns or None, config.dt, iter, config.car)
+    for refusal in refusals:
+        tqdm.write(f"refused: {refusal}")
+    if not found:
+        raise ValueError(f"no {what} is left to look at: the lines above say why")
+    return found
+
+
+def each_car(config) -> None:
+    """Diagnoses every car of a folder and writes one table."""
+    import pandas as pd
+
+    from buggy_rl.diagnosis.fleet import diagnoses, rows
+    from buggy_rl.jobs import cores
+    from buggy_rl.jobs.bar import run_with_bar
+
+    jobs, file = diagnoses(config, Path(__file__)), Path(config.output) / "fleet.csv"
+    try:
+        run_with_bar("diagnosing", jobs, "car", config.workers or cores(), config)
+    finally:
+        table = pd.DataFrame(rows(jobs))
+        table.to_csv(file, index=False)
+        print(f"{table.to_string(index=False)}\nwritten: {file}")
 
 
 if __name__ == "__main__":

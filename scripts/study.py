@@ -37,14 +37,14 @@ def main() -> None:
     stages = []
     for wave in plan.waves():
         stages += wave
-        follow(wave, config.workers)
+        follow(wave, config)
     commit = json.loads((folder / "run.json").read_text())["commit"]
     made = Made(" ".join(["python", *sys.argv]), commit, date.today().isoformat())
     write_atomically(folder / "study.html", page(plan, drives, stages, made))
     print(f"written: {folder / 'study.html'}")
 
 
-def follow(wave, workers) -> None:
+def follow(wave, config) -> None:
     """Runs the stages of a wave, with a line for each that has ended."""
     from tqdm import tqdm
 
@@ -53,7 +53,7 @@ def follow(wave, workers) -> None:
     waiting = {stage.job.name: stage.title for stage in wave if not stage.job.done}
     with tqdm(bar_format="{elapsed} {desc}") as bar:
         bar.set_description_str(" | ".join(waiting.values()))
-        for progress in run_jobs([stage.job for stage in wave], workers, poll=1.0):
+        for progress in run_jobs([stage.job for stage in wave], config.workers, config, 1.0):
             bar.refresh()
             if progress.outcome is not None:
                 title = waiting.pop(progress.job.name)

@@ -5,7 +5,9 @@
 
 Writes OUTPUT/best.pt (by the validation paths), last.pt, checkpoint.pt, the resolved config, and
 logs as CSV and for TensorBoard; `wandb=true` tells Weights & Biases, `media=true` adds pictures and
-films. `resume=true` goes on where a run stopped, bit for bit.
+films. `resume=true` goes on where a run stopped, bit for bit. With `seeds=[0,1,2]` each is a run of
+its own in OUTPUT/seed_N, `workers` at a time on any `launcher` (docs/scale.md), OUTPUT/seeds.csv
+compares them; started again, it goes on from their checkpoints by itself.
 """
 
 import json
@@ -19,7 +21,10 @@ from buggy_rl.config import from_command_line, plain, run, save_run
 def main() -> None:
     """Trains until the steps are used up."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: busy waiting ruins 2 cores
-    config = from_command_line(__doc__, "buggy_rl.policies.run:PolicyRunConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.seeds:TrainingConfig")
+    if config.seeds:
+        return each_seed(config)
+    config = config.single
 
     import torch
     from tqdm import tqdm
@@ -36,7 +41,8 @@ def main() -> None:
     bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
                desc=folder.name)  # fmt: skip
     try:
-        with closing(RunLog(folder, "steps", about, config.wandb, config.resume)) as log, bar:
+        log = RunLog(folder, "steps", about, config.wandb, config.resume)
+        with closing(training), closing(log), bar:
             for metrics in training.metrics():
                 bar.update(training.batch)
                 bar.set_postfix_str(
@@ -51,6 +57,22 @@ def main() -> None:
         file = folder / "failed_batch.pt"
         raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
     print(f"{folder / 'best.pt'}: {training.best:.1f} waypoints on the validation paths")
+
+
+def each_seed(config) -> None:
+    """Trains one policy for each seed and compares them."""
+    import pandas as pd
+
+    from buggy_rl.jobs.bar import run_with_bar
+    from buggy_rl.policies.seeds import trainings, validations
+
+    jobs = trainings(config, Path(__file__))
+    run_with_bar(Path(config.output).name, jobs, "step", config.workers, config)
+    table = pd.DataFrame(validations([job.folder for job in jobs]))
+    file = Path(config.output) / "seeds.csv"
+    table.to_csv(file, index=False)
+    waypoints = table["validation_waypoints"]
+    print(f"{file}: {waypoints.mean():.1f} +- {waypoints.std():.1f} waypoints, {len(table)} seeds")
 
 
 def media(folder: Path, metrics) -> dict[str, Path]:

@@ -23,7 +23,8 @@ def main() -> None:
 
     from tqdm import tqdm
 
-    from buggy_rl.jobs import in_processes
+    from buggy_rl.jobs import results
+    from buggy_rl.jobs.bar import run_with_bar
     from buggy_rl.transfer.evaluation import judge, unjudged
     from buggy_rl.transfer.jobs import diagnoses, models, trainings, write_factories
     from buggy_rl.transfer.recordings import record, recorded
@@ -44,30 +45,17 @@ def main() -> None:
         ("train", trainings, "step"),
     ):
         if stage in config.stages:
-            work(stage, listed(config, Path(__file__).parent), unit, config.workers)
+            jobs = listed(config, Path(__file__).parent)
+            run_with_bar(stage, jobs, unit, config.workers, config)
     if "evaluate" in config.stages:
         left = unjudged(config)
         with tqdm(desc="evaluate", total=sum(len(j.policies) for j in left), unit="policy") as bar:
-            for count in in_processes(judge, [(j,) for j in left], config.workers):
+            calls = {"_".join(j.file.with_suffix("").parts[-3:]): (j,) for j in left}
+            place = Path(config.output) / "jobs"
+            for count in results(judge, calls, place, config.workers, config):
                 bar.update(count)
     if "page" in config.stages:
         write_results(config)
-
-
-def work(stage: str, jobs: list, unit: str, workers: int) -> None:
-    """Runs jobs behind a progress bar."""
-    from tqdm import tqdm
-
-    from buggy_rl.jobs import run_jobs
-
-    reached = {job.name: job.work * job.done for job in jobs}
-    total, initial = sum(job.work for job in jobs), sum(reached.values())
-    with tqdm(desc=stage, total=total, initial=initial, unit=unit, unit_scale=total > 1e4) as bar:
-        for job, share, _ in run_jobs(jobs, workers, poll=1.0):
-            bar.set_postfix_str(job.name)
-            now = max(int(job.work * share), reached[job.name])
-            bar.update(now - reached[job.name])
-            reached[job.name] = now
 
 
 def write_results(config) -> None:

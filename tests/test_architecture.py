@@ -58,6 +58,9 @@ ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("viz", "study.figures", "blind_test.pictures", "transfer.pictures"),
     "mujoco": ("engines.mujoco", "viz", "blind_test.baselines.sysid"),
     "dm_control": ("engines.mujoco", "viz"),
+    "ray": ("jobs.on_ray", "policies.collecting"),
+    "submitit": ("jobs.on_submitit",),
+    "optuna": ("policies.sweep",),
     "pyrealsense2": ("car.camera_t265",),  # libraries of the car's hardware, imported when used
     "smbus": ("car.pwm_pca9685",),
     "smbus2": ("car.pwm_pca9685",),

@@ -174,3 +174,13 @@ def test_likely_slips_in_a_study_are_named(tmp_path: Path, content: str, message
     file.write_text(content)
     with pytest.raises(ConfigError, match=message):
         build(StudyConfig, [str(file)])
+
+
+def test_an_option_that_a_class_declares_anew_is_described_once():
+    lines = list(describe("buggy_rl.diagnosis.fleet:FleetConfig"))
+    options = [line.split("=")[0].strip() for line in lines]
+    assert len(options) == len(set(options))
+    assert next(line for line in lines if line.startswith("  recordings=")).startswith(
+        "  recordings=[]"
+    )
+    assert {"launcher", "cars", "stretches"} <= set(options)

@@ -169,11 +169,13 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
     origins, classes = _imported(tree), _classes(tree)
     if name not in classes:
         raise ConfigError(f"{module} defines no class {name}")
+    body = classes[name].body
+    own = {prefix + ast.unparse(node.target) for node in body if isinstance(node, ast.AnnAssign)}
     for base in map(ast.unparse, classes[name].bases):
         inherited = f"{module}:{base}" if base in classes else _home(origins.get(base, ""))
         if inherited:
-            yield from describe(inherited, prefix)
-    body = classes[name].body
+            lines = describe(inherited, prefix)
+            yield from (line for line in lines if _key(line) not in own)
     for node, after in zip(body, [*body[1:], None], strict=True):
         if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
             continue
@@ -188,6 +190,11 @@ def describe(schema: str, prefix: str = "") -> Iterator[str]:
             continue
         default = "(needed)" if node.value is None else _default(node.value)
         yield f"  {key}={default}\n      {_docline(after)}".rstrip()
+
+
+def _key(line: str) -> str:
+    """The option that a line of `describe` is about."""
+    return line.strip().partition("=")[0]
 
 
 def _source(module: str) -> ast.Module:

@@ -87,7 +87,7 @@ def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcom
     script = tmp_path / "tool.py"
     script.write_text(TOOL)
     jobs = [diagnosis(store, case.id, script, 60.0) for case in cases]
-    assert len([state for state in run_jobs(jobs, 1, 0.02) if state.outcome]) == 2
+    assert len([state for state in run_jobs(jobs, 1, poll=0.02) if state.outcome]) == 2
     asked, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
     assert asked == "question.yaml"
     assert saw == [
@@ -97,4 +97,4 @@ def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcom
         "simulator.yaml",
     ]
     assert [o.status for o in read_outcomes(store)["ours"]] == ["answered", "crashed"]
-    assert list(run_jobs(jobs, 1, 0.02)) == []
+    assert list(run_jobs(jobs, 1, poll=0.02)) == []

@@ -93,5 +93,5 @@ def test_a_finished_stage_is_not_run_again(tmp_path, config):
         made_plan = plan(config, scripts)
         made_plan.write()
         first = next(iter(made_plan.waves()))
-        list(run_jobs([stage.job for stage in first], 1, 0.02))
+        list(run_jobs([stage.job for stage in first], 1, poll=0.02))
     assert (Path(config.output) / "study.yaml.calls").read_text() == "xx"  # once for each script

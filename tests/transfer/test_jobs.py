@@ -8,7 +8,7 @@ from buggy_rl.config import build, plain
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.identification.study import StudyConfig, model_file, model_runs
 from buggy_rl.policies.run import PolicyRunConfig
-from buggy_rl.transfer.jobs import LOGGED, diagnoses, models, share_trained, trainings
+from buggy_rl.transfer.jobs import diagnoses, models, trainings
 from buggy_rl.transfer.plan import ARMS, TransferConfig
 
 CARS = {"late": {"steering_dead_time": {"dead_time": 0.08}}}
@@ -69,10 +69,3 @@ def test_arms_that_are_not_wanted_cost_nothing(config):
     lean = TransferConfig("out", cars=CARS, arms=["unrepaired", "randomised"])
     assert diagnoses(lean, Path("scripts")) == []
     assert models(lean, Path("scripts")) == []
-
-
-def test_how_far_a_training_is_stands_in_its_log(tmp_path):
-    assert share_trained(tmp_path, 1000) == 0.0
-    (tmp_path / LOGGED).parent.mkdir(parents=True)
-    (tmp_path / LOGGED).write_text("100,0.5\n250,0.7\n")
-    assert share_trained(tmp_path, 1000) == 0.25

@@ -25,11 +25,13 @@ from buggy_rl.diagnosis.joint import JointSearch, joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import opened
 from buggy_rl.effects import EFFECTS
+from buggy_rl.files import write_json
+from buggy_rl.jobs.launching import Launching
 from buggy_rl.plants import abilities
 
 
 @dataclass(frozen=True)
-class DevelopmentConfig:
+class DevelopmentConfig(Launching):
     """Cases to calibrate on."""
 
     output: str = MISSING
@@ -90,28 +92,43 @@ def entries(ledger: Path) -> list[dict[str, Any]]:
     return found
 
 
-def developed(config: DevelopmentConfig, cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """Lines of cases that share plant and length; their files are removed again."""
-    store, effects = config.store, config.effects
+def developed(
+    store: CaseStore, effects: Sequence[str], stretches: int, cases: Sequence[Case]
+) -> list[dict[str, Any]]:
+    """Lines of cases that share plant and length; their drives are removed again.
+
+    Each line is written to its `line_file` too: interrupted, it goes on with the next case.
+    """
     store.sealed.mkdir(parents=True, exist_ok=True)
-    seal(store, cases, list(effects), segments=config.stretches)
-    lines = []
+    if not all(line_file(store, case).exists() for case in cases):
+        seal(store, cases, list(effects), segments=stretches)  # the batch of a case stays
     for case in cases:
-        begun = time.monotonic()
-        folder = store.inputs(case.id)
-        try:
-            question = asked(folder)
-            ready = opened(question.config, question.recordings, question.baseline)
-            also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
-            line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
-        except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
-            line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
-        seconds = round(time.monotonic() - begun, 1)
-        lines.append({"case": asdict(case), "seconds": seconds, **line})
-        shutil.rmtree(folder)
+        if not line_file(store, case).exists():
+            write_json(line_file(store, case), _line(store, effects, case))
+    for case in cases:
+        shutil.rmtree(store.inputs(case.id), ignore_errors=True)
         shutil.rmtree(store.held_out(case.id), ignore_errors=True)
-        store.truth(case.id).unlink()
-    return lines
+        store.truth(case.id).unlink(missing_ok=True)
+    return [json.loads(line_file(store, case).read_text()) for case in cases]
+
+
+def line_file(store: CaseStore, case: Case) -> Path:
+    """The line of a case that is done, until it is in the ledger."""
+    return store.output / "lines" / f"{case.id}.json"
+
+
+def _line(store: CaseStore, effects: Sequence[str], case: Case) -> dict[str, Any]:
+    """What is written of a case that has been driven."""
+    begun = time.monotonic()
+    try:
+        question = asked(store.inputs(case.id))
+        ready = opened(question.config, question.recordings, question.baseline)
+        also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
+        line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
+    except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
+        line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
+    seconds = round(time.monotonic() - begun, 1)
+    return {"case": asdict(case), "seconds": seconds, **line}
 
 
 def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:

@@ -14,14 +14,15 @@ from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
 from buggy_rl.blind_test.ledger import Ledger
 from buggy_rl.blind_test.sealing import CaseStore, publish, seal, unsealed
 from buggy_rl.blind_test.simulators import prepare, unprepared
-from buggy_rl.jobs import Job, in_processes, run_jobs
+from buggy_rl.jobs import Job, results, run_jobs
+from buggy_rl.jobs.launching import Launching
 from buggy_rl.plants import abilities
 
 STAGES = ("prepare", "seal", "ask", "again", "weigh", "compare", "settle", "score", "page")
 
 
 @dataclass(frozen=True)
-class ProofConfig:
+class ProofConfig(Launching):
     """Sealed cases, diagnosed and scored."""
 
     output: str = MISSING
@@ -131,15 +132,20 @@ def steps(config: ProofConfig, drawn: Sequence[Case], scripts: Path) -> Iterator
 def _parallel(config: ProofConfig, title: str, function, items: Sequence, *options) -> Step:
     """Runs a function of a case, or of a group of cases, that returns how many they were."""
     total = sum(1 if isinstance(item, Case) else len(item) for item in items)
-    arguments = [(config.store, item, *options) for item in items]
-    counts = in_processes(function, arguments, config.workers)
+    calls = {_named(item): (config.store, item, *options) for item in items}
+    folder = config.store.output / "jobs" / function.__name__
+    counts = results(function, calls, folder, config.workers, config)
     return Step(title, total, ((count, "") for count in counts))
+
+
+def _named(item: Case | Sequence[Case]) -> str:
+    return item.id if isinstance(item, Case) else item[0].id
 
 
 def _diagnose(config: ProofConfig, title: str, ids: Sequence[str], scripts: Path) -> Step:
     left = [id_ for id_ in ids if not config.store.diagnosed(id_)]
     jobs = [diagnosis(config.store, id_, scripts / "diagnose.py", config.limit) for id_ in left]
-    ended = (p.outcome for p in run_jobs(jobs, config.workers) if p.outcome)
+    ended = (p.outcome for p in run_jobs(jobs, config.workers, config) if p.outcome)
     messages = (
         "" if o.status == "done" else f"{o.status}: {o.last_words.strip()[-200:]}" for o in ended
     )

@@ -19,11 +19,14 @@ class Episodes:
     Args:
         batch_size: Of the environment.
         whole: Whether the present episodes count.
+        device: Of the batches.
     """
 
-    def __init__(self, batch_size: torch.Size, whole: bool) -> None:
-        self.whole = torch.full((*batch_size, 1), whole)
-        self.running = torch.zeros(*batch_size, 3)  # of the present episode
+    def __init__(
+        self, batch_size: torch.Size, whole: bool, device: torch.device | None = None
+    ) -> None:
+        self.whole = torch.full((*batch_size, 1), whole, device=device)
+        self.running = torch.zeros(*batch_size, 3, device=device)  # of the present episode
         self.last: deque[list[float]] = deque(maxlen=EPISODES)
 
     def take(self, batch: TensorDictBase) -> None:
@@ -51,13 +54,14 @@ class Episodes:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Goes back to where `state_dict` was taken."""
-        self.whole, self.running = state["whole"].clone(), state["running"].clone()
+        self.whole.copy_(state["whole"])
+        self.running.copy_(state["running"])
         self.last = deque(state["last"], EPISODES)
 
 
 def _at_last_end(total: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
     """Whether an episode ended in this batch before a step, and `total` [*, time, 3] there."""
-    step = torch.arange(done.shape[-2]).unsqueeze(-1)
+    step = torch.arange(done.shape[-2], device=done.device).unsqueeze(-1)
     end = torch.where(done, step, -1).cummax(-2).values
     end = torch.cat([torch.full_like(end[..., :1, :], -1), end[..., :-1, :]], -2)  # before it
     at_end = total.gather(-2, end.clamp_min(0).expand_as(total))

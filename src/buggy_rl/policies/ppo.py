@@ -13,14 +13,14 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, StepCounter
-from torchrl.envs.utils import ExplorationType
 from torchrl.objectives.value import GAE
 
 from buggy_rl import keys
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
 from buggy_rl.policies.clipped_loss import ClippedLoss
-from buggy_rl.policies.collector import ResumableCollector
+from buggy_rl.policies.collecting import DistributedBatches
+from buggy_rl.policies.collector import ResumableCollector, in_process
 from buggy_rl.policies.episodes import Episodes
 
 STATE_VALUE = "state_value"  # the critic's output
@@ -86,17 +86,25 @@ class PPO:
         env: Batched, with an `observation` and a step counter; it clamps actions of any size.
         policy: Is trained in place.
         config: How.
+        batches: Of [cars, time] from elsewhere, by the policy as it is; None steps `env` here.
 
     Raises:
         ValueError: The batch size of the environment is not `config.cars`.
     """
 
-    def __init__(self, env: EnvBase, policy: Policy, config: PPOConfig) -> None:
+    def __init__(
+        self,
+        env: EnvBase,
+        policy: Policy,
+        config: PPOConfig,
+        batches: DistributedBatches | None = None,
+    ) -> None:
         if env.batch_size.numel() != config.cars:
             raise ValueError(
                 f"the environment has {env.batch_size.numel()} cars, ppo.cars is {config.cars}: "
                 "make them equal"
             )
+        policy.to(env.device or "cpu")
         self.env, self.policy, self.config = env, policy, config
         self.actor, self.critic = policy.actor(), policy.critic()
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
@@ -114,23 +122,12 @@ class PPO:
         self.optimiser = torch.optim.Adam(
             policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
         )
-        self.collector = ResumableCollector(
-            env,
-            self.actor,
-            frames_per_batch=config.cars * config.batch_steps,
-            total_frames=-1,
-            exploration_type=ExplorationType.RANDOM,  # pyright: ignore[reportArgumentType]
-            trust_policy=True,
-            track_traj_ids=False,
-            use_buffers=False,
-            return_same_td=True,  # nothing of a batch is kept: no copy is needed
-            auto_register_policy_transforms=False,
-        )
+        self.collector = batches or in_process(env, self.actor, config.cars * config.batch_steps)
         self.generator = torch.Generator().manual_seed(config.seed)
-        self.episodes = Episodes(env.batch_size, whole=not config.stagger)
+        self.episodes = Episodes(env.batch_size, not config.stagger, env.device)
         self.steps = 0
-        if config.stagger:
-            self._stagger()
+        if config.stagger and isinstance(self.collector, ResumableCollector):
+            self._stagger(self.collector.state)
 
     def run(self) -> Iterator[dict[str, float]]:
         """Trains batch by batch.
@@ -183,12 +180,13 @@ class PPO:
         self.gae(batch)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that a resumed run needs to go on bit for bit on one thread."""
+        """What a resumed run needs; on one thread in one process it goes on bit for bit."""
+        cars = self.collector.state
         return {
             "steps": self.steps,
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "cars": self.collector.state.clone().flatten_keys(".").to_dict(),
+            "cars": {} if cars is None else cars.clone().flatten_keys(".").to_dict(),
             "environment": environment_state(self.env),
             "episodes": self.episodes.state_dict(),
             "minibatches": self.generator.get_state(),
@@ -200,22 +198,27 @@ class PPO:
         self.steps = state["steps"]
         self.policy.load_state_dict(state["policy"])
         self.optimiser.load_state_dict(state["optimiser"])
-        written = self.actor.out_keys  # anew by every step
-        cars = TensorDict(state["cars"], self.env.batch_size).exclude(*written)
-        here = self.collector.state.flatten_keys(".").exclude(*written)
-        refuse_difference(here.keys(), cars.keys())
-        self.collector.state = cars.unflatten_keys(".").clone()
+        if isinstance(self.collector, ResumableCollector):
+            self.collector.state = self._cars(self.collector.state, state["cars"])
+            self.episodes.load_state_dict(state["episodes"])
+        else:  # episodes begin anew in the processes that step them
+            self.episodes.load_state_dict(self.episodes.state_dict() | _last(state["episodes"]))
         restore_environment(self.env, state["environment"])
-        self.episodes.load_state_dict(state["episodes"])
         self.generator.set_state(state["minibatches"])
         torch.set_rng_state(state["random"])  # last: whatever is built draws from it
 
-    def _stagger(self) -> None:
+    def _cars(self, here: TensorDictBase, saved: dict[str, Any]) -> TensorDictBase:
+        written = self.actor.out_keys  # anew by every step
+        cars = TensorDict(saved, self.env.batch_size).exclude(*written)
+        refuse_difference(here.flatten_keys(".").exclude(*written).keys(), cars.keys())
+        return cars.unflatten_keys(".").clone()
+
+    def _stagger(self, cars: TensorDictBase) -> None:
         """Draws the ages of the first episodes uniformly, as after long collection."""
         limits = [part.max_steps for part in self.env.modules() if isinstance(part, StepCounter)]
         limit = min((limit for limit in limits if limit), default=0)
         if limit:
-            age = self.collector.state[keys.STEP_COUNT]
+            age = cars[keys.STEP_COUNT]
             age.copy_(torch.randint(limit, age.shape, generator=self.generator))
 
     def _set_learning_rate(self) -> float:
@@ -233,7 +236,10 @@ class PPO:
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
-            reports += [self._descend(part) for part in rows[order].split(self.config.minibatch)]
+            reports += [
+                self._descend(part)
+                for part in rows[order.to(self.env.device or "cpu")].split(self.config.minibatch)
+            ]
         self.policy.observe(rows[keys.OBSERVATION])
         means = torch.stack(reports).mean(0).tolist()
         return dict(zip(REPORTED, means, strict=True))
@@ -256,3 +262,8 @@ class PPO:
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
         self.optimiser.step()
         return torch.stack([losses[name].detach() for name in REPORTED])
+
+
+def _last(episodes: dict[str, Any]) -> dict[str, Any]:
+    """Of the state of `Episodes` what holds whoever steps the environments."""
+    return {"last": episodes["last"]}

@@ -15,9 +15,14 @@ from buggy_rl.files import save_torch
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.checkpoint import load_checkpoint
 from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.collecting import CollectorConfig, DistributedBatches, make_collector
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.policies.worker_part import PartMaker
 from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
+
+CLOCKED = ("speed", "seconds_left")
+"""Metrics that depend on the machine: left out of policy files, which are those of the training."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,7 @@ class PolicyRunConfig:
     task: TaskConfig = field(default_factory=TaskConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
+    collector: CollectorConfig = field(default_factory=CollectorConfig)
     validations: int = 6
     """Validations during training, evenly spaced; the best policy is kept."""
     validation_steps: int = 1000
@@ -91,6 +97,25 @@ def new_engine(config: EngineConfig, cars: int) -> EnvBase:
     return make_simulator(config.simulator, cars, parameters=config.parameters, **config.options)
 
 
+def new_batches(config: PolicyRunConfig, policy: Policy) -> DistributedBatches | None:
+    """Starts the processes that step the environments; None where this one does.
+
+    Raises:
+        ValueError: The environments cannot be divided among the processes.
+    """
+    count, cars = config.collector.processes, config.ppo.cars
+    if config.collector.backend == "in_process":
+        return None
+    if count < 1 or cars % count:
+        raise ValueError(
+            f"collector.processes={count} must divide ppo.cars={cars}: each steps as many"
+        )
+    engine = (config.engine.simulator, config.engine.parameters, config.engine.options)
+    own = (cars // count, config.ppo.stagger, config.seed)
+    makers = [PartMaker(*engine, config.task, *own, number) for number in range(count)]
+    return make_collector(config.collector, makers, policy.actor(), cars * config.ppo.batch_steps)
+
+
 class PolicyRun:
     """A training run with its validations, its policies and its checkpoint, all in one folder.
 
@@ -105,13 +130,19 @@ class PolicyRun:
         env = make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
         self.validation = validation_environment(config)
         self.policy = new_policy(env, config.policy)
-        self.ppo = PPO(env, self.policy, config.ppo)
+        self._batches = new_batches(config, self.policy)
+        self.ppo = PPO(env, self.policy, config.ppo, self._batches)
         self.batch = config.ppo.cars * config.ppo.batch_steps
         self.best = -1.0  # waypoints on the validation paths
         if config.resume:
             state = load_checkpoint(self.folder / "checkpoint.pt")
             self.best = state.pop("best")
             self.ppo.load_state_dict(state)
+
+    def close(self) -> None:
+        """Ends the processes that step environments, if there are any."""
+        if self._batches is not None:
+            self._batches.close()
 
     def metrics(self) -> Iterator[dict[str, float]]:
         """Trains batch by batch; writes last.pt and best.pt after each validation.
@@ -153,7 +184,8 @@ class PolicyRun:
         return self.finished or int(self.ppo.steps * share) > int(before * share)
 
     def _save_policies(self, metrics: dict[str, float]) -> None:
-        about = {"config": plain(self.config), **metrics}
+        told = {name: value for name, value in metrics.items() if name not in CLOCKED}
+        about = {"config": plain(self.config), **told}
         if metrics["validation_waypoints"] > self.best:
             self.best = metrics["validation_waypoints"]
             save_policy(self.policy, self.folder / "best.pt", about)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from buggy_rl.identification.study import StudyConfig
+from buggy_rl.jobs.launching import Launching
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class PolicyStage:
 
 
 @dataclass(frozen=True)
-class WholeStudyConfig(StudyConfig):
+class WholeStudyConfig(StudyConfig, Launching):
     """Everything from a folder of recordings to study.html."""
 
     title: str = ""

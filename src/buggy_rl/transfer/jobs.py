@@ -8,12 +8,11 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.files import write_atomically
 from buggy_rl.jobs import Job
+from buggy_rl.policies.seeds import CHECKPOINT, share_trained
 from buggy_rl.transfer.parameter_posterior import posterior
 from buggy_rl.transfer.plan import Trained, TransferConfig
 from buggy_rl.transfer.randomised import randomised
 
-CHECKPOINT = "checkpoint.pt"
-LOGGED = Path("csv") / "scalars" / "reward.csv"  # steps, value: grows as a policy is trained
 FACTORY = '''"""{simulator}, {name}; written by scripts/transfer.py."""
 
 from functools import partial
@@ -90,14 +89,6 @@ def _training(config: TransferConfig, policy: Trained, scripts: Path) -> Job:
 def _files(options: list[str]) -> tuple[str, ...]:
     """Those of a script's options that are files."""
     return tuple(option for option in options if option.endswith((".yaml", ".yml")))
-
-
-def share_trained(folder: Path, steps: int) -> float:
-    """How much of its training a policy has behind it, by its log."""
-    file = folder / LOGGED
-    if not file.exists() or not (lines := file.read_text().splitlines()):
-        return 0.0
-    return min(int(float(lines[-1].partition(",")[0])) / steps, 1.0)
 
 
 def write_factories(config: TransferConfig) -> None:

@@ -17,6 +17,7 @@ from omegaconf import MISSING
 
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.simulators import LEARNED
+from buggy_rl.jobs.launching import Launching
 
 STAGES = ("drive", "diagnose", "learn", "train", "evaluate", "page")
 ARMS = {
@@ -31,7 +32,7 @@ FIRST_SEED = 700_000_000  # of cars: no case of scripts/prove.py has it
 
 
 @dataclass(frozen=True)
-class TransferConfig:
+class TransferConfig(Launching):
     """Four policies for each concealed car, driven on it."""
 
     output: str = MISSING

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.jobs import Job, cores, in_processes, read_outcome, run_jobs
+from buggy_rl.jobs import Job, Running, cores, read_outcome, results, run_jobs
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 POLL = 0.02
 SCRIPT = """
 import os, subprocess, sys, time
@@ -72,7 +72,7 @@ def alive(pid: int, patience: float = 5.0) -> bool:
 
 def outcomes(jobs, workers=1):
     """(name, status) of the jobs that were run."""
-    states = run_jobs(jobs, workers, POLL)
+    states = run_jobs(jobs, workers, poll=POLL)
     return [(state.job.name, state.outcome.status) for state in states if state.outcome]
 
 
@@ -122,7 +122,7 @@ def test_a_job_runs_in_its_working_directory(job, tmp_path):
 def test_no_more_run_at_a_time_than_there_are_workers(job):
     jobs = [job(str(n), "0.3") for n in range(3)]
     shares = {}
-    for state in run_jobs(jobs, 1, POLL):
+    for state in run_jobs(jobs, 1, poll=POLL):
         shares.setdefault(state.job.name, []).append(state.share)
         assert len([j for j in jobs if (j.folder / "calls").exists() and not j.done]) <= 1
     assert [each.count(1.0) for each in shares.values()] == [1, 1, 1]
@@ -130,17 +130,16 @@ def test_no_more_run_at_a_time_than_there_are_workers(job):
 
 def test_a_stop_ends_what_runs_and_the_next_start_goes_on(job):
     slow = job("slow", "60")
-    running = run_jobs([slow], 1, POLL)
+    running = run_jobs([slow], 1, poll=POLL)
     next(running)
     started = pids(slow)
     running.close()
     assert not any(alive(pid) for pid in started)
     assert not slow.done
-    process = slow.start()
-    while "resumed" not in calls(slow):
-        time.sleep(POLL)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    with Running(1) as again:
+        again.start(slow)
+        while "resumed" not in calls(slow):
+            time.sleep(POLL)
 
 
 def test_a_folder_begun_with_another_command_is_refused(job):
@@ -170,7 +169,7 @@ def test_a_file_that_changes_while_a_script_runs_is_not_taken_for_what_it_read(j
     settings = tmp_path / "settings.yaml"
     settings.write_text("discount: 0.98")
     one = job("one", "0.3", inputs=(str(settings),))
-    running = run_jobs([one], 1, POLL)
+    running = run_jobs([one], 1, poll=POLL)
     next(running)
     settings.write_text("discount: 0.99")
     list(running)
@@ -201,7 +200,7 @@ jobs = [
     for name, do in (("one", 0), ("two", 60), ("three", 0))
 ]
 def main():
-    for state in run_jobs(jobs, 1, 0.02):
+    for state in run_jobs(jobs, 1, poll=0.02):
         if state.outcome:
             print(state.outcome.status, flush=True)
 run(main)
@@ -218,10 +217,8 @@ def test_after_a_kill_the_jobs_go_on_where_they_stopped(job, tmp_path, blow):
     started = pids(jobs[1])
     os.kill(runner.pid, blow)
     assert runner.wait(20) != 0
-    if blow == signal.SIGKILL:  # of which the runner hears nothing
-        os.killpg(started[0], signal.SIGKILL)
-    else:
-        assert not any(alive(pid) for pid in started)
+    # Of SIGKILL the runner hears nothing: its jobs notice that it has gone.
+    assert not any(alive(pid) for pid in started)
     assert [j.done for j in jobs] == [True, False, False]
     assert len(outcomes(jobs)) == 2
     assert [calls(j) for j in jobs[:2]] == ["begun ", "begun resumed "]
@@ -231,9 +228,10 @@ KILLED = """
 import sys
 from pathlib import Path
 from buggy_rl.config import run
-from buggy_rl.jobs import in_processes
-from tests.test_jobs import linger
-run(lambda: list(in_processes(linger, [(Path(sys.argv[1]),)], 1)))
+from buggy_rl.jobs import results
+from tests.jobs.test_running import linger
+file = Path(sys.argv[1])
+run(lambda: list(results(linger, {"one": (file,)}, file.parent / "calls", 1)))
 """
 
 
@@ -244,27 +242,61 @@ def linger(file: Path) -> None:
     time.sleep(60)
 
 
-def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+@pytest.mark.parametrize("blow", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_a_parent_that_is_killed(tmp_path, blow):
     command = [sys.executable, "-c", KILLED, str(tmp_path / "pid")]
     parent = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
     while not (tmp_path / "pid").exists():
         time.sleep(0.05)
-    parent.send_signal(signal.SIGTERM)
+    parent.send_signal(blow)
     assert parent.wait(20) != 0
     assert not alive(int((tmp_path / "pid").read_text()))
 
 
-def test_results_of_a_function_come_from_other_processes():
-    found = list(in_processes(os.getppid, [(), ()], 2))
-    assert found == [os.getpid()] * 2
+def called(number: int) -> tuple[int, int, int]:
+    """Its argument, its process and its parent."""
+    return number, os.getpid(), os.getppid()
 
 
-def test_jobs_that_share_a_machine_share_its_cores(monkeypatch):
+def test_results_of_a_function_come_from_processes_of_their_own(tmp_path):
+    found = list(results(called, {"one": (1,), "two": (2,)}, tmp_path / "calls", 2))
+    assert sorted(number for number, _, _ in found) == [1, 2]
+    assert len({process for _, process, _ in found}) == 2
+    assert {parent for _, _, parent in found} == {os.getpid()}
+    assert not (tmp_path / "calls").exists()
+
+
+def test_a_result_that_nobody_has_taken_is_not_computed_again(tmp_path):
+    calls = tmp_path / "calls"
+    first = next(results(called, {"one": (1,)}, calls, 1))  # stopped before it asks for the next
+    assert list(results(called, {"one": (1,)}, calls, 1)) == [first]
+    next(results(called, {"one": (1,)}, calls, 1))
+    (other,) = results(called, {"one": (7,)}, calls, 1)  # another call in a folder left behind
+    assert other[0] == 7
+
+
+def refuse(number: int) -> int:
+    """Fails for odd numbers."""
+    if number % 2:
+        raise ArithmeticError(f"{number} is odd")
+    return number
+
+
+def test_a_call_that_fails_is_named_at_the_end_and_loses_no_other_result(tmp_path):
+    found = []
+    calls = {"a": (0,), "b": (1,), "c": (2,)}
+    with pytest.raises(ValueError, match=r"1 of 3 failed\nb: failed: .*ArithmeticError: 1 is odd"):
+        found.extend(results(refuse, calls, tmp_path / "calls", 1))
+    assert found == [0, 2]
+    assert "is odd" in (tmp_path / "calls" / "b" / "log.txt").read_text()
+
+
+def test_jobs_that_share_a_machine_share_its_cores(monkeypatch, tmp_path):
     monkeypatch.delenv("BUGGY_RL_CORES", raising=False)
     own = len(os.sched_getaffinity(0))
     assert cores() == own
-    assert list(in_processes(cores, [()], 1)) == [own]
-    assert list(in_processes(cores, [()], own)) == [1]
+    assert list(results(cores, {"a": ()}, tmp_path, 1)) == [own]
+    assert list(results(cores, {"a": (), "b": ()}, tmp_path, own)) == [1, 1]
     monkeypatch.setenv("BUGGY_RL_CORES", "0")
     with pytest.raises(ValueError, match="BUGGY_RL_CORES=0: must be"):
         cores()

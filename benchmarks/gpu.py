@@ -1,0 +1,108 @@
+"""What a GPU buys: environments, PPO and a diagnosis's rollouts, beside this machine's CPU.
+
+    python benchmarks/gpu.py output=gpu.csv
+    python benchmarks/gpu.py device=cpu engines=[kinematic] cars=[64] seconds=0.2 output=cpu.csv
+
+Every figure is measured on `device`, then on the CPU with `threads` threads, in the same run. The
+floor is what memory alone would allow: a copy's measured bytes a second over the bytes that a step
+must read and write. The CSV has the machine's and the device's name in every row.
+"""
+
+import os
+import platform
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from buggy_rl.config import from_command_line, run
+
+
+@dataclass(frozen=True)
+class Config:
+    """What to measure."""
+
+    device: str = "cuda"
+    """cuda, or cpu to try the benchmark itself."""
+    engines: list[str] = field(default_factory=lambda: ["kinematic", "single_track", "reference"])
+    """PyTorch engines, or learned models as .pt; MuJoCo steps on the CPU only."""
+    cars: list[int] = field(default_factory=lambda: [64, 1024, 16384, 131072])
+    """Environments stepped at once."""
+    training: list[int] = field(default_factory=lambda: [256, 4096, 32768])
+    """Environments of PPO."""
+    sets: list[int] = field(default_factory=lambda: [8, 100, 1000])
+    """Parameter sets of a diagnosis, of 60 segments each."""
+    threads: int = 2
+    """Of the CPU."""
+    seconds: float = 1.0
+    """Of one measurement."""
+    repeats: int = 3
+    """Measurements, of which the median is kept."""
+    output: str = "gpu.csv"
+    """CSV of the figures."""
+
+
+def main() -> None:
+    """Measures and writes."""
+    config = from_command_line(__doc__, "gpu:Config")
+
+    import pandas as pd
+    import torch
+    from tqdm import tqdm
+
+    from scaling.devices import bandwidth, environment, rollouts, training
+
+    refuse_missing(config.device)
+    torch.set_num_threads(config.threads)
+    kinds = (
+        ("environment", environment, config.cars),
+        ("ppo", training, config.training),
+        ("diagnosis", rollouts, config.sets),
+    )
+    devices = dict.fromkeys([config.device, "cpu"])
+    memory = {device: bandwidth(device, config.seconds) for device in devices}
+    jobs = [
+        (what, measure, engine, size)
+        for what, measure, sizes in kinds
+        for engine in config.engines
+        for size in sizes
+    ]
+    rows: list[dict[str, Any]] = []
+    for what, measure, engine, size in tqdm(jobs, unit="measurement"):
+        for device in devices:
+            found = measure(engine, size, device, config.seconds, config.repeats)
+            row = {**about(device), "what": what, "engine": engine, "size": size, **found}
+            if "bytes_per_step" in found:
+                row["floor_steps_per_s"] = memory[device] / found["bytes_per_step"]
+            rows.append({**row, "copy_bytes_per_s": memory[device]})
+    table = pd.DataFrame(rows)
+    table.to_csv(config.output, index=False)
+    print(f"{table.to_string(index=False)}\nwritten: {Path(config.output)}")
+
+
+def refuse_missing(device: str) -> None:
+    """Says what to do where there is no such device.
+
+    Raises:
+        ValueError: There is none.
+    """
+    import torch
+
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        raise ValueError(
+            f"device={device}: torch {torch.__version__} finds no GPU here; run this on a machine "
+            "with one and a CUDA build of torch, or try the benchmark itself with device=cpu"
+        )
+
+
+def about(device: str) -> dict[str, Any]:
+    """The machine and the device of a row."""
+    import torch
+
+    name = torch.cuda.get_device_name() if device.startswith("cuda") else platform.processor()
+    load = round(os.getloadavg()[0], 1)
+    own = {"machine": platform.node(), "cores": os.cpu_count(), "load": load}
+    return {**own, "device": device, "device_name": name, "torch": torch.__version__}
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,51 @@
+"""Trainings over seeds: one job each, of one config."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.config import build
+from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.policies.seeds import TrainingConfig, share_trained, trainings
+
+
+def config(folder: Path, *more: str) -> TrainingConfig:
+    return build(TrainingConfig, [f"output={folder}", "seeds=[3,4]", "ppo.steps=1000", *more])
+
+
+def test_each_seed_is_a_job_of_the_same_config(tmp_path):
+    jobs = trainings(config(tmp_path, "ppo.clip=0.3", "resume=true"), Path("train_policy.py"))
+    assert [job.folder for job in jobs] == [tmp_path / "seed_3", tmp_path / "seed_4"]
+    assert jobs[1].command[2:] == ("seed=4", "ppo.seed=4", f"output={tmp_path / 'seed_4'}")
+    shared = build(PolicyRunConfig, [jobs[0].command[1]])
+    assert shared.ppo.clip == 0.3
+    assert not shared.resume  # a job resumes by itself where there is a checkpoint
+    assert jobs[0].checkpoint == "checkpoint.pt"
+
+
+def test_where_it_runs_is_no_part_of_a_training(tmp_path):
+    one, other = config(tmp_path), config(tmp_path, "launcher=ray", "workers=7", "retries=1")
+    assert one.single == other.single
+    assert vars(one.single).keys() == vars(replace(PolicyRunConfig(output="x"))).keys()
+
+
+def test_another_config_in_the_same_folder_is_refused(tmp_path):
+    (first, _) = trainings(config(tmp_path), Path("train_policy.py"))
+    first.prepared(1)
+    (again, _) = trainings(config(tmp_path, "ppo.clip=0.3"), Path("train_policy.py"))
+    with pytest.raises(ValueError, match=r"before .*seeds.yaml had changed"):
+        _ = again.done
+
+
+def test_a_seed_that_stands_there_twice_is_refused():
+    with pytest.raises(ValueError, match="twice"):
+        TrainingConfig(output="out", seeds=[1, 1])
+
+
+def test_progress_is_read_off_the_log(tmp_path):
+    assert share_trained(tmp_path, 1000) == 0.0
+    log = tmp_path / "csv" / "scalars" / "reward.csv"
+    log.parent.mkdir(parents=True)
+    log.write_text("100,0.1\n250,0.2\n")
+    assert share_trained(tmp_path, 1000) == 0.25
