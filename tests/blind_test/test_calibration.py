@@ -20,7 +20,7 @@ from buggy_rl.blind_test.calibration import (
     unknown,
     weights,
 )
-from buggy_rl.blind_test.named import counted, listed, lowest_loss, sure
+from buggy_rl.blind_test.named import best_single, counted, listed, lowest_loss, sure
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.plants.composed import SORTS
@@ -173,6 +173,13 @@ def test_a_simulator_of_another_make_differs_in_form_where_no_baseline_closes_th
     assert (of_another_form(e), unknown(e), outside(e)) == (form, form, False)
     nothing, effect, other = table([e]).true[0].tolist()
     assert (nothing, effect, other) == (not concealed and not form, bool(concealed), form)
+
+
+def test_the_best_single_effect_is_named_whatever_a_pair_would_do():
+    pair = hypothesis(("payload", "wind"), [1.0, 1.0], 0.1)
+    alone = hypothesis(("payload",), [5.0, 5.0], 0.3)
+    found = best_single(entry(0, [], [hypothesis((), [10.0, 10.0], 0.5), alone, pair]))
+    assert found.sets == {("payload",): 1.0}
 
 
 def test_the_lowest_loss_is_named_without_a_doubt():

@@ -9,7 +9,8 @@ import yaml
 from buggy_rl.blind_test.calibration import calibrated, left_out
 from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.intervals import form_error, intervals, numbers
-from buggy_rl.blind_test.named import counted, lowest_loss
+from buggy_rl.blind_test.named import best_single, counted, lowest_loss
+from buggy_rl.blind_test.pairings import by_pairing
 from buggy_rl.diagnosis.posterior import SHIPPED, shipped
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -54,6 +55,10 @@ def test_the_coverage_of_the_docs_is_that_of_the_ledger(cases):
 def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):
     text = (DOCS / "evidence.md").read_text()
     found, _ = left_out(cases, made_from["ridge"])
-    table = counted(cases, {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]})
-    for line in table.splitlines():
+    methods = {
+        "posterior": found,
+        "lowest loss": [lowest_loss(e) for e in cases],
+        "best single": [best_single(e) for e in cases],
+    }
+    for line in (*counted(cases, methods).splitlines(), *by_pairing(cases, found).splitlines()):
         assert line in text

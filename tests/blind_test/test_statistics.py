@@ -6,6 +6,7 @@ from buggy_rl.blind_test.statistics import (
     calibration,
     calibration_error,
     coverage,
+    debiased_calibration_error,
     middle,
     share,
 )
@@ -46,6 +47,14 @@ def test_calibration_compares_what_was_said_with_what_was_right():
     # (2 * |0.55 - 0.5| + 3 * |0.95 - 2/3|) / 5 = (0.1 + 0.85) / 5
     assert calibration_error(CLAIMS) == pytest.approx(0.19)
     assert calibration_error([(1.0, True)]) == 0.0
+
+
+def test_chance_counts_as_no_error_of_calibration():
+    # Right as often as said, as far as four of ten can be: (0.45 - 0.4)^2 < 0.4 * 0.6 / 9.
+    assert debiased_calibration_error([(0.45, i < 4) for i in range(10)]) == 0.0
+    # (0.95 - 0.5)^2 - 0.25 / 99 = 0.19997
+    off = debiased_calibration_error([(0.95, i < 50) for i in range(100)])
+    assert off == pytest.approx(0.19997**0.5, abs=1e-4)
 
 
 def test_answering_only_the_surest_is_traded_against_being_right():

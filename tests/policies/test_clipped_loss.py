@@ -1,3 +1,5 @@
+import shutil
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -5,11 +7,12 @@ from torchrl.objectives import ClipPPOLoss
 
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.clipped_loss import ClippedLoss
+from buggy_rl.policies.ppo import PPOConfig, compiles
 
 NAMES = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 
 
-def losses(kind, policy, entropy):
+def losses(kind, policy, entropy, **options):
     return kind(
         policy.actor(),
         policy.critic(),
@@ -20,6 +23,7 @@ def losses(kind, policy, entropy):
         entropy_bonus=entropy,
         entropy_coeff=0.01 if entropy else None,
         functional=False,
+        **options,
     )
 
 
@@ -40,3 +44,32 @@ def test_losses_and_gradients_are_those_of_torchrl(entropy):
     assert 0.05 < found[ClippedLoss][3] < 0.95
     for one, other in zip(*found.values(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler here")
+def test_compiled_it_is_the_same_to_rounding():
+    torch.manual_seed(0)
+    policy = Policy(23)
+    rows = policy.actor()(TensorDict({"observation": torch.randn(64, 23)}, [64])).detach()
+    rows["action_log_prob"] += 0.3 * torch.randn(64)
+    rows["advantage"], rows["value_target"] = 5 * torch.randn(64, 1) + 1, torch.randn(64, 1)
+    found = []
+    for compiled in (False, True):
+        loss = losses(ClippedLoss, policy, True, compiled=compiled)(rows)
+        total = sum(loss[name] for name in (*NAMES[:2], "loss_entropy"))
+        gradients = torch.autograd.grad(total, list(policy.parameters()))
+        found.append([*(loss[name].detach() for name in NAMES), *gradients])
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
+
+
+def test_only_a_long_training_is_compiled_unless_it_is_said(monkeypatch):
+    assert not compiles(PPOConfig(steps=1000))
+    assert not compiles(PPOConfig(compiled="never"))
+    monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/" + name)
+    assert compiles(PPOConfig())
+    assert compiles(PPOConfig(steps=1000, compiled="always"))
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert not compiles(PPOConfig())
+    with pytest.raises(ValueError, match="install g"):
+        compiles(PPOConfig(compiled="always"))

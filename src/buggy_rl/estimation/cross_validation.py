@@ -106,24 +106,10 @@ def jackknife(
     return moves, covariance
 
 
-@dataclass(frozen=True)
-class Advantage:
-    """Of one hypothesis over another, on what was held out [nats]."""
-
-    total: float
-    """Over all blocks."""
-    without_best: float
-    """In all but the block that speaks most for it."""
-
-
 def advantage(
-    noise: NoiseModel,
-    dispersion: float,
-    better: CrossValidated,
-    worse: CrossValidated,
-    group: Tensor,
-) -> Advantage:
-    """Of `better` over `worse`, by blocks [N]."""
-    gain = noise.loss(worse.square, dispersion) - noise.loss(better.square, dispersion)
-    sums = torch.zeros(int(group.max()) + 1, dtype=gain.dtype).index_add_(0, group, gain)
-    return Advantage(float(sums.sum()), float(sums.sum() - sums.max()))
+    noise: NoiseModel, dispersion: float, better: CrossValidated, worse: CrossValidated
+) -> float:
+    """Of `better` over `worse`, on what was held out [nats]."""
+    return float(
+        (noise.loss(worse.square, dispersion) - noise.loss(better.square, dispersion)).sum()
+    )

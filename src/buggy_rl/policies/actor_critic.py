@@ -123,8 +123,12 @@ class Actor(TensorDictModuleBase):
         self.mean, self.log_sd = mean, log_sd
 
     def get_dist(self, tensordict: TensorDictBase) -> Gaussian:
-        """The distribution of commands for `observation` [*, size]; the loss asks for it."""
-        return Gaussian(self.mean(tensordict.get(keys.OBSERVATION)), self.log_sd)
+        """The distribution of commands for `observation` [*, size]; TorchRL's losses ask for it."""
+        return self.distribution(tensordict.get(keys.OBSERVATION))
+
+    def distribution(self, observation: Tensor) -> Gaussian:
+        """The distribution of commands for observations [*, size]."""
+        return Gaussian(self.mean(observation), self.log_sd)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes `action`, `loc`, `scale` [*, n] and `action_log_prob` [*]."""

@@ -4,6 +4,8 @@ Source: Schulman et al., Proximal policy optimization algorithms, 2017.
 """
 
 import math
+import os
+import shutil
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,15 +20,14 @@ from torchrl.objectives.value import GAE
 from buggy_rl import keys
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.checkpoint import environment_state, refuse_difference, restore_environment
-from buggy_rl.policies.clipped_loss import ClippedLoss
+from buggy_rl.policies.clipped_loss import LEARNED_FROM, REPORTED, ClippedLoss
 from buggy_rl.policies.collecting import DistributedBatches
 from buggy_rl.policies.collector import ResumableCollector, in_process
 from buggy_rl.policies.episodes import Episodes
 
 STATE_VALUE = "state_value"  # the critic's output
-LEARNED_FROM = (keys.OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
-REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 ADAM_EPSILON = 1e-5
+LONG = 1_000_000  # steps from which a compiled update saves more time than compiling it takes
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,23 @@ class PPOConfig:
     """Starts the first episodes at random ages, so that resets spread over time."""
     seed: int = 0
     """Of the order of minibatches."""
+    compiled: Literal["auto", "always", "never"] = "auto"
+    """Whether PyTorch compiles loss and gradient; auto: where a C++ compiler is at hand and the
+    training has a million steps. The numbers are the same to rounding."""
+
+
+def compiles(config: PPOConfig) -> bool:
+    """Whether a training compiles its update.
+
+    Raises:
+        ValueError: It shall, and there is no C++ compiler.
+    """
+    if config.compiled == "never" or (config.compiled == "auto" and config.steps < LONG):
+        return False
+    compiler = shutil.which(os.environ.get("CXX", "g++")) or shutil.which("clang++")
+    if config.compiled == "always" and not compiler:
+        raise ValueError("ppo.compiled=always needs a C++ compiler: install g++, or leave it out")
+    return bool(compiler)
 
 
 class NonFiniteLossError(FloatingPointError):
@@ -118,6 +136,7 @@ class PPO:
             entropy_bonus=config.entropy_weight > 0,
             entropy_coeff=config.entropy_weight or None,
             functional=False,  # it has no target networks, for which it would swap weights
+            compiled=compiles(config),
         )
         self.optimiser = torch.optim.Adam(
             policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True

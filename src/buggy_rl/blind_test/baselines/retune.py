@@ -78,11 +78,11 @@ def tuned(make: Callable[[int], EnvBase], segments: Segments) -> Tuned:
     problem = replace(problem, dispersion=max(1.0, typical))
     group = blocks(segments)
     better, worse = cross_validated(problem, [best, null], group)
-    won = advantage(problem.noise, problem.dispersion, better, worse, group)
+    won = advantage(problem.noise, problem.dispersion, better, worse)
     spread = better.covariance.diagonal().clamp_min(0.0).sqrt()
     numbers = zip(best.coordinates, best.vector.tolist(), spread.tolist(), strict=True)
     moves = [Move(c.parameter, z, sd) for c, z, sd in numbers if c.effect]
-    return Tuned(moves, won.total)
+    return Tuned(moves, won)
 
 
 def _as_given(question: Asked, simulation: Simulation) -> dict[str, Any]:
