@@ -79,9 +79,10 @@ def thinned(data: TensorDict, every: int) -> TensorDict:
     if every == 1:
         return data
     row = (data[keys.TIME][:, 0] / CONTROL_PERIOD).round().long()
-    kept = data[row % every == 0]
-    gaps = row[row % every == 0].diff(prepend=row[:1]) > every
-    return kept.set(keys.SEGMENT, gaps.cumsum(0))
+    kept = row % every == 0
+    gaps = row[kept].diff(prepend=row[:1]) > every
+    columns: dict = {key: value[kept] for key, value in data.items()}
+    return TensorDict(columns | {keys.SEGMENT: gaps.cumsum(0)}, int(kept.sum()))
 
 
 def coloured(config: CameraConfig, true: TensorDict, seed: int) -> TensorDict:

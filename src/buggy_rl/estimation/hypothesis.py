@@ -23,6 +23,7 @@ CLOCK = EffectParameter(
 CLOCK_PRIOR = 0.5  # [prior scales of 0.01 s] a stamp is off by a sample at most
 OWN = "parameter:"  # begins the name of a parameter of the simulator's own
 TRIAL_SIZES = (0.4, 1.5)  # [prior scales] at which an effect is screened
+LIMIT = 8 / 3  # times as far a limit is: a small one is never reached, and shows nothing
 PATCH_GRID = (0.1, 0.37, 0.63, 0.9)  # [-] of the driven range along x and y: patches screened
 AT_BOUND = 1e-6  # [prior scales] distance from a bound within which a value lies at it
 
@@ -195,10 +196,19 @@ class Library:
                 result += [[size, 0.0], [-size, 0.0], [0.0, size], [0.0, -size]]
                 continue
             # Towards where it is probed: the rate of a limit falls while its coordinate grows.
-            result.append([math.copysign(size, p.coordinate(p.value + p.probe)) for p in numbers])
+            result.append([math.copysign(_far(p, size), _probed(p)) for p in numbers])
             if both_ways:
                 result.append([-z for z in result[-1]])
         return result
+
+
+def _far(number: EffectParameter, size: float) -> float:
+    return LIMIT * size if number.reciprocal else size
+
+
+def _probed(number: EffectParameter) -> float:
+    """Coordinate of where a number is probed."""
+    return float(number.coordinate(number.value + number.probe))
 
 
 def _own(parameter: Parameter) -> EffectParameter:
