@@ -58,6 +58,6 @@ def test_a_limit_is_tried_where_it_is_reached(late):
     far = [z for [z] in problem.library.trials("motor_power_limit", problem.segments, (0.4, 1.5))]
     [number] = problem.library.numbers("motor_power_limit")
     powers = [float(number.value_at(z)) for z in far]
-    assert powers == pytest.approx([15 / (0.4 * 8 / 3), 15 / 4.0], rel=1e-3)  # [W/kg]
+    assert powers == pytest.approx([15 / (0.4 * 8 / 3), 15 / 4.0], rel=0.02)  # [W/kg]
     near = problem.library.trials("steering_dead_time", problem.segments, (0.4, 1.5))
     assert near == [[0.4], [1.5]]
