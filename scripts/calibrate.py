@@ -7,8 +7,9 @@
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
 weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
-ledgers, their hashes and the number of cases they are from. With `apply=true` those weights are
-counted on other cases, and nothing is fitted. `beside=FILE` holds another method's answers.
+ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
+those of `weights=FILE`, are counted on other cases, and nothing is fitted. `beside=FILE` holds
+another method's answers.
 """
 
 from collections.abc import Sequence
@@ -27,14 +28,15 @@ def main() -> None:
     from buggy_rl.blind_test.intervals import form_error, intervals, numbers
     from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
     from buggy_rl.blind_test.pairings import by_pairing
-    from buggy_rl.diagnosis.posterior import SHIPPED, posterior, shipped
+    from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
     from buggy_rl.files import write_atomically
 
     files = [Path(file) for file in config.ledgers]
     cases = [e for file in files for e in entries(file) if "failed" not in e]
+    shipped = load_calibration(Path(config.weights or SHIPPED))
     if config.apply:
-        found = [posterior(e) for e in cases]
-        print(f"{len(cases)} cases, weights of {SHIPPED.name}\n")
+        found = [posterior(e, shipped) for e in cases]
+        print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
     else:
         calibration, ridge = calibrated(cases)
         found, mean = left_out(cases, ridge)
@@ -50,7 +52,7 @@ def main() -> None:
     print(f"\n{by_pairing(cases, found)}")
     if config.beside:
         print(f"\n{compared(cases, found, Path(config.beside))}")
-    print(f"\n{intervals(cases, shipped().form_error if config.apply else None)}")
+    print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The factory of development cases, small: recorded, searched, written down, and never twice."""
 
+import gzip
 import json
 import subprocess
 import sys
@@ -85,3 +86,11 @@ def test_a_broken_line_is_told_by_its_number(tmp_path):
 def test_nothing_is_calibrated_on_sealed_seeds():
     with pytest.raises(ValueError, match="sealed seeds"):
         DevelopmentConfig(output="x", draw=Settings(split="sealed"))
+
+
+def test_a_packed_ledger_holds_the_same_lines(tmp_path):
+    line = json.dumps({"case": {"seed": 3}, "hypotheses": []})
+    (tmp_path / "plain.jsonl").write_text(f"{line}\n{line}\n")
+    (tmp_path / "packed.jsonl.gz").write_bytes(gzip.compress(f"{line}\n{line}\n".encode()))
+    plain = entries(tmp_path / "plain.jsonl")
+    assert plain == entries(tmp_path / "packed.jsonl.gz") == [json.loads(line)] * 2

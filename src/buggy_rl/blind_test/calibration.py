@@ -42,6 +42,8 @@ class CalibrateConfig:
     """Files that scripts/develop.py wrote."""
     apply: bool = False
     """Counts what the weights that the package ships give, and fits none."""
+    weights: str = ""
+    """With `apply=true`: a file of other weights, to be counted in their place."""
     beside: str = ""
     """Another method's answers to some of the cases, to compare with."""
     write: bool = False

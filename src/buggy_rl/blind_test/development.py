@@ -5,6 +5,7 @@ held-out loss by block and its evidence. Nothing here is sealed: a calibration i
 no published score.
 """
 
+import gzip
 import json
 import shutil
 import time
@@ -70,7 +71,7 @@ def cases_left(config: DevelopmentConfig) -> list[Case]:
 
 
 def entries(ledger: Path) -> list[dict[str, Any]]:
-    """Lines of a ledger; none where there is no such file.
+    """Lines of a ledger, also of one that is packed (.gz); none where there is no such file.
 
     Raises:
         ValueError: A line is not a ledger's; the message names file and line.
@@ -78,7 +79,9 @@ def entries(ledger: Path) -> list[dict[str, Any]]:
     if not ledger.exists():
         return []
     found = []
-    for number, line in enumerate(ledger.read_text().splitlines(), 1):
+    content = ledger.read_bytes()
+    text = (gzip.decompress(content) if ledger.suffix == ".gz" else content).decode()
+    for number, line in enumerate(text.splitlines(), 1):
         try:
             entry = json.loads(line)
             if "seed" not in entry["case"] or "hypotheses" not in entry:
