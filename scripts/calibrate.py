@@ -1,8 +1,10 @@
 """Fits the posterior's weights to ledgers of development cases, and counts what they give.
 
-    python scripts/calibrate.py ledgers=[docs/development/cases.jsonl]
+    python scripts/calibrate.py \
+        ledgers=[docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz]
     python scripts/calibrate.py ledgers=[runs/development/development.jsonl] write=true
-    python scripts/calibrate.py ledgers=[docs/development/fresh.jsonl] apply=true
+    python scripts/calibrate.py ledgers=[docs/development/fresh.jsonl.gz] apply=true \
+        weights=docs/development/weights_140.yaml
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
@@ -24,7 +26,9 @@ def main() -> None:
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
     from buggy_rl.blind_test.compared import compared, mcnemar
+    from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import entries
+    from buggy_rl.blind_test.discrimination import discrimination
     from buggy_rl.blind_test.intervals import form_error, intervals, numbers
     from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
     from buggy_rl.blind_test.pairings import by_pairing
@@ -49,7 +53,7 @@ def main() -> None:
     methods["best single"] = [best_single(e) for e in cases]
     print(counted(cases, methods))
     print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
-    print(f"\n{by_pairing(cases, found)}")
+    print(f"\n{by_pairing(cases, found)}\n\n{counts(cases)}\n\n{discrimination(cases)}")
     if config.beside:
         print(f"\n{compared(cases, found, Path(config.beside))}")
     print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")

@@ -35,7 +35,8 @@ def test_what_is_counted():
 
 def test_the_figures_of_the_docs_are_those_of_the_ledger():
     text = (DOCS / "evidence.md").read_text()
-    found = entries(DOCS / "development" / "cases.jsonl")
+    ledgers = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh")]
+    found = [e for file in ledgers for e in entries(file)]
     assert f"{len(found)} cases" in text
     for line in counts(found).splitlines()[2:]:
         assert line in text

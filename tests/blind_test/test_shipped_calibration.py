@@ -7,19 +7,20 @@ import pytest
 import yaml
 
 from buggy_rl.blind_test.calibration import calibrated, left_out
+from buggy_rl.blind_test.compared import mcnemar
 from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.intervals import form_error, intervals, numbers
 from buggy_rl.blind_test.named import best_single, counted, lowest_loss
 from buggy_rl.blind_test.pairings import by_pairing
-from buggy_rl.diagnosis.posterior import SHIPPED, shipped
+from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior, shipped
 
 DOCS = Path(__file__).parents[2] / "docs"
-LEDGER = DOCS / "development" / "cases.jsonl"
+LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh")]
 
 
 @pytest.fixture(scope="module")
 def cases():
-    return [e for e in entries(LEDGER) if "failed" not in e]
+    return [e for file in LEDGERS for e in entries(file) if "failed" not in e]
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,8 @@ def made_from():
 
 
 def test_the_file_names_the_ledger_it_was_made_from(cases, made_from):
-    assert made_from["ledgers"] == {LEDGER.name: hashlib.sha256(LEDGER.read_bytes()).hexdigest()}
+    hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in LEDGERS}
+    assert made_from["ledgers"] == hashes
     assert made_from["cases"] == len(cases)
 
 
@@ -62,3 +64,22 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):
     }
     for line in (*counted(cases, methods).splitlines(), *by_pairing(cases, found).splitlines()):
         assert line in text
+
+
+def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights():
+    text = (DOCS / "evidence.md").read_text()
+    fresh, earlier = (
+        entries(LEDGERS[1]),
+        load_calibration(DOCS / "development" / "weights_140.yaml"),
+    )
+    assert earlier.cases < shipped().cases
+    found = [posterior(e, earlier) for e in fresh]
+    for line in (
+        *by_pairing(fresh, found).splitlines(),
+        *intervals(fresh, earlier.form_error).splitlines(),
+        mcnemar(fresh, found, [best_single(e) for e in fresh], "best single"),
+    ):
+        assert line in text
+    rows = counted(fresh, {"posterior": found}).splitlines()[2:]
+    for row in rows:
+        assert row.rstrip("|") in text

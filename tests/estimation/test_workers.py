@@ -17,7 +17,7 @@ from buggy_rl.estimation.rollout import Settings, Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.estimation.workers import Workers
 from tests.diagnosis.planted import QUIET, planted_drives
-from tests.test_jobs import alive
+from tests.jobs.test_running import alive
 
 ROOT = Path(__file__).parents[2]
 

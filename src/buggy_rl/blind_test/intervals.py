@@ -20,7 +20,7 @@ from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.misfit import NOTHING
 
-ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17)  # tried
+ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried
 REMAINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)  # tried
 MISSED = 2 / 0.05  # of the interval score, at 95 %
 

@@ -4,7 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from buggy_rl.blind_test.calibration import meant, of_another_form, outside, truth, unknown
+from buggy_rl.blind_test.calibration import (
+    differs_unseen,
+    meant,
+    of_another_form,
+    outside,
+    truth,
+    unknown,
+)
 from buggy_rl.blind_test.statistics import (
     Figure,
     calibration_error,
@@ -106,6 +113,7 @@ def _figures(said: Said) -> dict[str, str]:
     of = {n: [s for s in said if not unknown(s[0]) and len(truth(s[0])) == n] for n in range(4)}
     sorts = [s for s in said if outside(s[0])]
     forms = [s for s in said if of_another_form(s[0])]
+    unseen = [s for s in of[1] if differs_unseen(s[0])]
     claims = [c for entry, p in said for c in listed(entry, p)]
     figures = {
         "one effect: first name right": _share(of[1], _first_right),
@@ -124,6 +132,15 @@ def _figures(said: Said) -> dict[str, str]:
             forms, _says_unknown
         ),
     }
+    figures["another form, no baseline, one effect: most probable name right"] = _share(
+        unseen, _most_probable_right
+    )
+    figures["another form, no baseline, one effect: a wrong name above 0.5"] = _share(
+        unseen, _says_a_wrong_name
+    )
+    figures["one effect, all others: first name right"] = _share(
+        [s for s in of[1] if not differs_unseen(s[0])], _first_right
+    )
     standing = [c for entry, p in said for c in _standing(entry, p)]
     figures["called unknown: a name that holds whatever else is missing, right"] = share(standing)
     squares = [(p - right) ** 2 for p, right in claims]
@@ -162,10 +179,17 @@ def _came_to(entry: Entry, p: Answered) -> bool:
     return truth(entry) in {meant(h["effects"]) for h in fitted(entry)}
 
 
-def _first_right(entry: Entry, p: Answered) -> bool:
+def _most_probable_right(entry: Entry, p: Answered) -> bool:
     probable = sure(p)
-    first = max(probable, key=lambda e: probable[e], default="")
-    return (first,) == truth(entry) and p.says not in ("nothing", "unknown")
+    return (max(probable, key=lambda e: probable[e], default=""),) == truth(entry)
+
+
+def _first_right(entry: Entry, p: Answered) -> bool:
+    return _most_probable_right(entry, p) and p.says not in ("nothing", "unknown")
+
+
+def _says_a_wrong_name(entry: Entry, p: Answered) -> bool:
+    return any(s > EVEN and e not in truth(entry) for e, s in sure(p).items())
 
 
 def _exact(entry: Entry, p: Answered) -> bool:

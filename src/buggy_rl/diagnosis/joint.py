@@ -39,6 +39,7 @@ from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
 LOOKED_AT = 24  # segments, spread evenly, on which sets about the leading one are proposed
 MOST = 4  # effects of a set
+REFITTED = 12  # hypotheses that are fitted on at the end
 Keep = Callable[[str, Callable[[], Any]], Any]
 """A name and how its result is computed -> the result."""
 
@@ -185,7 +186,17 @@ def _settled(
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
         now = kept(f"round_{number}", partial(_round, state, best, criteria, budget))
         state = now.state(state.problem)
-    return state.dispersed(leading(state).typical)
+    return kept("refitted", lambda: _Tried.of(_refitted(state, criteria))).state(state.problem)
+
+
+def _refitted(state: State, criteria: Criteria) -> State:
+    """The most promising hypotheses fitted on, under the noise and dispersion of the end.
+
+    Those of the first round were fitted while much was left, and stopped where it did not matter.
+    """
+    state = state.dispersed(leading(state).typical)
+    ranked = sorted(state.tried.values(), key=partial(_priced, state))
+    return tried_too(state, [c.fit for c in ranked[:REFITTED]], criteria)[0]
 
 
 def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:
@@ -194,7 +205,11 @@ def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) ->
 
 def leading(state: State) -> Candidate:
     """The best so far: held-out loss, and a price for each effect."""
-    return min(state.tried.values(), key=lambda c: state.loss(c) + PRICE * len(c.effects))
+    return min(state.tried.values(), key=partial(_priced, state))
+
+
+def _priced(state: State, candidate: Candidate) -> float:
+    return state.loss(candidate) + PRICE * len(candidate.effects)
 
 
 def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> State:
@@ -214,7 +229,7 @@ def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> St
     secants = _secants(problem, base, without, budget.sizes)
     near = proposals(secants, MOST, added=2, removed=min(2, len(less)))
     starts: list[Hypothesis] = [base, restarted(problem, base, shifted)]
-    starts += [h for h in less if tuple(sorted(h.effects)) not in state.tried]
+    starts += less  # also what was tried before: better numbers are known now
     known = {*state.tried, *(tuple(sorted(h.effects)) for h in starts)}
     for size in range(1, MOST + 1):
         new = [p.start for p in _of_size(near, size) if p.key not in known]
