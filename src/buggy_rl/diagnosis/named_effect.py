@@ -9,6 +9,7 @@ from buggy_rl.diagnosis.posterior import STANDING
 from buggy_rl.effects import effect_class
 
 NORMAL = 1.96  # standard deviations of a 95 % interval
+SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class NamedEffect:
 
     def line(self, unknown: bool = False) -> str:
         """Sentence, name and confidence of an effect, and what speaks against it."""
-        text = f"{self.name}, confidence {self.confidence:.0%}"
+        said = min(self.confidence, SUREST)
+        text = f"{self.name}, confidence {said:.0%}"
         if unknown and self.whatever_else >= STANDING:
             text += (
                 f"; whatever else is missing: in {self.whatever_else:.0%} of what may explain it"
