@@ -96,7 +96,7 @@ def test_an_all_wheel_driven_car_with_a_speed_command_is_one_in_mujoco_too():
     assert engine.with_parameters(TensorDict({}, [3])).car.drive == "all"
 
 
-@pytest.mark.parametrize("engine", ["reference", "buggy_rl.engines.hold:HoldEngine"])
+@pytest.mark.parametrize("engine", ["buggy_rl.engines.hold:HoldEngine"])
 def test_a_simulator_that_has_no_dimensions_is_refused_a_car(engine):
     with pytest.raises(ValueError, match="cannot be the car 'dart'"):
         make_engine(engine, car="dart")

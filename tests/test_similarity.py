@@ -30,6 +30,10 @@ def test_the_buggy_is_similar_to_itself_to_the_last_bit():
         ("N s^2/m^2", 8 / 4.0),
         ("rad/s", 2 / 4.0),
         ("s", 1.0),  # electronics
+        ("ohm", 1.0),
+        ("V", 4.0),  # voltage and current share the power m g v
+        ("A", 4.0),
+        ("rad/s^2", 1 / 4.0),
         ("1/rad", 1.0),
     ],
 )

@@ -123,7 +123,7 @@ class CarFile:
         """`options` and `parameters` that make an engine this car.
 
         Args:
-            engine: single_track, kinematic or mujoco.
+            engine: single_track, kinematic, mujoco or reference.
 
         Raises:
             ValueError: The engine cannot drive these wheels, or take this command.
@@ -134,6 +134,11 @@ class CarFile:
         }
         if self.command.plain != "throttle":
             options["command"] = self.command.plain
+        if engine == "reference" and self.drive != "rear":
+            raise ValueError(
+                f"engine reference has rear-wheel drive, car {self.name} drives {self.drive}: "
+                "mujoco and single_track can"
+            )
         if engine == "mujoco" and self.drive != "rear":
             options["drive"] = self.drive
         return {"options": options, "parameters": self._parameters(engine)}
@@ -143,6 +148,8 @@ class CarFile:
         known = {side: angle for side, angle in locks.items() if angle is not None}
         if engine == "mujoco":
             return {f"steering_{side}": angle for side, angle in known.items()} | self._setpoint()
+        if engine == "reference":  # its brakes are discs, whatever drives
+            return {f"lock_{side}": angle for side, angle in known.items()} | self._setpoint()
         # Full lock is angle * tanh(steepness): `road_wheel_angle` of the bicycle engines.
         angles = {f"{side}_angle": angle / math.tanh(STEEPNESS) for side, angle in known.items()}
         steepness = {f"{side}_steepness": STEEPNESS for side in known}

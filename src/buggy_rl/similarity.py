@@ -2,7 +2,8 @@
 
 Cars of one shape under the same gravity are dynamically similar (Froude): forces go with m g,
 lengths with L, speeds with sqrt(g L) unless the top speed is known. Grip, slip angles and
-steering angles stay. So do dead times and lags: they are electronics'.
+steering angles stay. So do dead times and lags: they are electronics'. Powers m g v are voltage
+times current, each of which goes with their root: resistances stay.
 """
 
 import math
@@ -12,12 +13,17 @@ from dataclasses import dataclass, fields
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import VehicleDimensions
 
-EXPONENTS = {  # unit -> exponents of mass, length, speed; gravity is the same for all
+# Unit -> exponents of mass, length, speed; gravity is the same for all.
+EXPONENTS: dict[str, tuple[float, float, float]] = {
     **{"-": (0, 0, 0), "rad": (0, 0, 0), "1/rad": (0, 0, 0), "s": (0, 0, 0)},
     **{"m": (0, 1, 0), "m/s": (0, 0, 1), "m/s^2": (0, 0, 0), "s/m": (0, 0, -1)},
     **{"kg": (1, 0, 0), "kg m^2": (1, 2, 0), "N": (1, 0, 0), "N/rad": (1, 0, 0)},
     **{"N s/m": (1, 0, -1), "N s/(m rad)": (1, 0, -1), "N s^2/m^2": (1, 0, -2)},
-    **{"N/m": (1, -1, 0), "rad/s": (0, -1, 1), "1/s": (0, 0, -1)},
+    **{"N/m": (1, -1, 0), "rad/s": (0, -1, 1), "1/s": (0, 0, -1), "Hz": (0, -0.5, 0)},
+    **{"kg/m": (1, 0, -2), "1/m": (0, 0, -2), "rad/s^2": (0, -1, 0), "W/kg": (0, 0, 1)},
+    **{"V": (0.5, 0, 0.5), "A": (0.5, 0, 0.5), "A s": (0.5, 0, 1.5), "ohm": (0, 0, 0)},
+    **{"V s/rad": (0.5, 1, -0.5), "1/J": (-1, 0, -2), "1/min": (0, 0, 0), "s^2/m": (0, 0, 0)},
+    **{"rad s^2/m": (0, 0, 0)},
 }
 
 
@@ -46,6 +52,11 @@ class Similarity:
         reference = reference or VehicleDimensions()
         length = car.wheelbase / reference.wheelbase
         return cls(car.mass / reference.mass, length, math.sqrt(length) if speed is None else speed)
+
+    @property
+    def time(self) -> float:
+        """Ratio of the times in which the cars drive lengths of their own, L / S."""
+        return self.length / self.speed
 
     def of(self, unit: str) -> float:
         """Factor of a quantity of this unit.

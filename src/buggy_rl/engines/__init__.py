@@ -76,10 +76,10 @@ def as_car(engine: str, car: str) -> dict[str, dict[str, Any]]:
 
     if engine in ("hold", "learned") or engine.endswith(".pt"):  # they know no car
         return {"options": {}, "parameters": {}}
-    if engine not in ("single_track", "kinematic", "mujoco"):
-        raise ValueError(
-            f"engine {engine!r} cannot be the car {car!r}: single_track, kinematic and mujoco can"
-        )
+    able = ("single_track", "kinematic", "mujoco", "reference")
+    if engine not in able:
+        known = ", ".join(able)
+        raise ValueError(f"engine {engine!r} cannot be the car {car!r}: {known} can")
     return load_car(car).of_engine(engine)
 
 

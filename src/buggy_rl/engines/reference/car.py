@@ -8,11 +8,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Radio
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.parameters import DIMENSIONS, PARAMETERS
+from buggy_rl.engines.reference.parameters import PARAMETERS
 from buggy_rl.engines.reference.state import (
     FAULT_STATES,
     HEAT,
@@ -26,7 +27,6 @@ from buggy_rl.engines.reference.surroundings import Surroundings
 from buggy_rl.engines.reference.two_way import TwoWayDrivetrain
 from buggy_rl.engines.reference.tyres import Tyres
 from buggy_rl.kernels.kernel import Kernel
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.vehicle import GRAVITY, slip_angle
 
 VALUES = tuple(parameter.name for parameter in PARAMETERS)
@@ -35,7 +35,9 @@ MOVED = (
     *("tread", "slip", "lean", "lean_rate", "servo", "duty", "charge"),
 )
 """The state of a car without a fault, which has no play either."""
-GUESS_SPEED = 0.3  # [m/s] speed below which the steering is not read off the velocity; chosen
+GUESS_SPEED = (
+    0.3  # [m/s] speed below which the steering of a buggy is not read off the velocity; chosen
+)
 
 
 class Car:
@@ -47,7 +49,7 @@ class Car:
         dt: Control period [s].
         substeps: In a control period.
         compiled: Whether PyTorch compiles a substep where there is no kernel of it.
-        command: What the first command is.
+        build: Size and command of the car.
     """
 
     def __init__(
@@ -57,25 +59,27 @@ class Car:
         dt: float,
         substeps: int,
         compiled: bool = False,
-        command: LongitudinalCommand = ONE_WAY,
+        build: Build | None = None,
     ) -> None:
-        self.command = command
+        self.build = build or Build()
+        size, scale, self.command = self.build.parts
         self.values, self.faults, self.substeps = values, faults, substeps
         self._step = _compiled_step() if compiled else Car.step
         self._side_by_side = torch.empty(0)
         self.substep = dt / substeps
         self.radio = Radio(faults, dt, substeps)
-        self.chassis = Chassis(values, DIMENSIONS, faults)
-        self.tyres = Tyres(values, self.chassis.static_load, faults)
-        one_way = command.kind == "throttle"
-        make = Drivetrain if one_way else partial(TwoWayDrivetrain, command)
-        self.drivetrain = make(values, DIMENSIONS.wheel_radius, self.chassis, faults, self.substep)
-        self.steering = Steering(
-            values, DIMENSIONS.track_width, DIMENSIONS.wheelbase, faults, self.substep
-        )
+        self.chassis = Chassis(values, size, faults, scale)
+        self.tyres = Tyres(values, self.chassis.static_load, faults, scale)
+        if self.command.kind == "throttle":
+            make = partial(Drivetrain, values, size.wheel_radius)
+        else:
+            make = partial(TwoWayDrivetrain, self.build, values)
+        self.drivetrain = make(self.chassis, faults, self.substep)
+        self.steering = Steering(values, size.track_width, size.wheelbase, faults, self.substep)
         self.surroundings = Surroundings(
-            values, self.chassis, self.drivetrain.rolling_mass, DIMENSIONS.sensor_to_cg, faults
+            values, self.chassis, self.drivetrain.rolling_mass, size.sensor_to_cg, faults
         )
+        self.guess_speed = scale.speed * GUESS_SPEED
         self.fault_shapes: dict[str, tuple[int, ...]] = {
             name: shape for name, (shape, fault) in FAULT_STATES.items() if fault in faults
         }
@@ -98,8 +102,8 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        plain = self.command.kind == "throttle" and not self.faults.active
-        kernel = plain and KERNEL.ready(car.vx)
+        # The kernel is that of the buggy: a car of another size is stepped by PyTorch.
+        kernel = self.build.usual and not self.faults.active and KERNEL.ready(car.vx)
         step = self._kernel_step if kernel else partial(self._step, self)
         for index in range(self.substeps):
             if 0 < index < len(commands):
@@ -159,7 +163,9 @@ class Car:
         twist = drivetrain.twisted(fault_state, current) if "loose_differential" in faults else None
         car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist, brakes)
         if "wheel_wobble" in faults:
-            turn = fault_state[WHEEL_TURN] + car.tread[0] * (dt / DIMENSIONS.wheel_radius)
+            turn = fault_state[WHEEL_TURN] + car.tread[0] * (
+                dt / self.build.dimensions.wheel_radius
+            )
             fault_state[WHEEL_TURN] = torch.remainder(turn, 2.0 * math.pi)
 
         ax, ay, yaw_acceleration = chassis.acceleration(force, cos, sin, car.vx, car.vy)
@@ -217,7 +223,7 @@ class Car:
         angle = slip_angle(velocity, 0.0, self.values["cg_to_front_axle"]) + needed
         if self.command.two_way:  # in reverse the wheels point against where their axle moves
             angle = torch.where(vx < 0, -angle, angle)
-        weight = vx.square() / (vx.square() + GUESS_SPEED**2)
+        weight = vx.square() / (vx.square() + self.guess_speed**2)
         return weight * self.steering.servo_at(angle)
 
 

@@ -8,9 +8,11 @@ from torch import Tensor
 
 from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.wheels import per_wheel, sides
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
-PAYLOAD_RADIUS = 0.04  # [m] radius of gyration of the payload: a block of 0.1 m; chosen
+# The payload, of a buggy:
+PAYLOAD_RADIUS = 0.04  # [m] radius of gyration: a block of 0.1 m; chosen
 PAYLOAD_HEIGHT = 0.08  # [m] height of its centre above the floor: on the roof plate; chosen
 TINY = 1e-12  # [m^2/s^2] under a root, for a gradient at rest
 
@@ -22,6 +24,7 @@ class Chassis:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         dimensions: Wheelbase, track width and wheel radius.
         faults: The payload, over the centre of gravity.
+        similarity: Ratios of the car to the buggy, which all its parts are made by.
     """
 
     def __init__(
@@ -29,12 +32,15 @@ class Chassis:
         values: Mapping[str, Tensor],
         dimensions: VehicleDimensions,
         faults: Faults | None = None,
+        similarity: Similarity | None = None,
     ) -> None:
         faults = faults or Faults({}, values["mass"])
+        self.similarity = similarity or Similarity()
+        radius, height = (self.similarity.length * m for m in (PAYLOAD_RADIUS, PAYLOAD_HEIGHT))
         ratio = faults["payload.mass_ratio"]
         payload = values["mass"] * (ratio - 1.0)
         self.mass = values["mass"] * ratio
-        self.yaw_inertia = values["yaw_inertia"] + payload * PAYLOAD_RADIUS**2
+        self.yaw_inertia = values["yaw_inertia"] + payload * radius**2
         self.drag = values["aerodynamic_drag"]
         to_front = values["cg_to_front_axle"]
         to_rear = dimensions.wheelbase - to_front
@@ -47,7 +53,7 @@ class Chassis:
         self.static_load = per_wheel(
             weight * to_rear / dimensions.wheelbase, weight * to_front / dimensions.wheelbase
         )
-        higher = (PAYLOAD_HEIGHT - values["cg_height"]) * ((ratio - 1.0) / ratio)
+        higher = (height - values["cg_height"]) * ((ratio - 1.0) / ratio)
         moment = self.mass * (values["cg_height"] + higher)  # [kg m] moment over acceleration
         pitch = 0.5 * moment / dimensions.wheelbase
         roll = moment / dimensions.track_width

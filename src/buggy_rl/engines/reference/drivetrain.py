@@ -15,12 +15,12 @@ from buggy_rl.engines.reference.state import HEAT, LEFT_CURRENT, THROTTLE_LAG, C
 from buggy_rl.vehicle import GRAVITY
 
 KNEE = 12  # [-] exponent of the knee: half of it is in the last 6 % of the charge; chosen
-DRIVEN_CURRENT = 2.15  # [A] mean of the battery in 64 drives of 20 s by the room driver
+DRIVEN_CURRENT = 2.15  # [A] mean of the buggy's battery in 64 drives of 20 s by the room driver
 COOLING = 30.0  # [s] time constant of the winding's cooling to the can; chosen
 DRAGGED = 0.1  # [-] share of a bent axle's moment that is drag of a front wheel; chosen
-ROLLING_SPEED = 0.1  # [m/s] speed at which a bent axle binds with tanh(1) = 76 %; chosen
+ROLLING_SPEED = 0.1  # [m/s] speed at which a buggy's bent axle binds with tanh(1) = 76 %; chosen
 NO_LOAD = 1e-3  # [N] least load of an axle under a fraction
-CRAWL = 0.05  # [m/s] least speed of the power limit; chosen
+CRAWL = 0.05  # [m/s] least speed of a buggy's power limit; chosen
 
 
 class Drivetrain:
@@ -44,6 +44,9 @@ class Drivetrain:
     ) -> None:
         faults = faults or Faults({}, values["mass"])
         self.values, self.faults = values, faults
+        scale = chassis.similarity
+        self.crawl, self.rolls = scale.speed * CRAWL, scale.speed * ROLLING_SPEED
+        self.driven_current = scale.of("A") * DRIVEN_CURRENT
         gear = values["gear_ratio"] / wheel_radius  # [1/m] motor angle over way at the tread
         # Fewer turns of a thicker wire: less back-EMF, torque and resistance; the same stall force.
         winding = faults["top_speed.speed_ratio"]
@@ -91,7 +94,7 @@ class Drivetrain:
         if "battery_sag" not in self.faults:
             return voltage
         taken = charge - (1.0 - values["initial_charge"]) * values["capacity"]
-        lost = self.faults["battery_sag.loss_per_minute"] * taken / (60.0 * DRIVEN_CURRENT)
+        lost = self.faults["battery_sag.loss_per_minute"] * taken / (60.0 * self.driven_current)
         return voltage * (1.0 - lost).clamp_min(0.0)
 
     def filtered(self, fault_state: dict[str, Tensor], throttle: Tensor) -> Tensor:
@@ -132,7 +135,7 @@ class Drivetrain:
         resistance = winding + duty.square() * self.values["battery_resistance"]
         current = (duty * voltage - self.motor_constant * axle_speed) / resistance
         if "motor_power_limit" in self.faults:  # k i u is what arrives at the shaft
-            limit = self.power / (self.motor_constant * axle_speed.clamp_min(CRAWL))
+            limit = self.power / (self.motor_constant * axle_speed.clamp_min(self.crawl))
             current = torch.minimum(current, limit)
         if "drag_brake" in self.faults:
             return torch.maximum(current, self.faults["drag_brake.share"] * current)
@@ -212,7 +215,7 @@ class Drivetrain:
 
         half = 0.5 * (left - right) - 0.5 * (force_left - force_right) * (dt / self.wheel_mass)
         if "one_sided_drag" in self.faults:
-            half = half - self.binding * torch.tanh(mean / ROLLING_SPEED) * (dt / self.wheel_mass)
+            half = half - self.binding * torch.tanh(mean / self.rolls) * (dt / self.wheel_mass)
         if twist is not None:
             half = half + 0.5 * self.motor_constant * twist * (dt / self.wheel_mass)
         half = half / (1.0 + self.half_viscosity * dt / self.wheel_mass)

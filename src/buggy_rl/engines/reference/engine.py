@@ -13,9 +13,10 @@ from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
+from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.car import Car
 from buggy_rl.engines.reference.faults import Faults, as_tensors, refuse_of_another_command
-from buggy_rl.engines.reference.parameters import COMMANDED, DIMENSIONS, PARAMETERS, REALISES
+from buggy_rl.engines.reference.parameters import DIMENSIONS, REALISES, declared_parameters
 from buggy_rl.engines.reference.state import (
     CHARGE,
     DUTY,
@@ -32,7 +33,8 @@ from buggy_rl.engines.reference.state import (
 )
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.realisation import Realisations
-from buggy_rl.vehicle import rotate, shift_velocity
+from buggy_rl.similarity import Similarity, similar_dimensions
+from buggy_rl.vehicle import VehicleDimensions, rotate, shift_velocity
 
 SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
 
@@ -48,6 +50,8 @@ class ReferenceEngine(Engine):
         compiled: Whether PyTorch compiles the step, which takes seconds and a C++ compiler, and
             makes large batches about three times as fast.
         command: Kind of the first command, as of `single_track`; a one-way throttle by default.
+        dimensions: Of another car, or what is known of it; ranges and values are scaled to it.
+        speed_ratio: Of its speeds to the buggy's; by default sqrt of the ratio of wheelbases.
         args, common: As for `Engine`.
 
     Raises:
@@ -62,16 +66,30 @@ class ReferenceEngine(Engine):
         faults: Mapping[str, Any] | None = None,
         compiled: bool = False,
         command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
+        dimensions: VehicleDimensions | Mapping[str, float] | None = None,
+        speed_ratio: float | None = None,
         **common: Any,
     ) -> None:
         self.command = LongitudinalCommand.of(command)
-        declared = (*PARAMETERS, *COMMANDED[self.command.kind])
+        if dimensions is not None and not isinstance(dimensions, VehicleDimensions):
+            dimensions = similar_dimensions(dimensions)
+        self.dimensions, self.speed_ratio = dimensions, speed_ratio
+        size = dimensions or DIMENSIONS
+        self.build = Build(size, Similarity.between(size, speed=speed_ratio), self.command)
+        declared = declared_parameters(self.command.kind, size, self.build.similarity)
         super().__init__(*args, declared=declared, **common)
         self.substep, self.compiled = substep, compiled
-        self._fault_values = as_tensors(faults, self.device)
+        self._fault_values = as_tensors(faults, self.device, self.similarity)
         self._substeps = max(1, round(self.dt / substep))
         self._parameters_changed()
         self._finish()
+
+    def _nominal(self) -> VehicleDimensions:
+        return self.build.dimensions
+
+    @property
+    def similarity(self) -> Similarity:
+        return self.build.similarity
 
     def with_faults(self, values: TensorDictBase | Mapping[str, Any]) -> Self:
         """The same car with other faults, one set per environment; unnamed faults stay.
@@ -84,7 +102,7 @@ class ReferenceEngine(Engine):
             KeyError: There is no such fault.
             ValueError: A value is outside the range of its fault.
         """
-        tensors = as_tensors(values, self.device)
+        tensors = as_tensors(values, self.device, self.similarity)
         if isinstance(values, TensorDictBase):
             batch_size = values.batch_size
         else:
@@ -101,7 +119,7 @@ class ReferenceEngine(Engine):
         values = self._spread_out(self.values)
         faults = Faults(self._spread_out(self._fault_values), values["mass"])
         refuse_of_another_command(faults, self.command.kind)
-        self.car = Car(values, faults, self.dt, self._substeps, self.compiled, self.command)
+        self.car = Car(values, faults, self.dt, self._substeps, self.compiled, self.build)
 
     def _spread_out(self, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
         ones = (1,) * len(self.batch_size)
@@ -115,7 +133,7 @@ class ReferenceEngine(Engine):
         # springs are those of a steady turn with this yaw rate.
         chassis, tyres = self.car.chassis, self.car.tyres
         drivetrain, steering = self.car.drivetrain, self.car.steering
-        at_cg = shift_velocity(velocity, -DIMENSIONS.sensor_to_cg)
+        at_cg = shift_velocity(velocity, -self.build.dimensions.sensor_to_cg)
         vx, vy, yaw_rate = at_cg.unbind(-1)
         servo = self.car.guessed_servo(at_cg)
         cos, sin = steering.directions(servo)
@@ -163,7 +181,7 @@ class ReferenceEngine(Engine):
         return packed if line is None else packed | {LINE: line}
 
     def _unpacked(self, state: TensorDictBase) -> CarState:
-        at_cg = shift_velocity(state[keys.VELOCITY], -DIMENSIONS.sensor_to_cg)
+        at_cg = shift_velocity(state[keys.VELOCITY], -self.build.dimensions.sensor_to_cg)
         vx, vy, yaw_rate = (part.contiguous() for part in at_cg.unbind(-1))
         servo = state[SERVO].squeeze(-1)
         lean = state[LEAN].movedim((-2, -1), (0, 1)).contiguous()  # (2, 2, *)
@@ -193,7 +211,7 @@ class ReferenceEngine(Engine):
     def _packed(self, car: CarState, pose: Tensor) -> dict[str, Tensor]:
         at_cg = torch.stack([car.vx, car.vy, car.yaw_rate], -1)
         # The sensor is ahead of the centre of gravity: its way is that of the centre plus its turn.
-        ahead = DIMENSIONS.sensor_to_cg
+        ahead = self.build.dimensions.sensor_to_cg
         way = torch.stack(
             [car.dx + ahead * (torch.cos(car.dyaw) - 1.0), car.dy + ahead * torch.sin(car.dyaw)], -1
         )
@@ -221,6 +239,12 @@ class ReferenceEngine(Engine):
         return {"substep": self.dt / self._substeps / 2}
 
     def _options(self) -> dict[str, Any]:
-        options = {"substep": self.substep, "faults": self._fault_values, "compiled": self.compiled}
-        own = self.command.plain
-        return options if own == "throttle" else options | {"command": own}
+        options: dict[str, Any] = {
+            "substep": self.substep,
+            "faults": self._fault_values,
+            "compiled": self.compiled,
+        }
+        if self.command.plain != "throttle":
+            options["command"] = self.command.plain
+        car = {"dimensions": self.dimensions, "speed_ratio": self.speed_ratio}
+        return options | {name: value for name, value in car.items() if value is not None}

@@ -13,6 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl.parameters import Parameter
+from buggy_rl.similarity import Similarity
 
 TEXTBOOK = (
     # Radio.
@@ -145,9 +146,17 @@ def flattened(faults: Mapping[str, Any] | TensorDictBase | None) -> dict[str, An
 
 
 def as_tensors(
-    faults: Mapping[str, Any] | TensorDictBase | None, device: torch.device | None
+    faults: Mapping[str, Any] | TensorDictBase | None,
+    device: torch.device | None,
+    similarity: Similarity | None = None,
 ) -> dict[str, Tensor]:
     """The same as float tensors, each checked against its range.
+
+    Args:
+        faults: As `flattened` takes them.
+        device: Of the tensors.
+        similarity: Ratios of the car to the buggy. A range is the buggy's and that scaled to the
+            car together: neutral values, which are the same for all cars, stay within.
 
     Raises:
         KeyError: There is no such fault.
@@ -159,12 +168,17 @@ def as_tensors(
         tensor = torch.as_tensor(value, dtype=torch.float32, device=device)
         fault = ranges[name]
         # Single precision does not hold every bound exactly.
-        room = 1e-6 * (fault.upper - fault.lower)
-        outside = ~((tensor >= fault.lower - room) & (tensor <= fault.upper + room))
+        factor = (similarity or Similarity()).of(fault.unit)
+        lower, upper = (
+            min(fault.lower, factor * fault.lower),
+            max(fault.upper, factor * fault.upper),
+        )
+        room = 1e-6 * (upper - lower)
+        outside = ~((tensor >= lower - room) & (tensor <= upper + room))
         if outside.any():
             raise ValueError(
                 f"fault {name} is {float(tensor[outside].flatten()[0]):g} {fault.unit}: "
-                f"must be in [{fault.lower:g}, {fault.upper:g}]"
+                f"must be in [{lower:g}, {upper:g}]"
             )
         tensors[name] = tensor
     return tensors

@@ -4,10 +4,15 @@ Three kinds of source: *measured*, the dimensions in `vehicle.py`; *DART*, the p
 the car's mass twin, carried over to this car's laws; *chosen*, a plausible value for parts of
 this size, such that the whole car performs like the original (8-10 m/s top speed, wheel spin at
 full throttle from rest, a servo lag of 0.05-0.1 s). No chosen value was measured.
+
+A car of another size has the dimensions of its own, and the other values by `similarity`.
 """
+
+from dataclasses import replace
 
 from buggy_rl.parameters import Parameter
 from buggy_rl.realisation import Realisations, Scaled
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import VehicleDimensions
 
 DIMENSIONS = VehicleDimensions()
@@ -179,8 +184,8 @@ BATTERY = (
 
 STEERING = (
     # DART: 0.32 rad to the left and 0.40 rad to the right; the middle of it kept, the gap halved.
-    Parameter("lock_left", 0.34, 0.2, 0.55, "rad", "Road-wheel angle at full left command."),
-    Parameter("lock_right", 0.38, 0.2, 0.55, "rad", "Road-wheel angle at full right command."),
+    Parameter("lock_left", 0.34, 0.2, 0.7, "rad", "Road-wheel angle at full left command."),
+    Parameter("lock_right", 0.38, 0.2, 0.7, "rad", "Road-wheel angle at full right command."),
     Parameter("steering_trim", 0.008, -0.1, 0.1, "rad", "Road-wheel angle at zero command."),
     # Chosen: a servo of 0.11 s per 60 degrees, that is 9.5 rad/s, with a horn that turns 0.8 rad.
     Parameter("steering_lag", 0.055, 0.005, 0.25, "s", "Time constant of the servo's last part."),
@@ -220,3 +225,31 @@ COMMANDED: dict[str, tuple[Parameter, ...]] = {
     ),
     "current": (Parameter("full_current", 15.0, 2.0, 60.0, "A", "Of a full command."),),
 }
+
+MEASURED = ("mass", "cg_to_front_axle", "cg_height", "yaw_inertia")  # those of the dimensions
+# Times of moving parts, unlike those of electronics: as long as the car's own.
+MECHANICAL = ("carcass_damping", "steering_lag")
+
+
+def declared_parameters(
+    kind: str,
+    dimensions: VehicleDimensions = DIMENSIONS,
+    similarity: Similarity | None = None,
+) -> list[Parameter]:
+    """Every parameter of a reference car of these dimensions.
+
+    Args:
+        kind: Of its first command.
+        dimensions: Of the car.
+        similarity: Its ratios to the buggy.
+    """
+    scale = similarity or Similarity()
+    result = []
+    for p in (*PARAMETERS, *COMMANDED[kind]):
+        factor = scale.time if p.name in MECHANICAL else scale.of(p.unit)
+        if p.name in MEASURED:
+            factor = getattr(dimensions, p.name) / p.value
+        result.append(
+            replace(p, value=factor * p.value, lower=factor * p.lower, upper=factor * p.upper)
+        )
+    return result

@@ -12,9 +12,8 @@ from buggy_rl.vehicle import rotate
 
 BODY_EFFECTS = ("floor_slope", "wind", "aerodynamic_drag", "yaw_damping")
 SIDE_AREA = 1.8  # [-] side over frontal area: 0.273 m of length over 0.15 m of width
-CONTACT_LENGTH = (
-    0.02  # [m] of a tyre, over which its friction changes at the edge of a patch; chosen
-)
+# Of a buggy's tyre, over which its friction changes at the edge of a patch; chosen.
+CONTACT_LENGTH = 0.02  # [m]
 TINY = 1e-12  # [m^2/s^2] under a root, for a gradient at rest
 
 
@@ -40,6 +39,7 @@ class Surroundings:
         self.faults, self.chassis, self.sensor_to_cg = faults, chassis, sensor_to_cg
         self.pushes = any(effect in faults for effect in BODY_EFFECTS)
         self.patchy = "grip_patch" in faults
+        self.contact_length = chassis.similarity.length * CONTACT_LENGTH
         self.slope = _pair(faults, "floor_slope.along_x", "floor_slope.along_y")  # (*, 2)
         self.middle = _pair(faults, "grip_patch.x", "grip_patch.y")
         share = rolling_mass / chassis.mass
@@ -94,7 +94,7 @@ class Surroundings:
         )  # (4, *, 2)
         place = pose[..., :2] + rotate(wheel, pose[..., 2].expand(wheel.shape[:-1]))
         distance = torch.linalg.vector_norm(place - self.middle, dim=-1)
-        inside = (self.faults["grip_patch.radius"] - distance) / CONTACT_LENGTH + 0.5
+        inside = (self.faults["grip_patch.radius"] - distance) / self.contact_length + 0.5
         return 1.0 - (1.0 - self.faults["grip_patch.grip"]) * inside.clamp(0.0, 1.0)
 
 

@@ -9,16 +9,16 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.parameters import DIMENSIONS
 from buggy_rl.engines.reference.state import CONTROLLER, CarState, Setting
-from buggy_rl.longitudinal import LongitudinalCommand, command_of, drive_of
+from buggy_rl.longitudinal import command_of, drive_of
 from buggy_rl.vehicle import GRAVITY
 
-STANDS = 0.1  # [m/s] forward speed from which on a two-way controller reverses; chosen
+STANDS = 0.1  # [m/s] forward speed below which that of a buggy reverses; chosen
 IDLE = 1e-3  # [-] duty cycle asked for below which the drag brake is on; chosen
 
 
@@ -26,29 +26,29 @@ class TwoWayDrivetrain(Drivetrain):
     """A speed controller with brakes on both axles and reverse, or one without a duty cycle.
 
     Args:
-        command: What it follows; a one-way throttle is `Drivetrain`.
-        args, common: As for `Drivetrain`.
+        build: Of the car; that of one with a one-way throttle is a `Drivetrain`.
+        values, chassis, faults, dt: As for `Drivetrain`.
     """
 
     def __init__(
         self,
-        command: LongitudinalCommand,
+        build: Build,
         values: Mapping[str, Tensor],
-        wheel_radius: float,
         chassis: Chassis,
         faults: Faults | None = None,
         dt: float = 1e-3,
     ) -> None:
-        super().__init__(values, wheel_radius, chassis, faults, dt)
-        self.command, faults = command, self.faults
-        if command.kind != "throttle_brake_reverse":  # they have no dead zone of their own
+        super().__init__(values, build.dimensions.wheel_radius, chassis, faults, dt)
+        self.command, faults = build.command, self.faults
+        self.stands = build.similarity.speed * STANDS
+        if self.command.kind != "throttle_brake_reverse":  # they have no dead zone of their own
             self.deadband = faults["throttle_deadband.width"]
         self.behind = torch.zeros_like(self.deadband)
-        if command.kind == "throttle_brake_reverse":
+        if self.command.kind == "throttle_brake_reverse":
             self._size_brakes(values)
         self.late = Lag(faults["speed_controller_lag.time_constant"], dt)
         # The rear tyres slip by a / (C g share) at an acceleration a: the sensor's share of that.
-        rear = values["cg_to_front_axle"] / DIMENSIONS.wheelbase
+        rear = values["cg_to_front_axle"] / build.dimensions.wheelbase
         stiffness = values["longitudinal_stiffness"] * GRAVITY * rear
         self.at_axle = faults["driven_axle_slip.slip_per_acceleration"] * stiffness
 
@@ -92,7 +92,7 @@ class TwoWayDrivetrain(Drivetrain):
         self, asked: Tensor, car: CarState, setting: Setting, heat: Tensor | None
     ) -> tuple[Tensor, Tensor]:
         if self.command.kind == "throttle_brake_reverse":
-            reverse = torch.where(car.vx > STANDS, 0.0, self.values["reverse_share"])
+            reverse = torch.where(car.vx > self.stands, 0.0, self.values["reverse_share"])
             return super().motor(torch.where(asked < 0, reverse * asked, asked), car, setting, heat)
         axle = 0.5 * (car.tread[2] + car.tread[3])
         current = self._reachable(self._wanted(asked, car, axle), axle, setting.voltage)
@@ -106,7 +106,7 @@ class TwoWayDrivetrain(Drivetrain):
     def brakes(self, duty: Tensor, target: Tensor, car: CarState) -> tuple[Tensor, Tensor] | None:
         if self.command.kind != "throttle_brake_reverse":
             return None
-        pressed = torch.where(car.vx > STANDS, (-duty).clamp_min(0.0), 0.0) * self.brake
+        pressed = torch.where(car.vx > self.stands, (-duty).clamp_min(0.0), 0.0) * self.brake
         drag = torch.where(target.abs() < IDLE, self.dragged, torch.zeros_like(self.dragged))
         return self.in_front * pressed, (1.0 - self.in_front) * pressed + drag
 
@@ -119,7 +119,7 @@ class TwoWayDrivetrain(Drivetrain):
         resistance = winding + duty.square() * self.values["battery_resistance"]
         current = (duty * voltage - self.motor_constant * axle_speed) / resistance
         if "motor_power_limit" in self.faults:
-            reached = (self.motor_constant * axle_speed.abs()).clamp_min(0.05)
+            reached = (self.motor_constant * axle_speed.abs()).clamp_min(self.crawl)
             current = torch.clamp(current, -self.power / reached, self.power / reached)
         # It freewheels: a current flows only in the direction of the duty cycle.
         forward = torch.where(duty > 0, current.clamp_min(0.0), 0.0)

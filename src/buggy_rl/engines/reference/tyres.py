@@ -7,7 +7,9 @@ from torch import Tensor
 
 from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.wheels import per_wheel
+from buggy_rl.similarity import Similarity
 
+# Speeds of a buggy:
 STANDSTILL_SPEED = 0.05  # [m/s] keeps the slip of a standing tyre finite; chosen
 DAMPING_SPEED = 1.0  # [m/s] above it the rolling itself damps the carcass; chosen
 SLIPPERY = 0.15  # [-] friction lost by sliding over friction lost by a worn or wet tyre; chosen
@@ -21,12 +23,19 @@ class Tyres:
         values: Parameter name -> value, each [*] or ones in place of the batch.
         static_load: [4, *] load of each wheel at rest [N].
         faults: Of the rubber.
+        similarity: Ratios of the car to the buggy.
     """
 
     def __init__(
-        self, values: Mapping[str, Tensor], static_load: Tensor, faults: Faults | None = None
+        self,
+        values: Mapping[str, Tensor],
+        static_load: Tensor,
+        faults: Faults | None = None,
+        similarity: Similarity | None = None,
     ) -> None:
         faults = faults or Faults({}, values["grip"])
+        speed = (similarity or Similarity()).speed
+        self.standstill, self.damped_below = speed * STANDSTILL_SPEED, speed * DAMPING_SPEED
         balance = faults["grip_balance.front_to_rear"].sqrt()
         grip = values["grip"] * faults["tire_grip.grip"]
         self.grip = per_wheel(grip * balance, grip / balance)
@@ -48,7 +57,7 @@ class Tyres:
         slip stays within +-2 also with spinning or locked wheels and in a sideways slide.
         """
         fastest = torch.maximum(along.square() + across.square(), tread.square())
-        return (fastest + STANDSTILL_SPEED**2).sqrt()
+        return (fastest + self.standstill**2).sqrt()
 
     def relaxed(
         self, slip: Tensor, slip_speed: Tensor, transport: Tensor, dt: float
@@ -70,7 +79,7 @@ class Tyres:
         reach = dt / self.relaxation_length
         half = 0.5 * transport * reach  # well below 1, so the rule does not ring
         following = (slip * (1.0 - half) + slip_speed * reach) / (1.0 + half)
-        tau = self.carcass_damping * DAMPING_SPEED / (DAMPING_SPEED + transport)
+        tau = self.carcass_damping * self.damped_below / (self.damped_below + transport)
         return following, following + (following - slip) * (tau / dt)
 
     def friction(self, load: Tensor, slip_speed: Tensor) -> Tensor:
