@@ -1,4 +1,4 @@
-r"""Drives a simulator in an 8 m room and writes the recordings of a simulated tracking camera.
+r"""Drives a simulator about a room and writes the recordings of a simulated tracking camera.
 
     python scripts/record.py configs/record_sample.yaml
     python scripts/record.py output=runs/drives drives=20 seconds=60 seed=7 format=parquet
@@ -6,11 +6,13 @@ r"""Drives a simulator in an 8 m room and writes the recordings of a simulated t
         camera.latency=0.03 sealed=runs/late_answer
     python scripts/record.py output=runs/brakes driver=manoeuvring \
         options.command=throttle_brake_reverse
+    python scripts/record.py output=runs/large driver=manoeuvring car=autorally \
+        options.command=throttle_brake_reverse camera.velocity_noise=0.07
 
 Writes OUTPUT/PREFIX_00.csv and so on, one recording a drive, and the config beside them, or to
 SEALED for a blind test; for a command other than a one-way throttle also OUTPUT/columns.yaml, the
-column map to read them with. src/buggy_rl/engines/reference/faults.py lists the faults of the
-reference car.
+column map to read them with. The room is 8 m wide, for another `car` as much wider.
+src/buggy_rl/engines/reference/faults.py lists the faults of the reference car.
 """
 
 from pathlib import Path
@@ -40,8 +42,7 @@ def main() -> None:
     about = Path(config.sealed or config.output)
     if config.sealed and about.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"sealed={about} is inside output={folder}: name a folder elsewhere")
-    options = config.options | ({"faults": config.faults} if config.faults else {})
-    engine = make_simulator(config.simulator, config.drives, **options)
+    engine = make_simulator(config.simulator, config.drives, **config.of_engine)
     camera = Camera(config.camera, config.seed)
     steps = round(config.seconds / CONTROL_PERIOD)
     rows = driven(engine, make_driver(config, engine), steps)

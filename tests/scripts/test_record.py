@@ -111,3 +111,16 @@ def test_the_sample_is_what_its_config_records(record, tmp_path):
         pd.testing.assert_frame_equal(fresh[commands], kept[commands], atol=1e-3)
         # Camera noise is drawn for the whole length at once: another 1.5 s has another noise.
         pd.testing.assert_frame_equal(fresh[place], kept[place], atol=0.01)
+
+
+def test_a_larger_car_with_brakes_is_driven_about_a_larger_room(record, capsys, tmp_path):
+    command = "options.command=throttle_brake_reverse"
+    options = ["driver=manoeuvring", "car=autorally", command, "drives=4", "seconds=12"]
+    record(f"output={tmp_path}", *options)
+    farthest = float(capsys.readouterr().out.split("|x| or |y| ")[1].split()[0])
+    assert farthest < 4.0 * 0.57 / 0.174
+    recordings, refusals = load_recordings(tmp_path, tmp_path / "columns.yaml", car="autorally")
+    assert not refusals
+    vx = torch.cat([r.data[keys.VELOCITY][:, 0] for r in recordings])
+    assert vx.max() > 2.5
+    assert vx.min() < -0.3

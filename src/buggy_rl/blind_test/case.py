@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from buggy_rl.blind_test.cars import BUGGY, car_of
 from buggy_rl.blind_test.sizes import CAMERA, COMMANDED_SIZES, SIZES, UNKNOWN_SIZES
+from buggy_rl.car_file import CarFile
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.plants.composed import Disturbance, is_composed
 
@@ -60,6 +62,8 @@ class Case:
     """What the car's first command is, of `COMMANDS`; others than a throttle on the reference."""
     rate: int = 100
     """At which it is commanded and recorded [Hz], of `RATES`."""
+    scale: float = BUGGY
+    """Length of a reference car over the buggy's; its speeds and times go with the root."""
 
     def __post_init__(self) -> None:
         known = {*SIZES, *UNKNOWN_SIZES, *COMMANDED_SIZES}
@@ -75,6 +79,8 @@ class Case:
             raise ValueError(f"rate is {self.rate}: must be one of {', '.join(map(str, RATES))}")
         if self.rate != RATES[-1] and self.simulator == "learned":
             raise ValueError(f"rate is {self.rate}: learned models are prepared at 100 Hz")
+        if self.scale != BUGGY and {self.plant, self.simulator} != {"reference"}:
+            raise ValueError(f"scale is {self.scale:g}: only the reference car has another size")
 
     @property
     def id(self) -> str:
@@ -107,6 +113,11 @@ class Case:
     def longitudinal(self) -> LongitudinalCommand:
         """What the car's first command is."""
         return COMMANDS[self.command]
+
+    @property
+    def car(self) -> CarFile:
+        """The car, as its file says it."""
+        return car_of(self.scale, self.longitudinal)
 
     @property
     def pairing(self) -> str:

@@ -2,8 +2,9 @@
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from buggy_rl.blind_test.cars import BUGGY
 from buggy_rl.blind_test.case import COMMANDS, RATES, Case
 from buggy_rl.blind_test.sizes import (
     CAMERA,
@@ -12,6 +13,7 @@ from buggy_rl.blind_test.sizes import (
     UNKNOWN_SIZES,
     Range,
     composed_sizes,
+    scaled,
 )
 from buggy_rl.plants.composed import SORTS, WHERE, is_composed
 from buggy_rl.plants.reference import abilities_of
@@ -110,6 +112,8 @@ class Settings:
     of its make, or quickly fitted anew."""
     rates: list[int] = field(default_factory=lambda: [100])
     """At which cars are commanded and recorded [Hz]; learned simulators at 100 only."""
+    scales: list[float] = field(default_factory=lambda: [BUGGY])
+    """Lengths of reference cars over the buggy's; sizes of effects are scaled to them."""
 
     def __post_init__(self) -> None:
         if self.split not in FIRST:
@@ -171,7 +175,7 @@ def draw(
     nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
     known = SIZES | UNKNOWN_SIZES | {n: COMMANDED_SIZES[n] for n in commanded(pairing)}
     sizes = {n: composed_sizes(n) if is_composed(n) else known[n] for n in names}
-    return Case(
+    case = Case(
         seed=seed,
         plant=pairing.plant,
         simulator=pairing.simulator,
@@ -186,6 +190,23 @@ def draw(
         command=pairing.command,
         rate=_rate(chance, settings, pairing.simulator),
     )
+    return at_scale(case, chance.choice(settings.scales))
+
+
+def at_scale(case: Case, scale: float) -> Case:
+    """A case of the buggy with a car of another size: sizes of effects and lengths of drives too.
+
+    Raises:
+        ValueError: It is not one of the reference car alone, or conceals composed physics.
+    """
+    if scale == BUGGY:
+        return case
+    if any(is_composed(effect) for effect in case.concealed):
+        raise ValueError("composed physics has the size of the buggy's: scales=[1]")
+    large = replace(case, scale=scale)
+    ratios = large.car.similarity
+    concealed = {e: scaled(e, values, ratios) for e, values in case.concealed.items()}
+    return replace(large, concealed=concealed, seconds=round(case.seconds * ratios.time, 2))
 
 
 def commanded(pairing: Pairing) -> frozenset[str]:

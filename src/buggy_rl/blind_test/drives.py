@@ -11,15 +11,17 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.blind_test.cars import BUGGY
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.hands import TimidDriver, WildDriver
 from buggy_rl.blind_test.steady_driver import SteadyDriver
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.faults import NEUTRAL
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.longitudinal import ONE_WAY
 from buggy_rl.plants import make_plant
 from buggy_rl.plants.composed import Disturbance
 from buggy_rl.plants.reference import make_reference
+from buggy_rl.policies.controllers.at_scale import RoomAtScale
 from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.stepping import trajectory
@@ -49,7 +51,7 @@ Driver = Callable[[TensorDictBase], TensorDictBase]
 
 
 def moved(cases: Sequence[Case]) -> list[Motion]:
-    """Drives the cars of cases that share plant, length and rate; reference cars in one batch.
+    """Drives cars of cases that share plant, length, rate and scale; reference cars in one batch.
 
     Every case has drivers of its own: its motion does not depend on the other cases.
     """
@@ -70,7 +72,7 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
             disturbances.append([])
     poses = [driver.start_pose([size]) for driver, size in zip(drivers, sizes, strict=True)]
     if plant == "reference":
-        engine = _reference_cars(faults, parameters, sizes, cases[0].longitudinal)
+        engine = _reference_cars(faults, parameters, sizes, cases[0])
         act = acting(disturbances, sizes)
         driver = joined(drivers, sizes)
         parts = driven(engine, driver, torch.cat(poses), rows, act, cases[0].every).split(sizes)
@@ -92,17 +94,23 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
     return [Motion(next(motion), next(motion) if case.baseline else None) for case in cases]
 
 
-def driver_of(case: Case, seed: int) -> ManoeuvringDriver | RoomDriver | SteadyDriver:
+def driver_of(case: Case, seed: int) -> RoomAtScale | ManoeuvringDriver | RoomDriver:
     """Who drives the car of a case.
 
     Raises:
         ValueError: The case's driving is one that such a car has no driver for.
     """
+    scale = case.car.similarity
+    driver = _driver_of(case, seed, case.every * CONTROL_PERIOD / scale.time)
+    return driver if case.scale == BUGGY else RoomAtScale(driver, scale)
+
+
+def _driver_of(case: Case, seed: int, dt: float) -> ManoeuvringDriver | RoomDriver:
+    """The buggy's driver, with a command every `dt` [s] of the buggy's time."""
     if case.longitudinal == ONE_WAY:
-        return DRIVERS[case.driving](seed=seed, dt=case.every * CONTROL_PERIOD)
+        return DRIVERS[case.driving](seed=seed, dt=dt)
     if case.driving != "rich":
         raise ValueError(f"case {case.id}: only rich driving brakes and reverses: driving=[rich]")
-    dt = case.every * CONTROL_PERIOD
     return ManoeuvringDriver(seed=seed, command=case.longitudinal, dt=dt)
 
 
@@ -113,9 +121,10 @@ def plant_of(
     parameters: Mapping[str, float] | None = None,
 ) -> EnvBase:
     """Cars of a case's plant that take its command."""
-    if case.longitudinal == ONE_WAY:
+    if case.longitudinal == ONE_WAY and case.scale == BUGGY:
         return make_plant(case.plant, cars, faults, parameters)
-    return make_reference(cars, faults, parameters, case.longitudinal)
+    size = None if case.scale == BUGGY else case.car.vehicle
+    return make_reference(cars, faults, parameters, case.longitudinal, size)
 
 
 def plant_parameters(case: Case) -> dict[str, float]:
@@ -134,12 +143,13 @@ def _reference_cars(
     faults: Sequence[Mapping[str, Mapping[str, float]]],
     parameters: Sequence[Mapping[str, float]],
     sizes: Sequence[int],
-    command: LongitudinalCommand = ONE_WAY,
+    case: Case,
 ) -> EnvBase:
-    """One batch with the faults and parameters of each part."""
+    """One batch of cars like that of a case, with the faults and parameters of each part."""
     count, first = sum(sizes), 0
     tensors: dict[str, Tensor] = {}
-    cars = ReferenceEngine(count, command=command)
+    cars = plant_of(case, count, {})
+    assert isinstance(cars, ReferenceEngine)
     numbers: dict[str, Tensor] = {}
     for own, size in zip(parameters, sizes, strict=True):
         for name, value in own.items():

@@ -15,6 +15,7 @@ from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
 from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
+from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 BASELINE_NOISE = 100  # number of the first baseline drive, behind those of all other drives
@@ -45,7 +46,7 @@ def measured(case: Case, true: TensorDict, changed: bool, place: int) -> Recordi
         place: Number of the drive, which decides its noise.
     """
     seed = case.seed * 1_000 + place
-    config = CameraConfig(**(case.camera if changed else {}))
+    config = at_scale(CameraConfig(**(case.camera if changed else {})), case.car.similarity)
     for disturbance in case.disturbances if changed else ():
         true = disturbance.seen(true)
     if case.nuisance == "stamps":
@@ -64,6 +65,12 @@ def measured(case: Case, true: TensorDict, changed: bool, place: int) -> Recordi
         data[keys.TIME] = jittered(data[keys.TIME], seed)
     dt = case.every * CONTROL_PERIOD
     return Recording(f"drive_{place}", data, dt, command=case.longitudinal)
+
+
+def at_scale(config: CameraConfig, scale: Similarity) -> CameraConfig:
+    """The camera of a similar car: its noise is as large a part of the motion as the buggy's."""
+    units = zip(NOISES, ("m", "rad", "m/s", "rad/s"), strict=True)
+    return replace(config, **{n: scale.of(unit) * getattr(config, n) for n, unit in units})
 
 
 def stamped_off(true: TensorDict, early: bool, rows: int = 1) -> TensorDict:

@@ -17,10 +17,12 @@ from pathlib import Path
 
 import yaml
 
+from buggy_rl.blind_test.cars import BUGGY, written
 from buggy_rl.blind_test.case import RATES, Case
 from buggy_rl.blind_test.drives import Motion, moved
 from buggy_rl.blind_test.recorded import BASELINE_NOISE, save_drives
 from buggy_rl.blind_test.simulators import (
+    CAR,
     COLUMNS,
     MODEL,
     prepared_name,
@@ -122,7 +124,9 @@ def groups(cases: Sequence[Case]) -> list[list[Case]]:
     """Cases that can be driven in one batch, `TOGETHER` at most."""
     alike: dict[tuple, list[Case]] = {}
     for case in cases:
-        alike.setdefault((case.plant, case.command, case.seconds, case.rate), []).append(case)
+        alike.setdefault(
+            (case.plant, case.command, case.seconds, case.rate, case.scale), []
+        ).append(case)
     most = {"reference": TOGETHER}
     return [
         same[first : first + most.get(plant, 1)]
@@ -190,6 +194,8 @@ def _sealed_text(case: Case, secret: str) -> str:
         del content["command"]  # likewise
     if case.rate == RATES[-1]:
         del content["rate"]  # likewise
+    if case.scale == BUGGY:
+        del content["scale"]  # likewise
     return json.dumps({"case": content, "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
@@ -203,6 +209,8 @@ def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:
         save_drives(case, motion.clean, folder / "baseline", numbers, changed=False)
     if case.longitudinal != ONE_WAY:
         save_command(case.longitudinal, folder / COLUMNS)
+    if case.scale != BUGGY:
+        (folder / CAR).write_text(yaml.safe_dump(written(case.car), sort_keys=False))
     content = simulator_content(case, store.prepared)
     if content["engine"] == MODEL:
         shutil.copyfile(store.prepared / f"{prepared_name(case)}.pt", folder / MODEL)

@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from buggy_rl.blind_test.cars import BUGGY
 from buggy_rl.blind_test.case import RATES, Case
 from buggy_rl.blind_test.drives import moved, plant_parameters
 from buggy_rl.blind_test.recorded import save_drives
@@ -25,6 +26,7 @@ PLAIN = ("reference", "mujoco")  # simulators as they are shipped; all others ar
 COARSE = {"reference": {"substep": 0.005}, "mujoco": {"timestep": 0.005}}  # five times, twice
 SLOW = {"mujoco": 60, "mujoco_fitted": 60}  # segments that are diagnosed where time counts
 MODEL = "simulator.pt"
+CAR = "car.yaml"  # the file of a car that is not the buggy
 COLUMNS = "columns.yaml"  # the column map of drives whose command is no one-way throttle
 DRIVES, SECONDS = 6, 40.0  # as many and as long as the sample drives
 PREPARING = 300  # number of the first drive that a case's own simulator is fitted to
@@ -61,6 +63,8 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
     if case.longitudinal != ONE_WAY:
         own = {"command": case.longitudinal.plain}
         content["options"] = content.get("options", {}) | own
+    if case.scale != BUGGY:
+        content["options"] = content.get("options", {}) | {"dimensions": dict(case.car.dimensions)}
     if case.nuisance == "integrator":
         content["options"] = content.get("options", {}) | COARSE[content["engine"]]
     if case.nuisance.startswith("parameters"):
@@ -145,6 +149,8 @@ def question(case: Case, effects: list[str], segments: int = 0) -> str:
         content["parameters"] = False
     if case.rate != RATES[-1]:
         content["rate"] = case.rate
+    if case.scale != BUGGY:
+        content["car"] = CAR
     if case.longitudinal != ONE_WAY:
         content["columns"] = COLUMNS
         effects = effects or offered(case.longitudinal)

@@ -4,9 +4,12 @@ An effect library tuned on these ranges would know a part of the answer. The low
 driver notices, the upper one what makes him stop.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
+from buggy_rl.engines.reference.faults import FAULTS
 from buggy_rl.plants.composed import Sort
+from buggy_rl.similarity import Similarity
 
 
 class Range(NamedTuple):
@@ -137,6 +140,25 @@ TIME_CONSTANTS = {  # of a memory [s]
     "lag": Range(0.15, 0.8, False, "slower than a servo, faster than a bend"),
     "heat": Range(5.0, 20.0, False, "a motor or a tyre that warms"),
 }
+
+
+UNITS = {fault.name: fault.unit for fault in FAULTS} | {
+    "sensor_lever_arm.x": "m",
+    "sensor_lever_arm.y": "m",
+    "gyro_bias.bias": "rad/s",
+}
+
+
+def scaled(effect: str, values: Mapping[str, float], scale: Similarity) -> dict[str, float]:
+    """Numbers of an effect in a car of another size, by its ratios to the buggy.
+
+    Delays and lags of electronics stay, as do ratios and what goes with gravity; a servo's lag
+    goes with the car's own.
+    """
+    factors = {name: scale.of(UNITS.get(f"{effect}.{name}", "-")) for name in values}
+    if effect == "steering_lag":
+        factors = {"time_constant": scale.time}
+    return {name: float(f"{factors[name] * value:.6g}") for name, value in values.items()}
 
 
 def composed_sizes(name: str) -> dict[str, Range]:

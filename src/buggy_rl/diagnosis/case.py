@@ -45,7 +45,8 @@ class Case:
         if self.retuned_from is None:
             return self.problem.library
         declared = getattr(self.retuned_from.make(1), "declared", {})
-        return Library(self.problem.library.effects, declared)
+        library = self.problem.library
+        return Library(library.effects, declared, similarity=library.similarity)
 
 
 def prepared(

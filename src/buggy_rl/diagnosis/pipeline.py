@@ -45,6 +45,7 @@ from buggy_rl.estimation.workers import Workers
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.recording import refuse_another_rest
+from buggy_rl.similarity import Similarity
 from buggy_rl.task.augment import effects_of
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -184,9 +185,17 @@ def _measured(
     realises = {} if black_box else getattr(make(1), "realises", {})
     declared = getattr(make(1), "declared", {}) if own or realises else {}
     names = config.effects or offered(declared_by(make(1)))
-    library = Library([e for e in names if e not in inside], declared, own, realises)
+    scale = _similarity(config, make)
+    library = Library([e for e in names if e not in inside], declared, own, realises, scale)
     options, notes = measurable_options(make)
     return replace(simulation, options=options), library, notes
+
+
+def _similarity(config: DiagnosisConfig, make: Callable[[int], Any]) -> Similarity:
+    """Ratios of the car to the buggy; without a car's file those of the simulator."""
+    if config.car:
+        return load_car(config.car).similarity
+    return getattr(make(1), "similarity", Similarity())
 
 
 def _case(
@@ -264,7 +273,8 @@ def _retuned_first(
     make = maker(config, tuned.values, done.step)
     simulation = replace(given, make=make, options=measurable_options(make)[0])
     declared = getattr(make(1), "declared", {})
-    library = Library(done.case.problem.library.effects, declared, own=False)
+    library = done.case.problem.library
+    library = Library(library.effects, declared, own=False, similarity=library.similarity)
     budget = done.case.budget
     case = prepared(simulation, done.case.recordings, library, config, budget=budget)
     case = replace(case, retuned_from=given)

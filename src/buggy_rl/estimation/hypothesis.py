@@ -10,10 +10,12 @@ from torch import Tensor
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.inside import Inside
+from buggy_rl.estimation.prior_scale import scaled
 from buggy_rl.estimation.rollout import Settings
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.parameters import Parameter
 from buggy_rl.realisation import Realisations
+from buggy_rl.similarity import Similarity
 
 PRIOR = 3.0  # [prior scales] standard deviation of a parameter: wide, so that data decide
 # Later by a sample and a half at most: beyond, a clock is no other than a sensor that is late.
@@ -107,6 +109,7 @@ class Library:
         parameters: What the simulator declares.
         own: Whether those may be wrong.
         realises: Effects that the simulator realises by its parameters: their numbers act there.
+        similarity: Ratios of the car to the buggy, whose prior scales the effects declare.
     """
 
     def __init__(
@@ -115,8 +118,9 @@ class Library:
         parameters: Mapping[str, Parameter] | None = None,
         own: bool = True,
         realises: Realisations | None = None,
+        similarity: Similarity | None = None,
     ) -> None:
-        self.own = own
+        self.own, self.similarity = own, similarity or Similarity()
         self.effects = list(EFFECTS if effects is None else effects)
         self.parameters = {name: _own(p) for name, p in (parameters or {}).items()}
         self.inside = Inside(realises or {}, self.parameters, self.effects)
@@ -132,7 +136,9 @@ class Library:
         if effect.startswith(OWN):
             return (self.parameters[effect.removeprefix(OWN)],)
         kind = effect_class(effect)
-        free = tuple(p for p in kind.declared if p.name not in kind.alternatives)
+        free = tuple(
+            scaled(p, self.similarity) for p in kind.declared if p.name not in kind.alternatives
+        )
         if effect in self.inside:
             return tuple(self.inside.bounded(effect, p) for p in free)
         return free
@@ -188,7 +194,7 @@ class Library:
         """
         numbers = self.numbers(effect)
         if {"x", "y", "radius"} <= {p.name for p in numbers}:
-            return _patches(numbers, segments)
+            return _patches(numbers, segments, self.similarity.length)
         result = []
         both_ways = all(p.lower < p.value < p.upper for p in numbers)
         for size in at:
@@ -228,14 +234,16 @@ def _own(parameter: Parameter) -> EffectParameter:
     )
 
 
-def _patches(numbers: Sequence[EffectParameter], segments: Segments) -> list[list[float]]:
-    """Half the grip within 1 m of a grid of positions over what was driven."""
+def _patches(
+    numbers: Sequence[EffectParameter], segments: Segments, radius: float
+) -> list[list[float]]:
+    """Half the grip within a radius [m] of a grid of positions over what was driven."""
     driven = segments.pose[..., :2].flatten(0, 1)
     low, high = torch.quantile(driven[::7], torch.tensor([0.1, 0.9]), 0).unbind(0)
     result = []
     for a in PATCH_GRID:
         for b in PATCH_GRID:
             x, y = (low + torch.tensor([a, b]) * (high - low)).tolist()
-            own = {"radius": 1.0, "grip": 0.5, "x": x, "y": y}
+            own = {"radius": radius, "grip": 0.5, "x": x, "y": y}
             result.append([float(p.coordinate(own[p.name])) for p in numbers])
     return result

@@ -7,12 +7,14 @@ from buggy_rl.kernels.kernel import Kernel
 
 KERNELS = (
     "buggy_rl.engines.reference.car:KERNEL",
+    "buggy_rl.engines.reference.car:BRAKED_KERNEL",
     "buggy_rl.engines.single_track:KERNEL",
     "buggy_rl.effects.motion.step:CENTRED",
     "buggy_rl.effects.motion.step:MEAN_ACCELERATION",
     "buggy_rl.effects.motion.step:MOVED",
     "buggy_rl.effects.tyre.change:REAR_DRIVEN",
     "buggy_rl.effects.tyre.change:ALL_DRIVEN",
+    "buggy_rl.effects.tyre.change:REAR_DRIVEN_TWO_WAY",
 )
 
 
@@ -26,5 +28,5 @@ class CompileConfig:
 
 
 def kernels() -> list[Kernel]:
-    """The two engines; a step of effects on the motion; the tyre effects of both drives."""
+    """Two engines, one with brakes too; a step of effects on the motion; tyre effects."""
     return [load_named(name) for name in KERNELS]

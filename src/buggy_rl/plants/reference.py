@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.engines.reference.faults import COMMAND_OF, TEXTBOOK, UNKNOWN, effect_of
 from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.vehicle import VehicleDimensions
 
 ABILITIES = frozenset(effect_of(fault.name) for fault in (*TEXTBOOK, *UNKNOWN))
 
@@ -19,6 +20,9 @@ def make_reference(
     faults: Mapping[str, Mapping[str, float]],
     parameters: Mapping[str, float] | None,
     command: str | LongitudinalCommand = "throttle",
+    dimensions: VehicleDimensions | None = None,
 ) -> ReferenceEngine:
     """Reference cars with faults; see `buggy_rl.engines.reference.faults`."""
-    return ReferenceEngine(cars, parameters=parameters, faults=faults, command=command)
+    return ReferenceEngine(
+        cars, parameters=parameters, faults=faults, command=command, dimensions=dimensions
+    )

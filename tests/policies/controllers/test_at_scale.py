@@ -7,8 +7,10 @@ from tensordict import TensorDict
 from buggy_rl.engines import make_engine
 from buggy_rl.policies.benchmark_paths import evaluation_task
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.at_scale import AtScale, for_car
+from buggy_rl.policies.controllers.at_scale import AtScale, RoomAtScale, for_car
+from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.similarity import Similarity
 from buggy_rl.task.env import TaskConfig, make_env
@@ -51,3 +53,17 @@ def test_pure_pursuit_drives_a_lap_of_the_car_s_own_size(car):
     scores = drive(env, for_car(PurePursuit(), car), steps).means()
     assert scores["kept_on"] == 1.0
     assert scores["waypoints"] > 25  # of 51 a lap
+
+
+@pytest.mark.parametrize("kind", [RoomDriver, ManoeuvringDriver])
+def test_a_driver_about_a_room_gives_the_similar_car_the_same_commands(kind):
+    scale = Similarity(64.0, 4.0, 2.0)
+    buggy, car = kind(seed=5, dt=0.01), RoomAtScale(kind(seed=5, dt=0.02 / scale.time), scale)
+    start, far = buggy.start_pose([3]), car.start_pose([3])
+    assert torch.allclose(far, start * torch.tensor([4.0, 4.0, 1.0]))
+    moving = torch.tensor([[1.5, 0.1, 0.4], [0.2, 0.0, 0.0], [3.0, -0.2, -1.0]])
+    fast = moving * torch.tensor([2.0, 2.0, 0.5])
+    for _ in range(300):
+        one = buggy(TensorDict({"pose": start.clone(), "velocity": moving}, [3]))["action"]
+        other = car(TensorDict({"pose": far.clone(), "velocity": fast}, [3]))["action"]
+        assert torch.allclose(one, other, atol=1e-5)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 from torchrl.envs import EnvBase
@@ -16,6 +17,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.recordings import Recording, load_recordings
 from buggy_rl.task.env import make_simulator
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,10 @@ class Asked:
 
         @cache
         def make(count: int) -> EnvBase:
-            return make_simulator(self.config.simulator, count, parameters=parameters)
+            own: dict[str, Any] = {"parameters": parameters}
+            if self.config.dt != CONTROL_PERIOD:
+                own["dt"] = self.config.dt
+            return make_simulator(self.config.simulator, count, **own)
 
         return make
 
@@ -63,15 +68,23 @@ def asked(seen: Path) -> Asked:
         ValueError: A drive cannot be read.
     """
     question = yaml.safe_load((seen / "question.yaml").read_text())
-    question["simulator"] = str(seen / question["simulator"])
+    for name in ("simulator", "columns", "car"):
+        if name in question:
+            question[name] = str(seen / question[name])
     config = DiagnosisConfig(**question, output="")
-    return Asked(config, _drives(seen, config.recordings), _drives(seen, config.baseline))
+    return Asked(
+        config,
+        _drives(seen, config, config.recordings),
+        _drives(seen, config, config.baseline),
+    )
 
 
-def _drives(seen: Path, names: Sequence[str]) -> list[Recording]:
+def _drives(seen: Path, config: DiagnosisConfig, names: Sequence[str]) -> list[Recording]:
     if not names:
         return []
-    recordings, refusals = load_recordings([str(seen / name) for name in names])
+    recordings, refusals = load_recordings(
+        [str(seen / name) for name in names], config.columns or None, config.dt, car=config.car
+    )
     if refusals or not recordings:
         raise ValueError(f"{seen}: {'; '.join(map(str, refusals)) or 'there are no drives'}")
     return recordings

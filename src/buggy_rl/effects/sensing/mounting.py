@@ -20,8 +20,8 @@ class SensorLeverArm(MemorylessSensing):
     equation = "position + R(yaw) (x, y); vx - y r, vy + x r"
     source = "Siciliano et al. 2009, Robotics, ch. 3 (velocities of the points of a rigid body)"
     declared = (
-        EffectParameter("x", 0.0, -0.5, 0.5, "m", "Ahead of its nominal place.", 0.05, 0.01),
-        EffectParameter("y", 0.0, -0.5, 0.5, "m", "Left of its nominal place.", 0.05, 0.01),
+        EffectParameter("x", 0.0, -5.0, 5.0, "m", "Ahead of its nominal place.", 0.05, 0.01),
+        EffectParameter("y", 0.0, -5.0, 5.0, "m", "Left of its nominal place.", 0.05, 0.01),
     )
 
     @classmethod

@@ -293,3 +293,4 @@ def changed_by(axles: tuple[int, int], two_way: bool = False) -> Kernel:
 
 REAR_DRIVEN = changed_by((1, 2))
 ALL_DRIVEN = changed_by((0, 2))
+REAR_DRIVEN_TWO_WAY = changed_by((1, 2), two_way=True)

@@ -1,6 +1,9 @@
 """What a reference car is beside its parameters."""
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, fields
+from typing import Any
+
+from torch import Tensor
 
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.similarity import Similarity
@@ -21,6 +24,17 @@ class Build:
     def parts(self) -> tuple[VehicleDimensions, Similarity, LongitudinalCommand]:
         """Its fields, in their order."""
         return self.dimensions, self.similarity, self.command
+
+    def numbers(self, like: Tensor) -> Tensor:
+        """Dimensions and ratios in one tensor [S] of the type of another."""
+        return like.new_tensor((*astuple(self.dimensions), *astuple(self.similarity)))
+
+    @classmethod
+    def of_numbers(cls, numbers: Tensor, command: LongitudinalCommand) -> "Build":
+        """The inverse of `numbers`, of tensors."""
+        own: list[Any] = list(numbers.unbind())
+        count = len(fields(VehicleDimensions))
+        return cls(VehicleDimensions(*own[:count]), Similarity(*own[count:]), command)
 
     @property
     def usual(self) -> bool:

@@ -13,7 +13,7 @@ from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Radio
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.parameters import PARAMETERS
+from buggy_rl.engines.reference.parameters import COMMANDED, PARAMETERS
 from buggy_rl.engines.reference.state import (
     FAULT_STATES,
     HEAT,
@@ -27,9 +27,12 @@ from buggy_rl.engines.reference.surroundings import Surroundings
 from buggy_rl.engines.reference.two_way import TwoWayDrivetrain
 from buggy_rl.engines.reference.tyres import Tyres
 from buggy_rl.kernels.kernel import Kernel
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.vehicle import GRAVITY, slip_angle
 
+BRAKED = LongitudinalCommand("throttle_brake_reverse")
 VALUES = tuple(parameter.name for parameter in PARAMETERS)
+BRAKED_VALUES = (*VALUES, *(parameter.name for parameter in COMMANDED[BRAKED.kind]))
 MOVED = (
     *("vx", "vy", "yaw_rate", "dx", "dy", "dyaw"),
     *("tread", "slip", "lean", "lean_rate", "servo", "duty", "charge"),
@@ -102,8 +105,7 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        # The kernel is that of the buggy: a car of another size is stepped by PyTorch.
-        kernel = self.build.usual and not self.faults.active and KERNEL.ready(car.vx)
+        kernel = self.kernel is not None and self.kernel.ready(car.vx)
         step = self._kernel_step if kernel else partial(self._step, self)
         for index in range(self.substeps):
             if 0 < index < len(commands):
@@ -111,14 +113,26 @@ class Car:
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
             step(car, setting, self.substep)
 
+    @property
+    def kernel(self) -> Kernel | None:
+        """Of its substep; without one PyTorch steps it."""
+        if self.faults.active:
+            return None
+        if self.build.usual:
+            return KERNEL
+        return BRAKED_KERNEL if self.build.command == BRAKED else None
+
     def _kernel_step(self, car: CarState, setting: Setting, dt: float) -> None:
         """`step` by the kernel."""
+        kernel = self.kernel
+        assert kernel is not None
         if self._side_by_side.shape[1:] != car.vx.shape:
-            self._side_by_side = torch.stack([self.values[n].expand_as(car.vx) for n in VALUES])
+            names = VALUES if kernel is KERNEL else BRAKED_VALUES
+            self._side_by_side = torch.stack([self.values[n].expand_as(car.vx) for n in names])
+        size = () if kernel is KERNEL else (self.build.numbers(car.vx),)
         given = (setting.steering, setting.duty, setting.voltage)
-        state = KERNEL.run(
-            self._side_by_side, car.vx.new_tensor(dt), *given, *(getattr(car, n) for n in MOVED)
-        )
+        moved = (getattr(car, n) for n in MOVED)
+        state = kernel.run(self._side_by_side, *size, car.vx.new_tensor(dt), *given, *moved)
         for name, value in zip(MOVED, state, strict=True):
             setattr(car, name, value)
         car.rack = car.servo
@@ -237,10 +251,35 @@ def _moved_on(
 ) -> tuple[Tensor, ...]:
     """A substep of `dt` [s] of cars without a fault, `values` [P, n] in the order of `VALUES`."""
     named = dict(zip(VALUES, values.unbind(), strict=True))
-    parts = Car(named, Faults({}, values[0]), dt, 1)
+    return _stepped(Car(named, Faults({}, values[0]), dt, 1), steering, duty, voltage, *state)
+
+
+def _braked_on(
+    values: Tensor,
+    size: Tensor,
+    dt: Any,
+    steering: Tensor,
+    duty: Tensor,
+    voltage: Tensor,
+    *state: Tensor,
+) -> tuple[Tensor, ...]:
+    """A substep of cars of any size with brakes, `values` [P, n] in the order of `BRAKED_VALUES`.
+
+    `size` [S] is `Build.numbers`.
+    """
+    named = dict(zip(BRAKED_VALUES, values.unbind(), strict=True))
+    build = Build.of_numbers(size, BRAKED)
+    parts = Car(named, Faults({}, values[0]), dt, 1, build=build)
+    return _stepped(parts, steering, duty, voltage, *state)
+
+
+def _stepped(
+    parts: Car, steering: Tensor, duty: Tensor, voltage: Tensor, *state: Tensor
+) -> tuple[Tensor, ...]:
     moved: dict[str, Any] = dict(zip(MOVED, state, strict=True))
     car = CarState(**moved, rack=moved["servo"])
-    parts.step(car, Setting(steering, steering, duty, voltage, pose=steering), dt)
+    setting = Setting(steering, steering, duty, voltage, pose=steering)
+    parts.step(car, setting, parts.substep)
     return tuple(getattr(car, name) for name in MOVED)
 
 
@@ -253,10 +292,17 @@ def _example(n: int) -> tuple[Tensor, ...]:
     return (values[:, None].repeat(1, n), torch.tensor(0.001), zero, zero.clone(), 7 * one, *own)
 
 
+def _braked_example(n: int) -> tuple[Tensor, ...]:
+    _, *rest = _example(n)
+    shipped = {p.name: p.value for p in (*PARAMETERS, *COMMANDED[BRAKED.kind])}
+    values = torch.tensor([shipped[name] for name in BRAKED_VALUES])
+    return (values[:, None].repeat(1, n), Build().numbers(values), *rest)
+
+
 DIMENSION = {"tread": 1, "slip": 2, "lean": 1, "lean_rate": 1}  # of the cars; else 0
-KERNEL = Kernel(
-    "reference_substep",
-    _moved_on,
-    _example,
-    (1, None, 0, 0, 0, *(DIMENSION.get(name, 0) for name in MOVED)),
+STATE = tuple(DIMENSION.get(name, 0) for name in MOVED)
+# The buggy's has its dimensions as constants, as it had before there were other sizes.
+KERNEL = Kernel("reference_substep", _moved_on, _example, (1, None, 0, 0, 0, *STATE))
+BRAKED_KERNEL = Kernel(
+    "reference_substep_braked", _braked_on, _braked_example, (1, None, None, 0, 0, 0, *STATE)
 )

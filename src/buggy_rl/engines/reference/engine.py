@@ -36,14 +36,14 @@ from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, rotate, shift_velocity
 
-SUBSTEP = 0.001  # [s] halving it moves paths of 1 s by under 1 %, see the tests
+SUBSTEP = 0.001  # [s] of a buggy; halving it moves paths of 1 s by under 1 %, see the tests
 
 
 class ReferenceEngine(Engine):
     """A double-track car with brush tyres, suspension, motor, battery and servo.
 
     Args:
-        substep: Longest internal step [s].
+        substep: Longest internal step [s]; by default 1 ms of the time of a similar buggy.
         faults: Faults of the car, as `{"effect.parameter": value}` or nested, as
             `{"effect": {"parameter": value}}`, a number for all environments or a tensor of the
             batch's shape; see `faults.FAULTS`.
@@ -62,7 +62,7 @@ class ReferenceEngine(Engine):
     def __init__(
         self,
         *args: Any,
-        substep: float = SUBSTEP,
+        substep: float | None = None,
         faults: Mapping[str, Any] | None = None,
         compiled: bool = False,
         command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
@@ -78,9 +78,10 @@ class ReferenceEngine(Engine):
         self.build = Build(size, Similarity.between(size, speed=speed_ratio), self.command)
         declared = declared_parameters(self.command.kind, size, self.build.similarity)
         super().__init__(*args, declared=declared, **common)
-        self.substep, self.compiled = substep, compiled
+        self.substep = SUBSTEP * self.similarity.time if substep is None else substep
+        self.compiled = compiled
         self._fault_values = as_tensors(faults, self.device, self.similarity)
-        self._substeps = max(1, round(self.dt / substep))
+        self._substeps = max(1, round(self.dt / self.substep))
         self._parameters_changed()
         self._finish()
 

@@ -1,11 +1,15 @@
 """A controller of the buggy that drives a similar car of another size."""
 
+from collections.abc import Sequence
+
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.car_file import load_car
+from buggy_rl.policies.controllers.recording import Driver
 from buggy_rl.similarity import Similarity
 
 
@@ -27,13 +31,49 @@ class AtScale(TensorDictModuleBase):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes `action` [*, 2] for `waypoints` [*, W, 2] and `velocity` [*, 3]."""
-        velocity = tensordict[keys.VELOCITY]
-        units = [self.scale.of(unit) for unit in ("m/s", "m/s", "rad/s")]
         seen = tensordict.select(keys.WAYPOINTS, keys.VELOCITY)
         seen[keys.WAYPOINTS] = tensordict[keys.WAYPOINTS] / self.scale.length
-        seen[keys.VELOCITY] = velocity / torch.tensor(units, device=velocity.device)
+        seen[keys.VELOCITY] = _reduced(tensordict[keys.VELOCITY], self.scale)
         tensordict[keys.ACTION] = self.controller(seen)[keys.ACTION]
         return tensordict
+
+
+class RoomAtScale(TensorDictModuleBase):
+    """Shows a driver about a room the pose and velocity of the similar buggy.
+
+    The room is L times as large, and the driver's own times as long, if it is built with
+    dt' = dt S / L, the time that passes for the buggy between two commands.
+
+    Args:
+        driver: That reads `pose` and `velocity`, and writes `action`.
+        scale: Ratios of the car to the buggy.
+    """
+
+    def __init__(self, driver: Driver, scale: Similarity) -> None:
+        super().__init__()
+        self.in_keys, self.out_keys = [keys.POSE, keys.VELOCITY], [keys.ACTION]
+        self.driver, self.scale = driver, scale
+
+    def start_pose(self, batch_size: Sequence[int]) -> Tensor:
+        """Poses [*batch, 3] in the inner half of the room, facing anywhere."""
+        return self.driver.start_pose(batch_size) * self._lengths()
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes `action` [*, 2] for `pose` [*, 3] and `velocity` [*, 3]."""
+        seen = tensordict.select(keys.POSE, keys.VELOCITY)
+        seen[keys.POSE] = tensordict[keys.POSE] / self._lengths().to(tensordict[keys.POSE])
+        seen[keys.VELOCITY] = _reduced(tensordict[keys.VELOCITY], self.scale)
+        tensordict[keys.ACTION] = self.driver(seen)[keys.ACTION]
+        return tensordict
+
+    def _lengths(self) -> Tensor:
+        return torch.tensor([self.scale.length, self.scale.length, 1.0])
+
+
+def _reduced(velocity: Tensor, scale: Similarity) -> Tensor:
+    """Velocity [*, 3] of the similar buggy."""
+    units = [scale.of(unit) for unit in ("m/s", "m/s", "rad/s")]
+    return velocity / torch.tensor(units, device=velocity.device)
 
 
 def for_car(controller: TensorDictModuleBase, car: str) -> TensorDictModuleBase:

@@ -11,9 +11,13 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.car_file import load_car
+from buggy_rl.engines import ENGINES
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.recordings.camera import CameraConfig
+from buggy_rl.similarity import Similarity
 from buggy_rl.stepping import trajectory
+from buggy_rl.vehicle import CONTROL_PERIOD
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,10 @@ class RecordConfig:
     """Files are named prefix_00, prefix_01, ..."""
     driver: Literal["room", "manoeuvring"] = "room"
     """room: forward only; manoeuvring: also brakes and reverses, of a car whose command can."""
+    car: str = ""
+    """The car: a name in configs/cars or a file of one's own; empty for the buggy. Room, speeds and
+    the driver's times are scaled to it, and an engine of ours is made that car; the camera is
+    not."""
     options: dict[str, Any] = field(default_factory=dict)
     """Further arguments of the engine, e.g. options.command=throttle_brake_reverse."""
     faults: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -72,6 +80,18 @@ class RecordConfig:
             raise ValueError(f"format is {self.format!r}: must be csv or parquet")
         if self.drives < 1 or self.seconds <= 0:
             raise ValueError(f"{self.drives} drives of {self.seconds} s: both must be positive")
+
+    @property
+    def similarity(self) -> Similarity:
+        """Ratios of the car to the buggy."""
+        car = self.car or str(self.options.get("car", ""))
+        return load_car(car).similarity if car else Similarity()
+
+    @property
+    def of_engine(self) -> dict[str, Any]:
+        """Arguments of the engine; a simulator's file says itself which car it is."""
+        named = {"car": self.car} if self.car and self.simulator in ENGINES else {}
+        return named | self.options | ({"faults": self.faults} if self.faults else {})
 
 
 class Driver(Protocol):
@@ -92,20 +112,25 @@ def make_driver(config: RecordConfig, engine: EnvBase) -> Driver:
     Raises:
         ValueError: It cannot drive a car with this command.
     """
+    from buggy_rl.policies.controllers.at_scale import RoomAtScale
     from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
     from buggy_rl.policies.controllers.room import RoomDriver
 
-    command = declared_by(engine)
+    command, scale = declared_by(engine), config.similarity
+    dt = CONTROL_PERIOD / scale.time
     if config.driver == "manoeuvring":
         values = getattr(engine, "values", {})
         full_speed = float(values["full_speed"].mean()) if "full_speed" in values else 5.0
-        return ManoeuvringDriver(config.room, config.seed, command, full_speed)
+        full_speed /= scale.speed
+        driver = ManoeuvringDriver(config.room, config.seed, command, full_speed, dt)
+        return driver if scale == Similarity() else RoomAtScale(driver, scale)
     if command.kind != "throttle":
         raise ValueError(
             f"driver=room drives a one-way throttle, {config.simulator} takes {command}: "
             "driver=manoeuvring"
         )
-    return RoomDriver(config.room, config.seed)
+    driver = RoomDriver(config.room, config.seed, dt)
+    return driver if scale == Similarity() else RoomAtScale(driver, scale)
 
 
 def driven(engine: EnvBase, driver: Driver, steps: int) -> Iterator[TensorDictBase]:
