@@ -10,12 +10,16 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import command_of, declared_by
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
 CARS = 5  # that are tried out: one for each of these commands, full drive to both sides included
-COMMANDS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+# Drive and steering: half, full and none, which with brakes is full brake; both locks.
+DRIVES = ((0.5, 0.0), (1.0, 0.0), (0.0, 0.0), (0.5, 1.0), (0.5, -1.0))
+BACKWARD = 2  # of them
+GENTLE = 0.25  # [-] drive that keeps a car rolling
 TRIAL = 1.0  # [s] of them
 SPEED = 1.5  # [m/s] at which they are set down
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
@@ -68,6 +72,20 @@ def blaming(name: str) -> Iterator[None]:
                     f"{_words(error)}; run it alone with the same commands to find out why"
                 ) from error
         raise
+
+
+def _commands(env: EnvBase) -> Tensor:
+    """The trial commands [CARS, 2] of a simulator, whose rest may be at -1 or at 0."""
+    command, action = declared_by(env), torch.tensor(DRIVES)
+    action[:, 0] = command_of(action[:, 0], command.rest)
+    if command.two_way:
+        action[BACKWARD, 0] = -1.0
+    return action
+
+
+def _gentle(env: EnvBase) -> Tensor:
+    """A little drive [CARS, 2], wheels straight."""
+    return torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0]).expand(CARS, 2)
 
 
 def _words(error: BaseException) -> str:
@@ -136,7 +154,7 @@ def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None
 
 def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> None:
     """Two steps from one state, and steps from edited ones."""
-    gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
+    gentle = _gentle(env)
     one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
     for key in (keys.POSE, keys.VELOCITY):
         _check_shape(one.get(key, None), key, name, "a step")
@@ -156,7 +174,7 @@ def _odd(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
     Raises:
         ValueError: What one environment does depends on another's command.
     """
-    gentle = torch.tensor([-0.5, 0.0]).expand(CARS, 2)
+    gentle = _gentle(env)
     other = gentle.clone()
     other[0] = torch.tensor([0.8, 0.5])
     ends = []
@@ -234,7 +252,7 @@ def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expect
 
 def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> list[str]:
     """A second of each command: numbers, no running away, and different motions."""
-    action = torch.tensor(COMMANDS)
+    action = _commands(env)
     for row in range(round(TRIAL / dt)):
         state = _step(env, name, state, action)
         rate = state[keys.VELOCITY]
@@ -244,7 +262,7 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -
             what = "runs away" if bool(rate[car].isfinite().all()) else "returns NaN"
             raise ValueError(
                 f"simulator {name} {what} {(row + 1) * dt:.2f} s after {SPEED} m/s "
-                f"under throttle {COMMANDS[car][0]:g}, steering {COMMANDS[car][1]:g}: velocity "
+                f"under throttle {action[car, 0]:g}, steering {action[car, 1]:g}: velocity "
                 f"{[round(v, 1) for v in rate[car].tolist()]}"
             )
     driven = state[keys.VELOCITY]
