@@ -19,6 +19,7 @@ With car= the car's own runtime drives, watched by its safety rules (docs/car.md
 """
 
 import sys
+from pathlib import Path
 
 from buggy_rl.config import from_command_line, plain, run
 
@@ -51,8 +52,10 @@ def in_browser() -> None:
 
     from buggy_rl.car.deadlines import Deadlines
     from buggy_rl.files import write_json
+    from buggy_rl.longitudinal import ONE_WAY, declared_by
     from buggy_rl.policies import live_drive
     from buggy_rl.policies.drive_note import DriveNote, note_file
+    from buggy_rl.recordings import save_command
     from buggy_rl.recordings.recorder import Recorder
     from buggy_rl.vehicle import CONTROL_PERIOD
     from buggy_rl.viz.viewer.cockpit import Cockpit
@@ -75,6 +78,8 @@ def in_browser() -> None:
         note = note.ended(last, deadlines)
         write_json(note_file(config.output), plain(note))
         cockpit.end(note)
+    if declared_by(env) != ONE_WAY:
+        save_command(declared_by(env), Path(config.output).with_suffix(".columns.yaml"))
     print(
         f"{config.output}: {note.waypoints} waypoints closed in {note.seconds:.2f} s by a "
         f"{note.driver} driver; {note.overruns} of {recorder.rows} steps late"

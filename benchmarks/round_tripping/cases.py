@@ -46,9 +46,9 @@ class RoundTripConfig:
     """At which they are commanded and recorded [Hz]."""
     first: int = FIRST
     """Seed of the first case."""
-    seeds: int = 8
+    seeds: int = 4
     """Cases of each car and rate."""
-    together: int = 8
+    together: int = 4
     """Cases that are driven in one batch."""
     peer: bool = True
     """Whether the buggy with a one-way throttle has them too."""
@@ -56,7 +56,7 @@ class RoundTripConfig:
     """Length of each of the two drives of a buggy; that of another car is similar."""
     window: float = 1.0
     """Length of a rollout segment of a buggy [s]; likewise."""
-    stretches: int = 48
+    stretches: int = 36
     """Most segments of a diagnosis."""
     baseline: bool = False
     """Whether two drives without the effect are given."""

@@ -4,7 +4,7 @@ import math
 
 from buggy_rl.car.command_history import Written
 from buggy_rl.car.geofence import Anywhere
-from buggy_rl.car.interfaces import Reading
+from buggy_rl.car.interfaces import NEUTRAL, Reading
 from buggy_rl.car.recorder import Row
 from buggy_rl.car.safety import Safety
 from buggy_rl.car.supervisor import Supervisor
@@ -31,8 +31,8 @@ def row(t, **changes):
 class Drive:
     """A supervisor in steps of 10 ms, with a car that is seen 2 ms before each."""
 
-    def __init__(self, safety=None, fence=None):
-        self.supervisor = Supervisor(safety or Safety(), fence or Anywhere())
+    def __init__(self, safety=None, fence=None, at_rest=NEUTRAL):
+        self.supervisor = Supervisor(safety or Safety(), fence or Anywhere(), at_rest)
         self.now, self.hold, self.own, self.policy, self.hardware = 10.0, False, None, POLICY, ""
         self.decisions = []
 

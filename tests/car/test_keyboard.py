@@ -17,10 +17,10 @@ REPEAT = 3  # steps of 10 ms between repetitions of a held key, about 30 a secon
 class Terminal:
     """A terminal whose keys are pressed by the test."""
 
-    def __init__(self):
+    def __init__(self, config=None):
         self.keys, self.end = pty.openpty()
         self.now = 50.0
-        self.keyboard = Keyboard(HumanConfig(), self.end, lambda: self.now)
+        self.keyboard = Keyboard(config or HumanConfig(), self.end, lambda: self.now)
 
     def hold(self, key, steps):
         """Commands and the button while a key repeats."""
@@ -77,6 +77,13 @@ def test_any_other_key_stops(terminal, key):
     terminal.hold("w", 30)
     assert terminal.hold(key, 1) == [(None, False)]
     assert terminal.hold("w", 1)[0][0][0] < NEUTRAL[0] + 0.02  # from no drive on
+
+
+def test_the_key_of_the_brake_is_one_where_the_car_has_a_brake():
+    made = Terminal(HumanConfig(two_way=True, top_throttle=0.5))
+    seen = made.hold("x", 30)
+    made.keyboard.close()
+    assert seen[-1] == ((pytest.approx(-0.5), 0.0), True)
 
 
 def test_the_terminal_is_as_it_was_after_closing(terminal):

@@ -10,7 +10,9 @@ from buggy_rl import keys
 from buggy_rl.car_file import load_car
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.reference import ReferenceEngine
+from buggy_rl.engines.reference.car import BRAKED_KERNEL
 from buggy_rl.engines.reference.faults import FAULTS
+from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions
 
@@ -121,3 +123,15 @@ def test_ranges_of_faults_grow_with_the_car():
     engine = reference(faults=far, dimensions=LARGE)
     with pytest.raises(ValueError, match=r"must be in \[-80, 80\]"):
         engine.with_faults({"grip_patch.x": torch.tensor([90.0])})
+
+
+@pytest.mark.parametrize("size", [{}, LARGE], ids=["buggy", "large"])
+def test_the_braked_car_s_kernel_is_its_substep(monkeypatch, size):
+    options = {"command": "throttle_brake_reverse", "dimensions": size or None}
+    by_pytorch = rows(reference(**options), 0.5)
+    assert reference(**options).car.kernel is BRAKED_KERNEL  # type: ignore[attr-defined]
+    assert reference(**options, faults={"payload.mass_ratio": 1.2}).car.kernel is None
+    # What is compiled, run by PyTorch.
+    monkeypatch.setattr(Kernel, "ready", lambda *_: True)
+    monkeypatch.setattr(Kernel, "run", lambda kernel, *given: kernel.function(*given))
+    torch.testing.assert_close(rows(reference(**options), 0.5), by_pytorch, rtol=1e-4, atol=1e-4)

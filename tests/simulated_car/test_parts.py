@@ -114,8 +114,11 @@ def test_a_course_is_written_as_the_task_has_it(name, tmp_path):
 def test_a_car_that_is_at_rest_at_another_command_is_refused(tmp_path):
     file = tmp_path / "brakes.yaml"
     file.write_text("engine: kinematic\noptions: {command: throttle_brake_reverse}\n")
-    with pytest.raises(ValueError, match="give it a one-way command"):
+    with pytest.raises(ValueError, match=r"rest at 0; .* stops by -1: set two_way=true"):
         Physics(SimulatedCarConfig(simulator=str(file)))
+    with pytest.raises(ValueError, match=r"rest at -1; .* stops by 0: set two_way=false"):
+        Physics(SimulatedCarConfig(simulator="kinematic", two_way=True))
+    Physics(SimulatedCarConfig(simulator=str(file), two_way=True))
 
 
 def test_a_real_car_takes_no_options_beside_its_file():

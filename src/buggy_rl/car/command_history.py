@@ -4,7 +4,7 @@ import collections
 import math
 from typing import Deque, NamedTuple
 
-from buggy_rl.car.interfaces import NEUTRAL
+from buggy_rl.car.interfaces import NEUTRAL, Command
 from buggy_rl.car.messages import Report
 
 KEPT = 200  # commands; 2 s at 100 Hz, eight times the age at which a reading disarms
@@ -21,9 +21,9 @@ class Written(NamedTuple):
 class CommandHistory:
     """The commands that the actuator took last; neutral before the first."""
 
-    def __init__(self) -> None:
+    def __init__(self, at_rest: Command = NEUTRAL) -> None:
         self._written: Deque[Written] = collections.deque(maxlen=KEPT)
-        self._written.append(Written(-math.inf, *NEUTRAL))
+        self._written.append(Written(-math.inf, *at_rest))
 
     def add(self, report: Report) -> None:
         """Takes a report; a write that failed changes nothing at the wheels."""

@@ -23,29 +23,30 @@ class CommandLimits:
 
     Args:
         safety: The limits.
+        at_rest: No drive, wheels straight ahead.
     """
 
-    def __init__(self, safety: Safety) -> None:
-        self.safety = safety
+    def __init__(self, safety: Safety, at_rest: Command = NEUTRAL) -> None:
+        self.safety, self._rest = safety, at_rest[0]
         self.capped = 0
-        """Commands whose throttle was above the cap."""
+        """Commands whose throttle was above the cap, or below the floor."""
         self.slowed = 0
         """Commands that changed faster than the limits."""
-        self.last = NEUTRAL
+        self.last = at_rest
         """The last command given out."""
 
     def bounded(self, command: Command, dt: float) -> Command:
         """The nearest command within the limits, `dt` [s] after the last.
 
-        The throttle falls at once, because less drive is never the danger.
+        The throttle falls at once, and a brake is let go at once: less drive is never the danger.
         """
         throttle, steering = (max(-1.0, min(1.0, value)) for value in command)
         limits, (last_throttle, last_steering) = self.safety, self.last
-        if throttle > limits.throttle_cap:
-            throttle = limits.throttle_cap
+        if not limits.throttle_floor <= throttle <= limits.throttle_cap:
+            throttle = max(limits.throttle_floor, min(limits.throttle_cap, throttle))
             self.capped += 1
         wanted = throttle, steering
-        throttle = min(throttle, last_throttle + limits.throttle_rise * dt)
+        throttle = min(throttle, max(last_throttle, self._rest) + limits.throttle_rise * dt)
         reach = limits.steering_rate * dt
         steering = max(last_steering - reach, min(last_steering + reach, steering))
         self.slowed += (throttle, steering) != wanted

@@ -16,12 +16,13 @@ class CommandFilter:
 
     key = ""
 
-    def __init__(self) -> None:
-        self.now: Command = NEUTRAL
+    def __init__(self, at_rest: Command = NEUTRAL) -> None:
+        self._at_rest = at_rest
+        self.now: Command = at_rest
 
     def reset(self) -> None:
         """No drive, wheels straight: the command before the first step."""
-        self.now = NEUTRAL
+        self.now = self._at_rest
 
     def filtered(self, command: Command) -> Command:
         """u'_t of u_t, taken within [-1, 1]."""
@@ -47,8 +48,8 @@ class ActionSmoothing(CommandFilter):
 
     key = "smoothed_action"
 
-    def __init__(self, share: float) -> None:
-        super().__init__()
+    def __init__(self, share: float, at_rest: Command = NEUTRAL) -> None:
+        super().__init__(at_rest)
         self._share = share
 
     def _next(self, channel: int, asked: float) -> float:
@@ -60,8 +61,8 @@ class RateLimit(CommandFilter):
 
     key = "limited_action"
 
-    def __init__(self, largest: Tuple[float, float]) -> None:
-        super().__init__()
+    def __init__(self, largest: Tuple[float, float], at_rest: Command = NEUTRAL) -> None:
+        super().__init__(at_rest)
         self._largest = largest
 
     def _next(self, channel: int, asked: float) -> float:
@@ -72,7 +73,7 @@ class RateLimit(CommandFilter):
 COMMANDS = {"last_action": LastAction, "action_smoothing": ActionSmoothing, "rate_limit": RateLimit}
 
 
-def make_command_filter(about: Mapping[str, Any]) -> CommandFilter:
-    """The filter that an entry of a policy's JSON names."""
+def make_command_filter(about: Mapping[str, Any], at_rest: Command = NEUTRAL) -> CommandFilter:
+    """The filter that an entry of a policy's JSON names, of a car with this neutral command."""
     options = {key: value for key, value in about.items() if key != "name"}
-    return COMMANDS[about["name"]](**options)
+    return COMMANDS[about["name"]](at_rest=at_rest, **options)

@@ -4,9 +4,11 @@ import json
 from typing import Any, Mapping, NamedTuple, Union
 
 from buggy_rl.car.geofence import Geofence, make_geofence
+from buggy_rl.car.interfaces import Command, neutral_of
 from buggy_rl.car.safety import Safety
 from buggy_rl.car.settings import section
 
+ASKING = ("pca9685", "buggy_rl.car.ros:AckermannActuator", "joystick", "keyboard")
 SECTIONS = ("sensor", "actuator", "pilot", "policy")
 
 
@@ -27,10 +29,27 @@ class CarConfig(NamedTuple):
     """Where the car may be, as of `geofence.make_geofence`."""
     safety: Mapping[str, Any] = {}
     """Limits that differ from those of `Safety`."""
+    two_way: bool = False
+    """Whether the speed controller brakes and reverses: no drive is throttle 0, -1 full brake or
+    reverse. False: no drive is -1, and there is no reverse."""
     period: float = 0.01
     """Control period [s]; that of the policy."""
     speed: float = 1.0
     """Of time; above 1 only for a simulated car."""
+
+    @property
+    def at_rest(self) -> Command:
+        """No drive, wheels straight ahead."""
+        return neutral_of(self.two_way)
+
+    def told(self, about: Mapping[str, Any]) -> Mapping[str, Any]:
+        """A section with `two_way`, where its driver is one of ours that asks for it.
+
+        A driver of one's own is given commands as they are.
+        """
+        if not self.two_way or about["kind"] not in ASKING:
+            return about
+        return dict(about, two_way=True)
 
     @property
     def limits(self) -> Safety:

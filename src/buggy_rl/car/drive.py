@@ -78,21 +78,21 @@ def drive(config: CarConfig, about: Dict[str, Any], say: Callable[[str], None]) 
         OSError: A device, a file or the watchdog cannot be opened.
     """
     clock = Clock(config.speed)
-    driver, limits = make_driver(config.policy), config.limits
+    driver, limits = make_driver(config.policy, config.two_way), config.limits
     path, _ = new_recording(config.output)
     with contextlib.ExitStack() as stack:
         signals = stack.enter_context(StopSignals())
         sensor = make_device(SENSORS, config.sensor, "sensor")
         stack.callback(sensor.close)
-        pilot = make_device(PILOTS, config.pilot, "pilot")
+        pilot = make_device(PILOTS, config.told(config.pilot), "pilot")
         stack.callback(pilot.close)
         recorder = DriveRecorder(path, clock.now())
         stack.callback(recorder.close)
         write_note(path, dict(about, begun=wall_time(), origin=recorder.origin))
-        watchdog = Watchdog(config.actuator, clock)
+        watchdog = Watchdog(config.told(config.actuator), clock, two_way=config.two_way)
         ending = Ending(watchdog)
         stack.callback(ending.close)  # the first to be closed, whatever happened
-        supervisor = Supervisor(limits, config.fence)
+        supervisor = Supervisor(limits, config.fence, config.at_rest)
         parts = Parts(sensor, pilot, watchdog, recorder, supervisor, driver, clock)
         say(f"recording to {path}")
         loop = Loop(parts, config.period, say)

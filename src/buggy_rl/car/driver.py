@@ -63,15 +63,16 @@ class Driver:
         return self.policy.ended if self._begun else ""
 
 
-def make_driver(about: Mapping[str, Any]) -> Optional[Driver]:
+def make_driver(about: Mapping[str, Any], two_way: bool = False) -> Optional[Driver]:
     """The driver that the section `policy` of a config names.
 
     Args:
         about: `kind` is `exported` (with `file`), `pursuit` (with the settings of `PursuitConfig`)
             or `none`; the first two need `path` and take `placed`.
+        two_way: Whether the car brakes and reverses: no drive is throttle 0, not -1.
 
     Raises:
-        ValueError: A key or a file is missing or wrong.
+        ValueError: A key or a file is missing or wrong, or the policy is of the other kind of car.
     """
     settings = dict(about)
     kind = settings.pop("kind", None)
@@ -80,9 +81,16 @@ def make_driver(about: Mapping[str, Any]) -> Optional[Driver]:
     own = {name: settings.pop(name) for name in Course._fields if name in settings}
     course = section(Course, own, "policy")
     if kind == "exported" and set(settings) == {"file"}:
-        return Driver(Policy.load(settings["file"]), course)
+        policy = Policy.load(settings["file"])
+        if policy.two_way != two_way:
+            trained = "with" if policy.two_way else "without"
+            raise ValueError(
+                f"policy {settings['file']} was trained on a car {trained} reverse, but "
+                f"car.two_way is {str(two_way).lower()}: make them equal"
+            )
+        return Driver(policy, course)
     if kind == "pursuit":
-        return Driver(Pursuit.from_dict(settings), course)
+        return Driver(Pursuit.from_dict(settings, two_way), course)
     raise ValueError(
         f'policy={dict(about)!r}: must be {{"kind": "exported", "file": F, "path": P}}, '
         '{"kind": "pursuit", "path": P} or {"kind": "none"}'

@@ -29,12 +29,15 @@ class Guard:
         actuator: What it writes to.
         times: Its times.
         now: The time [s]; the first command is due a timeout later.
+        at_rest: No drive, wheels straight ahead.
     """
 
-    def __init__(self, actuator: Actuator, times: GuardTimes, now: float) -> None:
-        self._actuator, self.times = actuator, times
+    def __init__(
+        self, actuator: Actuator, times: GuardTimes, now: float, at_rest: Command = NEUTRAL
+    ) -> None:
+        self._actuator, self.times, self._at_rest = actuator, times, at_rest
         self.sequence, self.state = 0, GOOD
-        self._fresh, self._wanted, self._due = now, NEUTRAL, now
+        self._fresh, self._wanted, self._due = now, at_rest, now
         self._asked_neutral = False
 
     def hear(self, command: CommandMessage, now: float) -> None:
@@ -45,7 +48,7 @@ class Guard:
         if command.sequence <= self.sequence or not sound:
             return
         self.sequence, self._fresh, self._due = command.sequence, command.stamp, now
-        self._asked_neutral = pair == NEUTRAL
+        self._asked_neutral = pair == self._at_rest
         if self.state == GOOD:
             self._wanted = pair
 
@@ -83,4 +86,4 @@ class Guard:
         return Report(self.sequence, now, *command, int(taken), self.state)
 
     def _take_over(self, state: int) -> None:
-        self.state, self._wanted = state, NEUTRAL
+        self.state, self._wanted = state, self._at_rest

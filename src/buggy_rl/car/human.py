@@ -9,7 +9,7 @@ import threading
 import time
 from typing import Any, Callable, NamedTuple, Union
 
-from buggy_rl.car.interfaces import NEUTRAL, NO_DRIVE, Command
+from buggy_rl.car.interfaces import NO_DRIVE, Command, neutral_of
 
 
 class HumanConfig(NamedTuple):
@@ -31,6 +31,8 @@ class HumanConfig(NamedTuple):
     """Back towards the middle [1/s]."""
     dead_zone: float = 0.08
     """Of a stick about its middle."""
+    two_way: bool = False
+    """For a car with brakes and reverse: no drive is throttle 0, not -1."""
 
 
 def check_human(config: Any) -> None:
@@ -47,8 +49,12 @@ def check_human(config: Any) -> None:
             f"human.silence={config.silence:g} s: must be above 0 and at most 0.09, so that the "
             "car has no drive 0.1 s after the browser went away"
         )
-    if not -1 < config.top_throttle <= 1:
-        raise ValueError(f"human.top_throttle={config.top_throttle:g}: must be in (-1, 1]")
+    lowest = neutral_of(config.two_way)[0]
+    if not lowest < config.top_throttle <= 1:
+        raise ValueError(
+            f"human.top_throttle={config.top_throttle:g}: must be in ({lowest:g}, 1]"
+            + (", where two_way is true" if config.two_way else "")
+        )
     if not 0 < config.lock <= 1:
         raise ValueError(f"human.lock={config.lock:g}: must be in (0, 1]")
     if not 0 <= config.dead_zone < 1:
@@ -66,6 +72,8 @@ class Controls(NamedTuple):
     """Of a gamepad the command; of a keyboard 1 to the left, -1 to the right, 0 for neither."""
     neutral: bool = False
     """The neutral key: at once, without a ramp."""
+    reverse: bool = False
+    """The brake key, of a car that brakes and reverses."""
     connected: bool = True
     """False when the page is left or the gamepad is unplugged."""
 
@@ -89,7 +97,7 @@ def read_controls(message: Union[str, bytes]) -> Controls:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not abs(value) <= 1:
             raise ValueError(f"controls {name}={value!r}: must be a number in [-1, 1]")
-    for name in ("neutral", "connected"):
+    for name in ("neutral", "reverse", "connected"):
         if not isinstance(getattr(controls, name), bool):
             raise ValueError(f"controls {name}={getattr(controls, name)!r}: must be true or false")
     return controls
@@ -108,11 +116,11 @@ class HumanInput:
     def __init__(self, config: Any = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.config = HumanConfig() if config is None else config
         check_human(self.config)
-        self._clock = clock
+        self._clock, self._at_rest = clock, neutral_of(self.config.two_way)
         self._lock = threading.Lock()
         self._heard = -math.inf
         self._controls = Controls()
-        self._now: Command = NEUTRAL
+        self._now: Command = self._at_rest
 
     def hear(self, controls: Controls) -> None:
         """Takes what is held now."""
@@ -130,18 +138,28 @@ class HumanInput:
         """The command for the step that begins now and lasts `dt` [s]."""
         silent, controls = self.silent, self._controls
         if silent or controls.neutral:
-            self._now = NEUTRAL
+            self._now = self._at_rest
         elif controls.source == "gamepad":
             steering = without_dead_zone(controls.steering, self.config.dead_zone)
-            self._now = controls.throttle, steering
+            throttle = controls.throttle
+            if self.config.two_way:  # a trigger, from -1 where it is let go
+                throttle = 0.5 * (throttle + 1) * (-1 if controls.reverse else 1)
+            elif controls.reverse:
+                throttle = NO_DRIVE
+            self._now = throttle, steering
         else:
             self._now = self._ramped(controls, dt)
         return self._now
 
     def _ramped(self, controls: Controls, dt: float) -> Command:
         c, (throttle, steering) = self.config, self._now
-        top = c.top_throttle if controls.throttle > 0 else NO_DRIVE
-        throttle = moved(throttle, top, dt * c.throttle_rise, dt * c.throttle_fall)
+        rest = self._at_rest[0]
+        top = c.top_throttle if controls.throttle > 0 else rest
+        if c.two_way and controls.reverse:
+            top = -c.top_throttle
+        # A brake is let go as fast as the drive is.
+        rise = c.throttle_rise if throttle >= rest else c.throttle_fall
+        throttle = moved(throttle, top, dt * rise, dt * c.throttle_fall)
         side = c.lock * controls.steering
         # On the way back to the middle, the wheels turn faster than away from it.
         fall = min(abs(steering), dt * c.steering_fall) if steering * side <= 0 else 0.0

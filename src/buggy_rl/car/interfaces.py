@@ -2,11 +2,17 @@
 
 from typing import List, NamedTuple, Optional, Tuple
 
-NO_DRIVE = -1.0  # throttle: no drive, the car coasts
+NO_DRIVE = -1.0  # throttle of a car without reverse: no drive, the car coasts
 NEUTRAL = (NO_DRIVE, 0.0)  # throttle and steering: no drive, wheels straight ahead
+TWO_WAY_NEUTRAL = (0.0, 0.0)  # of a car with brakes and reverse, for which -1 is full reverse
 
 Command = Tuple[float, float]
-"""Throttle and steering in [-1, 1]: -1 is no drive; +1 is full left."""
+"""Throttle and steering in [-1, 1]: no drive is -1, 0 where the car reverses; +1 is full left."""
+
+
+def neutral_of(two_way: bool) -> Command:
+    """No drive, wheels straight ahead."""
+    return TWO_WAY_NEUTRAL if two_way else NEUTRAL
 
 
 class Reading(NamedTuple):
@@ -54,6 +60,9 @@ class Sensor:
 class Actuator:
     """Turns the motor and the wheels."""
 
+    at_rest: Command = NEUTRAL
+    """What `neutral` writes."""
+
     def write(self, throttle: float, steering: float) -> None:
         """Sends a command, both in [-1, 1]; it returns within a few milliseconds.
 
@@ -68,7 +77,7 @@ class Actuator:
         Raises:
             OSError: The device did not take it.
         """
-        self.write(*NEUTRAL)
+        self.write(*self.at_rest)
 
     def close(self) -> None:
         """Lets go of the device without a command; a second call does nothing."""

@@ -4,14 +4,14 @@
 """
 
 import os
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import Any, Mapping, NamedTuple, Optional, Set
 
 from buggy_rl.car.human import HumanConfig, without_dead_zone
-from buggy_rl.car.interfaces import NEUTRAL, NO_DRIVE, Command, Pilot
+from buggy_rl.car.interfaces import NO_DRIVE, Command, Pilot, neutral_of
 from buggy_rl.car.settings import section
 
 HEADLESS = {"SDL_VIDEODRIVER": "dummy", "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1"}
-PULLED = 0.1  # of the trigger above no drive, from which a person takes over from the policy
+PULLED = 0.1  # of the throttle away from no drive, from which a person takes over from the policy
 
 
 class Layout(NamedTuple):
@@ -21,15 +21,20 @@ class Layout(NamedTuple):
     """Left stick across."""
     throttle_axis: int = 5
     """Right trigger."""
+    brake_axis: int = 2
+    """Left trigger: brakes and reverses a car that can."""
     hold_button: int = 4
     """Left shoulder: held for the car to drive."""
     dead_zone: float = 0.08
     """Of the stick about its middle."""
+    two_way: bool = False
+    """For a car with brakes and reverse: no drive is throttle 0, not -1; set by `car.two_way`."""
 
 
 RANGES = {
     "steering_axis": (0, 15),
     "throttle_axis": (0, 15),
+    "brake_axis": (0, 15),
     "hold_button": (0, 31),
     "dead_zone": (0.0, 0.5),
 }
@@ -41,7 +46,7 @@ class JoystickInput:
     Neutral while it is unplugged; plugged in again it is used again.
 
     Args:
-        config: Anything with a `dead_zone`, as `HumanConfig`.
+        config: Anything with a `dead_zone` and `two_way`, as `HumanConfig`.
         layout: Axes and buttons.
 
     Raises:
@@ -65,26 +70,34 @@ class JoystickInput:
         if not pygame.joystick.get_count():
             raise ValueError("no joystick is plugged in: plug one in, start again")
         self._stick = pygame.joystick.Joystick(0)
-        self._moved = False  # SDL reports a trigger as 0, half drive, until it first moves
+        self._two_way = bool(self.config.two_way)
+        self._at_rest = neutral_of(self._two_way)
+        self._moved: Set[int] = set()  # SDL reports a trigger as 0, half drive, until it moves
 
     def command(self, dt: float) -> Command:
         """The command for the step that begins now."""
         del dt
         if not self.listen():
-            return NEUTRAL
+            return self._at_rest
         layout = self.layout
         side = max(-1.0, min(1.0, -self._stick.get_axis(layout.steering_axis)))
-        throttle = self._stick.get_axis(layout.throttle_axis) if self._moved else NO_DRIVE
+        throttle = self._trigger(layout.throttle_axis)
+        if self._two_way:
+            throttle = 0.5 * (throttle - self._trigger(layout.brake_axis))
         return max(-1.0, min(1.0, throttle)), without_dead_zone(side, self.config.dead_zone)
+
+    def _trigger(self, axis: int) -> float:
+        """-1 where it is let go, 1 where it is pulled."""
+        return self._stick.get_axis(axis) if axis in self._moved else NO_DRIVE
 
     def listen(self) -> bool:
         """Takes what happened since the last call; returns whether a joystick is there."""
         pygame = self._pygame
         for event in pygame.event.get():
-            if event.type == pygame.JOYAXISMOTION and event.axis == self.layout.throttle_axis:
-                self._moved = True
+            if event.type == pygame.JOYAXISMOTION:
+                self._moved.add(event.axis)
             if event.type == pygame.JOYDEVICEREMOVED:
-                self._moved = False
+                self._moved.clear()
             if event.type == pygame.JOYDEVICEADDED:
                 self._stick = pygame.joystick.Joystick(0)
         return bool(pygame.joystick.get_count())
@@ -108,7 +121,7 @@ class Joystick(Pilot):
     """
 
     def __init__(self, stick: JoystickInput) -> None:
-        self._stick = stick
+        self._stick, self._rest = stick, neutral_of(stick.layout.two_way)[0]
         self._closed = False
 
     @classmethod
@@ -123,7 +136,7 @@ class Joystick(Pilot):
 
     def command(self, dt: float) -> Optional[Command]:
         throttle, steering = self._stick.command(dt)
-        mine = throttle > NO_DRIVE + PULLED or steering != 0.0
+        mine = abs(throttle - self._rest) > PULLED or steering != 0.0
         return (throttle, steering) if mine else None
 
     @property

@@ -27,7 +27,9 @@ DRIVE_KEYS: Dict[str, Tuple[float, float]] = {  # a terminal repeats one key at 
     "d": (NO_DRIVE, -1.0),
     "\x1b[C": (NO_DRIVE, -1.0),  # arrow right
 }
+REVERSE_KEY = "x"
 HELP = "hold p: the policy drives; hold w, q, e, a, d: you drive; space: neutral"
+HELP_BACK = "; hold x: you brake, then reverse"
 RANGES = {
     "silence": (0.02, 0.09),
     "top_throttle": (-0.99, 1.0),
@@ -89,7 +91,8 @@ class Keyboard(Pilot):
 
     def show(self, armed: bool, message: str) -> None:
         if not armed:
-            sys.stderr.write(HELP + "\n")
+            back = HELP_BACK if self._human.config.two_way else ""
+            sys.stderr.write(HELP + back + "\n")
 
     def close(self) -> None:
         if self._before is not None:
@@ -105,6 +108,9 @@ class Keyboard(Pilot):
         if key == POLICY_KEY:
             self._left_to_policy = True
             self._human.hear(Controls())
+        elif key == REVERSE_KEY and self._human.config.two_way:
+            self._left_to_policy = False
+            self._human.hear(Controls(reverse=True))
         elif key in DRIVE_KEYS:
             self._left_to_policy = False
             throttle, steering = DRIVE_KEYS[key]

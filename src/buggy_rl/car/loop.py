@@ -45,7 +45,7 @@ class Loop:
             parts.driver.refuse_other_than(period)
         self.steps, self.missed, self.armings = 0, 0, 0
         self.times, self.delays = LoopTimes(), LoopTimes()
-        self._history = CommandHistory()
+        self._history = CommandHistory(parts.supervisor.at_rest)
         self._seen: List[Reading] = []
         self._before = self._decision = Decision(parts.supervisor.limits.last, "neutral", False)
         self._first_armed: Optional[float] = None

@@ -15,7 +15,7 @@ from typing import Any, Dict, Optional, Sequence
 import numpy as np
 
 from buggy_rl.car.commands import bounded, make_command_filter
-from buggy_rl.car.interfaces import NEUTRAL, Command
+from buggy_rl.car.interfaces import Command, neutral_of
 from buggy_rl.car.network import Network
 from buggy_rl.car.observation import Observation
 from buggy_rl.car.path import Path
@@ -38,6 +38,9 @@ class Policy:
     def __init__(self, content: PolicyFile) -> None:
         about = content.settings
         self.settings = about
+        self.two_way = bool(about.get("two_way", False))
+        """Whether no drive is throttle 0, not -1."""
+        at_rest = neutral_of(self.two_way)
         self.control_period: float = about["control_period"]
         self.ended = ""  # or why the task would have ended the episode
         self.lateral_error, self.heading_error = 0.0, 0.0  # [m], [rad]
@@ -46,7 +49,7 @@ class Policy:
         limit: Optional[float] = about["leave_path"]
         self._leave_path = math.inf if limit is None else limit  # [m]
         self._sensing = [make_sensing(entry) for entry in about["sensing"]]
-        self._commands = [make_command_filter(entry) for entry in about["commands"]]
+        self._commands = [make_command_filter(entry, at_rest) for entry in about["commands"]]
         scaling = [content.arrays[name] for name in ("mean", "sd") if name in content.arrays]
         network = about["network"]
         self._network = Network(
@@ -57,7 +60,8 @@ class Policy:
         self._memories = {part.key: part for part in self._commands}
         self._velocity: Velocity = (0.0, 0.0, 0.0)
         self._begun, self._has_path = False, False
-        self._given: Command = NEUTRAL  # the command that was returned last
+        self._at_rest = at_rest
+        self._given: Command = at_rest  # the command that was returned last
 
     @classmethod
     def load(cls, file: str) -> "Policy":
@@ -83,7 +87,7 @@ class Policy:
         for part in (*self._sensing, *self._commands, self.observation):
             part.reset()
         self.ended, self._begun, self._has_path = "", False, True
-        self._given = NEUTRAL
+        self._given = self._at_rest
 
     def step(self, pose: Sequence[float], velocity: Velocity) -> Command:
         """The command for the control period that begins now.

@@ -11,6 +11,7 @@ from buggy_rl.car.settings import section
 
 WHEELBASE = 0.174  # [m] of the project's own car
 COMPLETED = "completed the path"
+STANDS = 0.3  # [m/s] speed below which it is not braked: the command would reverse it
 CREEP = 0.05  # [m/s] added to the speed of a weave that would stand still
 
 
@@ -54,10 +55,11 @@ class Pursuit:
 
     Args:
         config: Numbers.
+        two_way: Whether the car brakes and reverses: no drive is throttle 0, not -1.
     """
 
-    def __init__(self, config: PursuitConfig) -> None:
-        self.config = config
+    def __init__(self, config: PursuitConfig, two_way: bool = False) -> None:
+        self.config, self.two_way = config, two_way
         self._points = np.zeros((1, 2))
         self._closed, self._at, self._time = False, -1, 0.0
         self.control_period = config.dt
@@ -65,9 +67,9 @@ class Pursuit:
         """Why the drive is over, at the end of an open path."""
 
     @classmethod
-    def from_dict(cls, settings: Mapping[str, Any]) -> "Pursuit":
-        """Of its settings, those of `PursuitConfig`."""
-        return cls(section(PursuitConfig, settings, "policy", RANGES))
+    def from_dict(cls, settings: Mapping[str, Any], two_way: bool = False) -> "Pursuit":
+        """Of its settings, those of `PursuitConfig`, for a car that may reverse."""
+        return cls(section(PursuitConfig, settings, "policy", RANGES), two_way)
 
     def reset(self, path: Path) -> None:
         """Begins wherever on a path the car is; a closed one is followed round and round."""
@@ -85,7 +87,13 @@ class Pursuit:
         steering = math.atan(WHEELBASE * bend) / c.full_lock + 0.4 * c.weave * fast
         speed = max(CREEP, c.speed * (1 + c.weave * swing))
         drive = c.drive_at_rest + c.drive_per_speed * speed + 0.3 * (speed - velocity[0])
-        return 2 * max(0.0, min(1.0, drive)) - 1, max(-1.0, min(1.0, steering))
+        return self._throttle(drive, velocity[0]), max(-1.0, min(1.0, steering))
+
+    def _throttle(self, drive: float, speed: float) -> float:
+        """Of a drive; below 0 it brakes a car that can, while that rolls."""
+        if not self.two_way:
+            return 2 * max(0.0, min(1.0, drive)) - 1
+        return max(-1.0 if speed > STANDS else 0.0, min(1.0, drive))
 
     def acted(self, command: Command) -> None:
         """Does nothing: pure pursuit remembers no command."""

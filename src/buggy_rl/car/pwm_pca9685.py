@@ -6,7 +6,7 @@ Registers and the formula of the frequency are those of NXP's data sheet PCA9685
 import time
 from typing import Any, Mapping, NamedTuple, Optional
 
-from buggy_rl.car.interfaces import NEUTRAL, Actuator
+from buggy_rl.car.interfaces import Actuator, neutral_of
 from buggy_rl.car.settings import section
 
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE  # registers
@@ -46,6 +46,9 @@ class Wiring(NamedTuple):
     """Largest servo value of the steering away from 0.5: where the linkage ends."""
     steering_direction: int = 1
     """-1 for a servo that turns the wheels to the right above 0.5."""
+    two_way: bool = False
+    """For a speed controller with brake and reverse: throttle -1..1 is 0..1, and 0 is no drive; set
+    by `car.two_way`."""
     heartbeat: str = ""
     """File of a GPIO's value, such as /sys/class/gpio/gpio216/value, that changes with each command
     written: it feeds the timer on the board's output-enable pin (docs/car.md). Empty for none."""
@@ -80,7 +83,11 @@ def counts(servo: float, prescale: int, oscillator: float) -> int:
 
 def throttle_servo(throttle: float, wiring: Wiring) -> float:
     """Servo value of a throttle in [-1, 1]: 0.5 is no drive."""
-    drive = min(0.25 * (throttle + 1), wiring.throttle_limit - 0.5)
+    most = wiring.throttle_limit - 0.5
+    if wiring.two_way:
+        drive = max(-most, min(most, 0.5 * throttle))
+        return _within(0.5 + wiring.throttle_direction * drive + wiring.throttle_trim)
+    drive = min(0.25 * (throttle + 1), most)
     return _within(0.5 + wiring.throttle_direction * drive + wiring.throttle_trim)
 
 
@@ -115,6 +122,7 @@ class PCA9685(Actuator):
             raise ValueError(
                 f"actuator: throttle and steering are both channel {w.steering_channel}"
             )
+        self.at_rest = neutral_of(w.two_way)
         self._prescale = prescale(w.frequency, w.oscillator)
         self._bus: Any = _opened(w.bus) if bus is None else bus
         self._heartbeat = open(w.heartbeat, "w") if w.heartbeat else None  # noqa: SIM115
@@ -156,7 +164,7 @@ class PCA9685(Actuator):
                 f"the board at I2C address {w.address:#x} has prescale {read} where "
                 f"{self._prescale} was written: is it a PCA9685?"
             )
-        self.write(*NEUTRAL)
+        self.neutral()
         self._register(MODE1, AUTO_INCREMENT)
         time.sleep(WAKING)
 

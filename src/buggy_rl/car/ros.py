@@ -15,7 +15,7 @@ import time
 from typing import Any, List, Mapping, Optional
 
 from buggy_rl.car.device_clock import DeviceClock
-from buggy_rl.car.interfaces import Actuator, Reading, Sensor
+from buggy_rl.car.interfaces import Actuator, Reading, Sensor, neutral_of
 from buggy_rl.car.ros_messages import (
     ACKERMANN_RANGES,
     ODOMETRY_RANGES,
@@ -96,6 +96,7 @@ class AckermannActuator(Actuator):
 
     def __init__(self, car: Optional[Ackermann] = None) -> None:
         self._car = car or Ackermann()
+        self.at_rest = neutral_of(self._car.two_way)
         rclpy = _started()
         self._message = _message("ackermann_msgs", "AckermannDriveStamped")
         self._node = rclpy.create_node("buggy_rl_actuator")

@@ -30,6 +30,9 @@ class Ackermann(NamedTuple):
     """At full throttle [m/s]."""
     top_acceleration: float = 5.0
     """At full throttle [m/s^2], where it asks for acceleration."""
+    two_way: bool = False
+    """For a car that reverses: 0 is no drive, -1 full speed back, or a full brake where the
+    throttle asks for acceleration; set by `car.two_way`."""
 
 
 ODOMETRY_RANGES = {"largest_variance": (0.0, 1e3)}
@@ -79,11 +82,11 @@ def ackermann_of(throttle: float, steering: float, car: Ackermann) -> Tuple[floa
     definition.
     """
     lock = car.lock_left if steering > 0 else car.lock_right
-    drive = 0.5 * (throttle + 1)
+    drive = throttle if car.two_way else 0.5 * (throttle + 1)
     if car.throttle == "speed":
         return lock * steering, drive * car.top_speed, 0.0
     speed = car.top_speed if drive > 0 else 0.0
-    return lock * steering, speed, drive * car.top_acceleration
+    return lock * steering, speed, abs(drive) * car.top_acceleration
 
 
 def fill_drive(message: Any, throttle: float, steering: float, car: Ackermann) -> None:

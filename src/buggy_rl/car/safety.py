@@ -35,7 +35,9 @@ class Safety(NamedTuple):
     yaw_acceleration: float = 100.0
     """Widens the limit of yaw with time [rad/s^2]; half of full tyre force at both axles."""
     throttle_cap: float = 0.0
-    """Highest throttle, in [-1, 1]; 0 is half of the drive."""
+    """Highest throttle, in [-1, 1]; 0 is half of the drive, or none where the car reverses."""
+    throttle_floor: float = -1.0
+    """Lowest throttle, in [-1, 1]: of a car that brakes and reverses, how much at most."""
     throttle_rise: float = 20.0
     """Fastest rise of the throttle [1/s]; it falls at once."""
     steering_rate: float = 40.0
@@ -51,6 +53,11 @@ class Safety(NamedTuple):
             ValueError: A key is unknown, or a value is outside its range.
         """
         made = section(cls, content, "safety", RANGES)
+        if made.throttle_floor > made.throttle_cap:
+            raise ValueError(
+                f"safety.throttle_floor={made.throttle_floor:g}: must be at most throttle_cap "
+                f"{made.throttle_cap:g}"
+            )
         if made.disarm_after < made.coast_after:
             raise ValueError(
                 f"safety.disarm_after={made.disarm_after:g} s: must be at least coast_after "
@@ -74,6 +81,7 @@ RANGES = {
     "acceleration": (1.0, 200.0),
     "yaw_acceleration": (10.0, 2000.0),
     "throttle_cap": (-1.0, 1.0),
+    "throttle_floor": (-1.0, 1.0),
     "throttle_rise": (0.1, 200.0),
     "steering_rate": (0.1, 200.0),
     "max_seconds": (0.1, 7200.0),

@@ -10,11 +10,11 @@ from typing import Iterable, NamedTuple, Optional
 from buggy_rl.car.arming import Arming
 from buggy_rl.car.command_limits import CommandLimits, command_fault
 from buggy_rl.car.geofence import Geofence
-from buggy_rl.car.interfaces import NEUTRAL, NO_DRIVE, Command, Reading
+from buggy_rl.car.interfaces import NEUTRAL, Command, Reading
 from buggy_rl.car.readings import ReadingJudge
 from buggy_rl.car.safety import Safety
 
-AT_REST = 0.1  # of a person's throttle above no drive, at which the car can be armed
+AT_REST = 0.1  # of a person's throttle away from no drive, at which the car can be armed
 
 
 class Decision(NamedTuple):
@@ -34,12 +34,13 @@ class Supervisor:
     Args:
         safety: The limits.
         fence: Where the car may be.
+        at_rest: No drive, wheels straight ahead.
     """
 
-    def __init__(self, safety: Safety, fence: Geofence) -> None:
-        self.safety, self.fence = safety, fence
+    def __init__(self, safety: Safety, fence: Geofence, at_rest: Command = NEUTRAL) -> None:
+        self.safety, self.fence, self.at_rest = safety, fence, at_rest
         self.readings = ReadingJudge(safety)
-        self.limits = CommandLimits(safety)
+        self.limits = CommandLimits(safety, at_rest)
         self.arming = Arming()
         self._sound = -math.inf
 
@@ -89,18 +90,18 @@ class Supervisor:
         if fault:
             self.arming.disarm(fault)
         if not self.armed:
-            return Decision(self.limits.set(NEUTRAL), "neutral", False)
+            return Decision(self.limits.set(self.at_rest), "neutral", False)
         if now > self._sound:
             return self._coast(own, dt)
         if chosen is None:
-            return Decision(self.limits.bounded(NEUTRAL, dt), "neutral", True)
+            return Decision(self.limits.bounded(self.at_rest, dt), "neutral", True)
         source = "person" if own is not None else "policy"
         return Decision(self.limits.bounded(chosen, dt), source, True)
 
     def _coast(self, own: Optional[Command], dt: float) -> Decision:
         """No drive; the wheels stay as they are, or go where a person turns them."""
         steering = self.limits.last[1] if own is None else own[1]
-        return Decision(self.limits.bounded((NO_DRIVE, steering), dt), "coast", True)
+        return Decision(self.limits.bounded((self.at_rest[0], steering), dt), "coast", True)
 
     def _fault(self, now: float, chosen: Optional[Command], hardware: str) -> str:
         """What disarms an armed car."""
@@ -122,7 +123,7 @@ class Supervisor:
 
     def _obstacle(self, now: float, own: Optional[Command]) -> str:
         """What forbids to arm."""
-        if own is not None and own[0] > NO_DRIVE + AT_REST:
+        if own is not None and abs(own[0] - self.at_rest[0]) > AT_REST:
             return f"the person's throttle is at {own[0]:.2f}, not at rest"
         if now > self._sound:
             return self.readings.complaint(now)

@@ -1,8 +1,9 @@
 """The watchdog: a process of its own that holds the actuator and outlives the loop.
 
-`python -m buggy_rl.car.watchdog FD SPEED ACTUATOR TIMES` is started by `watchdog_link.Watchdog`. It
-writes what the loop commands, and neutral when it hears nothing fresh, when the loop's end of the
-socket closes and when it is told to stop. It imports neither numpy nor the policy.
+`python -m buggy_rl.car.watchdog FD SPEED ACTUATOR TIMES WAYS` is started by
+`watchdog_link.Watchdog`. It writes what the loop commands, and neutral when it hears nothing fresh,
+when the loop's end of the socket closes and when it is told to stop. It imports neither numpy nor
+the policy.
 """
 
 import contextlib
@@ -16,7 +17,7 @@ from typing import List
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.devices import ACTUATORS, make_device
 from buggy_rl.car.guard import Guard, GuardTimes
-from buggy_rl.car.interfaces import Actuator
+from buggy_rl.car.interfaces import neutral_of
 from buggy_rl.car.messages import read_command
 from buggy_rl.car.priority import WATCHDOG, take_priority
 
@@ -30,16 +31,12 @@ class WatchdogProcess:
 
     Args:
         link: The watchdog's end of a `SOCK_SEQPACKET` pair.
-        actuator: What it writes to.
-        times: Of the guard.
+        guard: Writes to the actuator.
         clock: The same as the loop's.
     """
 
-    def __init__(
-        self, link: socket.socket, actuator: Actuator, times: GuardTimes, clock: Clock
-    ) -> None:
-        self._link, self._actuator, self._clock = link, actuator, clock
-        self.guard = Guard(actuator, times, clock.now())
+    def __init__(self, link: socket.socket, guard: Guard, clock: Clock) -> None:
+        self._link, self._clock, self.guard = link, clock, guard
         self._over, self._ended = False, False
 
     def run(self) -> int:
@@ -100,7 +97,7 @@ class WatchdogProcess:
 
 def main(arguments: List[str]) -> int:
     """The process."""
-    descriptor, speed, about, times = arguments
+    descriptor, speed, about, times, two_way = arguments
     link = socket.socket(fileno=int(descriptor))
     try:
         actuator = make_device(ACTUATORS, json.loads(about), "actuator")
@@ -110,7 +107,9 @@ def main(arguments: List[str]) -> int:
     clock = Clock(float(speed))
     take_priority(WATCHDOG)
     try:
-        return WatchdogProcess(link, actuator, GuardTimes(*json.loads(times)), clock).run()
+        at_rest = neutral_of(two_way == "two_way")
+        guard = Guard(actuator, GuardTimes(*json.loads(times)), clock.now(), at_rest)
+        return WatchdogProcess(link, guard, clock).run()
     finally:
         actuator.close()
 

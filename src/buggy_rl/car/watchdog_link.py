@@ -8,7 +8,7 @@ from typing import Any, List, Mapping, Optional
 
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.guard import GuardTimes
-from buggy_rl.car.interfaces import Command
+from buggy_rl.car.interfaces import Command, neutral_of
 from buggy_rl.car.messages import STATES, CommandMessage, Report, read_report
 
 SLOWEST_START = 10.0  # [s] until the first report: Python starts and the actuator is opened
@@ -23,20 +23,25 @@ class Watchdog:
         actuator: `kind` and settings, as of the config.
         clock: The loop's.
         times: Of its guard.
+        two_way: Whether no drive is throttle 0, not -1.
 
     Raises:
         OSError: It did not start; the message says what it wrote.
     """
 
     def __init__(
-        self, actuator: Mapping[str, Any], clock: Clock, times: Optional[GuardTimes] = None
+        self,
+        actuator: Mapping[str, Any],
+        clock: Clock,
+        times: Optional[GuardTimes] = None,
+        two_way: bool = False,
     ) -> None:
-        self._clock, self._sequence = clock, 0
+        self._clock, self._sequence, self._at_rest = clock, 0, neutral_of(two_way)
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         given = [json.dumps(dict(actuator)), json.dumps(list(times or GuardTimes()))]
         command = [sys.executable, "-m", "buggy_rl.car.watchdog", str(theirs.fileno())]
         self.process = subprocess.Popen(
-            [*command, repr(clock.speed), *given],
+            [*command, repr(clock.speed), *given, "two_way" if two_way else "one_way"],
             pass_fds=[theirs.fileno()],
             stderr=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C in a terminal reaches the loop alone
@@ -116,7 +121,7 @@ class Watchdog:
         """Ends it: neutral is written last; returns whether it said that this was done."""
         try:
             self._link.settimeout(SLOWEST_END)
-            goodbye = CommandMessage(self._sequence + 1, self._clock.now(), -1.0, 0.0, 1)
+            goodbye = CommandMessage(self._sequence + 1, self._clock.now(), *self._at_rest, 1)
             self._link.send(goodbye.pack())
         except OSError:
             self._gone = True

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from omegaconf import MISSING
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Scores, drive
-from buggy_rl.policies.controllers.at_scale import for_car
+from buggy_rl.policies.controllers.at_scale import for_car, taken_by
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.random import RandomDriver
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
@@ -19,7 +21,9 @@ from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths.making import make_paths
 
-DRIVERS: dict[str, tuple[Callable[[Any], TensorDictModuleBase], Callable[[], Any]]] = {
+DRIVERS: dict[
+    str, tuple[Callable[[Any, LongitudinalCommand], TensorDictModuleBase], Callable[[], Any]]
+] = {
     "pure_pursuit": (PurePursuit, PurePursuitConfig),
     "stanley": (Stanley, StanleyConfig),
 }
@@ -75,7 +79,7 @@ def tuned(
     env = _course_env(config, replace(course, steps=config.steps), config.candidates)
 
     def watched(numbers: Any) -> Any:
-        driver = for_car(make(numbers), config.task.paths.car)
+        driver = for_car(partial(make, numbers), config.task.paths.car, taken_by(env))
 
         def driven(state: TensorDictBase) -> TensorDictBase:
             step()
@@ -107,11 +111,12 @@ def results(
     """Scores each tuned controller, by its numbers, and a random one on every set of paths."""
     named = benchmark_paths(config.task.paths, config.random_paths)
     for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
+        env = _course_env(config, named[course])
         if name in found:
-            driver = for_car(DRIVERS[name][0](found[name]), config.task.paths.car)
+            make = partial(DRIVERS[name][0], found[name])
+            driver = for_car(make, config.task.paths.car, taken_by(env))
         else:
             driver = RandomDriver(seed=config.seed)
-        env = _course_env(config, named[course])
         yield Result(name, course, drive(env, driver, named[course].steps))
 
 

@@ -14,6 +14,7 @@ from buggy_rl.config import build, from_plain
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
+from buggy_rl.policies.controllers.at_scale import taken_by
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig, new_engine
 from buggy_rl.task.env import TaskConfig, make_env
@@ -85,7 +86,7 @@ def panels(
     if not config.policies:
         raise ValueError("no policy to show: name some, as policies.NAME=FILE")
     numbers = [config.pure_pursuit] if config.pure_pursuit else []
-    pursuit = PurePursuit(build(PurePursuitConfig, numbers))
+    config_of_pursuit = build(PurePursuitConfig, numbers)
     places = ("simulator", "car") if config.car else ("simulator",)
     found = [(name, place) for name in config.policies for place in places]
     for name, place in progress(found):
@@ -98,6 +99,7 @@ def panels(
             engine, where = EngineConfig(config.car), f"on the {car_name(config.car)}"
         task = from_plain(TaskConfig, about["config"]["task"], config.policies[name])
         cars = new_engine(engine, 2 * len(config.courses))
+        pursuit = PurePursuit(config_of_pursuit, taken_by(cars))
         driver = _side_by_side(policy.driver(), pursuit)
         for drives in _driven(cars, task, driver, config.courses, place == "car"):
             yield Panel(name, where, *drives)

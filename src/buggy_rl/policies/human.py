@@ -27,6 +27,8 @@ class HumanConfig:
     """Back towards the middle [1/s]."""
     dead_zone: float = 0.08
     """Of a stick about its middle."""
+    two_way: bool = False
+    """For a car with brakes and reverse: no drive is throttle 0, not -1."""
 
     def __post_init__(self) -> None:
         check_human(self)

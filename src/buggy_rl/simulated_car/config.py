@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from buggy_rl.recordings.camera import CameraConfig
 
@@ -12,6 +13,10 @@ class SimulatedCarConfig:
 
     simulator: str = "reference"
     """An engine's name, a .yaml, a learned .pt, or file.py:factory."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of the engine, as options.command=throttle_brake_reverse."""
+    two_way: bool = False
+    """Whether its first command brakes and reverses: the runtime then stops it by 0, not by -1."""
     faults: dict[str, dict[str, float]] = field(default_factory=dict)
     """What is wrong with a reference car, as faults.EFFECT.PARAMETER=VALUE."""
     camera: CameraConfig = field(default_factory=CameraConfig)

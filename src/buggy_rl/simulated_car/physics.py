@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl import keys
-from buggy_rl.car.interfaces import Command
+from buggy_rl.car.interfaces import Command, neutral_of
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.simulated_car.live_camera import LiveCamera, Triple
@@ -27,15 +27,18 @@ class Physics:
     """
 
     def __init__(self, config: SimulatedCarConfig) -> None:
-        options: dict[str, Any] = {"faults": config.faults} if config.faults else {}
+        options: dict[str, Any] = dict(config.options)
+        if config.faults:
+            options["faults"] = config.faults
         if config.compiled:
             options["compiled"] = True
         self._env = make_simulator(config.simulator, 1, **options)
         command = declared_by(self._env)
-        if command.two_way:
+        if command.two_way != config.two_way:
             raise ValueError(
-                f"simulator {config.simulator} takes the command {command}, which is at rest at 0; "
-                "the car's runtime stops by -1: give it a one-way command"
+                f"simulator {config.simulator} takes the command {command}, which is at rest at "
+                f"{command.rest:g}; the car's runtime stops by {neutral_of(config.two_way)[0]:g}: "
+                f"set two_way={str(command.two_way).lower()}"
             )
         self._env.set_seed(config.seed)
         self._camera = LiveCamera(config.camera, config.seed)
@@ -43,7 +46,7 @@ class Physics:
         start = TensorDict({keys.POSE: pose, keys.VELOCITY: torch.zeros(1, 3)}, [1])
         for _ in range(WARM_UP):
             self._state = self._env.reset(start.clone())
-            self.step((-1.0, 0.0))
+            self.step(neutral_of(config.two_way))
         self._state = self._env.reset(start)
 
     @torch.no_grad()

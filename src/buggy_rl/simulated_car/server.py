@@ -14,7 +14,7 @@ from typing import Any
 
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.deadlines import Deadlines
-from buggy_rl.car.interfaces import Reading
+from buggy_rl.car.interfaces import Reading, neutral_of
 from buggy_rl.car.priority import SIMULATION, take_priority
 from buggy_rl.car.simulated import ACTUATOR, CONTROL, REFUSED, SENSOR, TAKEN, WRITE, packed
 from buggy_rl.config import from_plain
@@ -39,7 +39,7 @@ class Server:
 
         self.clock = Clock(config.speed)
         self.physics = Physics(config)
-        self.wheels = Wheels(self.clock, config.failsafe)
+        self.wheels = Wheels(self.clock, config.failsafe, neutral_of(config.two_way))
         self.channel = SensorChannel()
         self._sent: deque[float] = deque(maxlen=SENT_KEPT)
         self._sensors: list[socket.socket] = []

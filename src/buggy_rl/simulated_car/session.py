@@ -53,6 +53,8 @@ def simulated_config(
         seconds: Of driving [s].
     """
     device = {"kind": "simulated", "address": address}
+    # Half of the drive, in each kind of command.
+    half = {"throttle_cap": 0.5} if car.two_way else {}
     return {
         "sensor": device,
         "actuator": device,
@@ -60,7 +62,8 @@ def simulated_config(
         "policy": dict(policy),
         "output": output,
         "geofence": "none",
-        "safety": {"max_seconds": seconds},
+        "safety": {"max_seconds": seconds, **half},
+        "two_way": car.two_way,
         "speed": car.speed,
     }
 

@@ -19,12 +19,13 @@ class Wheels:
     Args:
         clock: Of the simulated car.
         failsafe: Without a write for so long its hardware makes neutral [s]; 0 has none.
+        at_rest: Neutral.
     """
 
-    def __init__(self, clock: Clock, failsafe: float = 0.0) -> None:
-        self._clock, self._failsafe = clock, failsafe
+    def __init__(self, clock: Clock, failsafe: float = 0.0, at_rest: Command = NEUTRAL) -> None:
+        self._clock, self._failsafe, self._at_rest = clock, failsafe, at_rest
         self._lock = threading.Lock()
-        self._log: deque[Entry] = deque([(clock.now(), *NEUTRAL)], maxlen=KEPT)
+        self._log: deque[Entry] = deque([(clock.now(), *at_rest)], maxlen=KEPT)
         self._refusing_until = -math.inf
 
     def refuse(self, until: float) -> None:
@@ -45,8 +46,8 @@ class Wheels:
         with self._lock:
             last = self._log[-1]
             silent = self._clock.now() - last[0]
-            if self._failsafe and silent > self._failsafe and last[1:] != NEUTRAL:
-                last = (self._clock.now(), *NEUTRAL)
+            if self._failsafe and silent > self._failsafe and last[1:] != self._at_rest:
+                last = (self._clock.now(), *self._at_rest)
                 self._log.append(last)
         return last[1:]
 

@@ -7,7 +7,7 @@ from tensordict import TensorDict
 from buggy_rl.engines import make_engine
 from buggy_rl.policies.benchmark_paths import evaluation_task
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.at_scale import AtScale, RoomAtScale, for_car
+from buggy_rl.policies.controllers.at_scale import AtScale, RoomAtScale, for_car, taken_by
 from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.controllers.room import RoomDriver
@@ -15,6 +15,9 @@ from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.similarity import Similarity
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths.making import PathConfig
+
+BRAKES = {"command": "throttle_brake_reverse"}
+SPEED = {"command": {"kind": "speed", "reverse": True}}
 
 
 def seen(length=1.0, speed=1.0):
@@ -41,8 +44,7 @@ def test_what_the_car_sees_is_left_as_it_is():
 
 
 def test_without_a_car_the_controller_is_itself():
-    controller = PurePursuit()
-    assert for_car(controller, "") is controller
+    assert isinstance(for_car(lambda command: PurePursuit(None, command), ""), PurePursuit)
 
 
 @pytest.mark.parametrize("car", ["autorally", "full_size"])
@@ -50,7 +52,7 @@ def test_pure_pursuit_drives_a_lap_of_the_car_s_own_size(car):
     steps = 1500  # 15 s; similar cars need sqrt of the length longer than the buggy
     task = evaluation_task(TaskConfig(paths=PathConfig(kind="lap", car=car)), steps)
     env = make_env(make_engine("single_track", (1,), car=car), task=task)
-    scores = drive(env, for_car(PurePursuit(), car), steps).means()
+    scores = drive(env, for_car(lambda command: PurePursuit(None, command), car), steps).means()
     assert scores["kept_on"] == 1.0
     assert scores["waypoints"] > 25  # of 51 a lap
 
@@ -67,3 +69,18 @@ def test_a_driver_about_a_room_gives_the_similar_car_the_same_commands(kind):
         one = buggy(TensorDict({"pose": start.clone(), "velocity": moving}, [3]))["action"]
         other = car(TensorDict({"pose": far.clone(), "velocity": fast}, [3]))["action"]
         assert torch.allclose(one, other, atol=1e-5)
+
+
+@pytest.mark.parametrize("options", [BRAKES, SPEED], ids=str)
+@pytest.mark.parametrize("make", [PurePursuit, Stanley])
+def test_followers_drive_a_car_with_its_own_kind_of_command(make, options):
+    steps = 400
+    task = evaluation_task(TaskConfig(paths=PathConfig(kind="lap")), steps)
+    engine = make_engine("single_track", (1,), **options)
+    env = make_env(engine, task=task)
+    scores = drive(
+        env, for_car(lambda command: make(None, command), "", taken_by(env)), steps
+    ).means()
+    assert scores["kept_on"] == 1.0
+    assert scores["waypoints"] > 20
+    assert taken_by(env).full_speed == (5.0 if options is SPEED else None)

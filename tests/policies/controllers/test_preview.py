@@ -3,6 +3,7 @@ import math
 import pytest
 import torch
 
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.policies.controllers.preview import (
     SpeedConfig,
     ahead,
@@ -106,3 +107,28 @@ def test_throttle_holds_a_speed_and_corrects_it():
     # drive 0.3, 0.3 + 0.5, 0.3 - 0.25, 1 (cut off); throttle = 2 drive - 1
     expected = torch.tensor([-0.4, 0.6, -0.9, 1.0])
     torch.testing.assert_close(throttle(speed, wanted, config), expected)
+
+
+BRAKED = LongitudinalCommand("throttle_brake_reverse")
+
+
+@pytest.mark.parametrize(
+    ("speed", "wanted", "drive"),
+    [
+        (2.0, 2.0, 0.2 + 0.07 * 2.0),  # the drive that holds it
+        (3.0, 1.0, 0.2 + 0.07 - 0.6 * 2.0),  # below 0: a brake
+        (0.2, -5.0, 0.0),  # a car that stands is not reversed
+    ],
+)
+def test_a_car_with_brakes_is_braked_where_one_without_coasts(speed, wanted, drive):
+    config = SpeedConfig(drive_at_rest=0.2, drive_per_speed=0.07, gain=0.6)
+    speeds = torch.tensor([speed]), torch.tensor([wanted])
+    assert throttle(*speeds, config, BRAKED).item() == pytest.approx(max(-1.0, drive), abs=1e-6)
+    assert throttle(*speeds, config).item() == pytest.approx(2 * max(0.0, drive) - 1, abs=1e-6)
+
+
+@pytest.mark.parametrize(("reverse", "expected"), [(False, 2 * 0.4 - 1), (True, 0.4)])
+def test_a_speed_command_is_the_speed_that_is_wanted(reverse, expected):
+    command = LongitudinalCommand("speed", full_speed=5.0, reverse=reverse)
+    given = throttle(torch.tensor([1.0]), torch.tensor([2.0]), SpeedConfig(), command)
+    assert given.item() == pytest.approx(expected)

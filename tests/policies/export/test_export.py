@@ -157,13 +157,15 @@ def test_what_cannot_be_exported_is_refused(tmp_path, change, options, message):
         list(export(config(file, tmp_path / "policy", **options)))
 
 
-def test_a_policy_of_a_two_way_command_is_refused_since_the_runtime_stops_by_full_reverse(tmp_path):
+def test_a_policy_of_a_car_with_reverse_is_compared_and_says_that_it_stops_by_0(tmp_path):
     simulator = tmp_path / "brakes.yaml"
     simulator.write_text("engine: kinematic\noptions: {command: throttle_brake_reverse}\n")
-    file = policy_file(tmp_path, stack(), str(simulator))
-    with pytest.raises(ValueError, match="at rest at 0; the car's runtime stops by -1"):
-        list(export(config(file, tmp_path / "policy")))
-    assert not list(tmp_path.glob("policy*"))
+    filters = {"limit": ["rate_limit"], "smoothing": ["action_smoothing"]}
+    file = policy_file(tmp_path, stack(**filters), str(simulator))
+    list(export(config(file, tmp_path / "policy")))  # its filters begin at 0, as in training
+    runtime = Runtime.load(str(tmp_path / "policy.json"))
+    assert runtime.two_way
+    assert "0 is no drive" in runtime.settings["action"]["throttle"]["meaning"]
 
 
 @pytest.mark.parametrize("name", ["lap", "infinity", "random", "training"])

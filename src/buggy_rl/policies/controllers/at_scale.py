@@ -1,6 +1,8 @@
 """A controller of the buggy that drives a similar car of another size."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -9,6 +11,7 @@ from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.car_file import load_car
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand, declared_by
 from buggy_rl.policies.controllers.recording import Driver
 from buggy_rl.similarity import Similarity
 
@@ -76,6 +79,32 @@ def _reduced(velocity: Tensor, scale: Similarity) -> Tensor:
     return velocity / torch.tensor(units, device=velocity.device)
 
 
-def for_car(controller: TensorDictModuleBase, car: str) -> TensorDictModuleBase:
-    """A controller for a car by name or file; itself for the buggy, whose name is empty."""
-    return AtScale(controller, load_car(car).similarity) if car else controller
+Follower = Callable[[LongitudinalCommand], TensorDictModuleBase]
+"""Builds a controller of the buggy that gives a kind of first command."""
+
+
+def for_car(
+    make: Follower, car: str, command: LongitudinalCommand | None = None
+) -> TensorDictModuleBase:
+    """A controller for a car by name or file; an empty name is the buggy.
+
+    Args:
+        make: Builds it.
+        car: Name or file.
+        command: What the first command is; by default what the car's file says.
+    """
+    if not car:
+        return make(command or ONE_WAY)
+    file = load_car(car)
+    command = command or file.command
+    if command.full_speed is not None:  # of the similar buggy
+        command = replace(command, full_speed=command.full_speed / file.similarity.speed)
+    return AtScale(make(command), file.similarity)
+
+
+def taken_by(engine: Any) -> LongitudinalCommand:
+    """What an engine's first command is, with the setpoint of a full speed command."""
+    command, values = declared_by(engine), getattr(engine, "values", {})
+    if command.kind != "speed" or "full_speed" not in values:
+        return command
+    return replace(command, full_speed=float(values["full_speed"].mean()))

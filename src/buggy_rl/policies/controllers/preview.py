@@ -5,9 +5,12 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand, command_of
 from buggy_rl.policies.controllers.tuning import Number, within
 from buggy_rl.vehicle import rotate
 
+STANDS = 0.3  # [m/s] speed of a buggy below which it is not braked: a command would reverse it
+FULL_SPEED = 5.0  # [m/s] setpoint of a full speed command where none is known, as engines have it
 STRAIGHT = 1e-3  # [1/m] curvature below which a path limits no speed
 
 
@@ -97,8 +100,23 @@ def _column(number: Number) -> Number:
     return number.unsqueeze(-1) if isinstance(number, Tensor) else number
 
 
-def throttle(speed: Tensor, wanted: Tensor, config: SpeedConfig) -> Tensor:
-    """Throttle [*] in [-1, 1] that brings `speed` [*] to `wanted` [*] [m/s]."""
+def throttle(
+    speed: Tensor,
+    wanted: Tensor,
+    config: SpeedConfig,
+    command: LongitudinalCommand = ONE_WAY,
+) -> Tensor:
+    """First command [*] in [-1, 1] that brings `speed` [*] to `wanted` [*] [m/s].
+
+    u = d_0 + d_1 v_wanted + k (v_wanted - v), below 0 a brake where the car has one; a car that
+    stands is not reversed. A speed command is the speed that is wanted.
+    """
+    if command.kind == "speed":
+        setpoint = wanted / (command.full_speed or FULL_SPEED)
+        return command_of(setpoint.clamp(0.0, 1.0), command.rest)
     steady = config.drive_at_rest + config.drive_per_speed * wanted
     drive = steady + config.gain * (wanted - speed)
-    return 2.0 * drive.clamp(0.0, 1.0) - 1.0
+    if not command.two_way:
+        return 2.0 * drive.clamp(0.0, 1.0) - 1.0
+    forward = drive.clamp(0.0, 1.0)
+    return torch.where(speed > STANDS, drive.clamp(-1.0, 1.0), forward)

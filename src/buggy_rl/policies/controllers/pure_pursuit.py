@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.policies.controllers.preview import (
     SpeedConfig,
     ahead,
@@ -48,10 +49,14 @@ class PurePursuit(TensorDictModuleBase):
 
     Args:
         config: Numbers, or tensors of the batch's shape for a car each its own.
+        command: What the car's first command is; a speed's full one in its `full_speed`.
     """
 
-    def __init__(self, config: PurePursuitConfig | None = None) -> None:
+    def __init__(
+        self, config: PurePursuitConfig | None = None, command: LongitudinalCommand = ONE_WAY
+    ) -> None:
         super().__init__()
+        self.command = command
         self.in_keys, self.out_keys = [keys.WAYPOINTS, keys.VELOCITY], [keys.ACTION]
         self.config = config or PurePursuitConfig()
 
@@ -67,7 +72,7 @@ class PurePursuit(TensorDictModuleBase):
         bend = 2 * y / (x.square() + y.square()).clamp_min(1e-6)
         angle = torch.atan(CAR.wheelbase * bend * (1 + c.understeer * speed.square()))
         steering = (angle / c.full_lock).clamp(-1.0, 1.0)
-        drive = throttle(speed, allowed_speed(seen, c.speed), c.speed)
+        drive = throttle(speed, allowed_speed(seen, c.speed), c.speed, self.command)
         tensordict[keys.ACTION] = torch.stack([drive, steering], -1)
         return tensordict
 

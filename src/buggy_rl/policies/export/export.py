@@ -12,7 +12,7 @@ from buggy_rl.car.path import Path as CarPath
 from buggy_rl.car.policy import Policy as Runtime
 from buggy_rl.config import from_plain
 from buggy_rl.engines.hold import HoldEngine
-from buggy_rl.longitudinal import LongitudinalCommand, declared_by
+from buggy_rl.longitudinal import declared_by
 from buggy_rl.policies.actor_critic import Policy, load_policy
 from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths
 from buggy_rl.policies.export.config import ExportConfig
@@ -70,11 +70,11 @@ class Export:
         compared = {course.name: course for course in self.courses}
         self.compared = {name: _course(name, self.run.task.paths) for name in ALWAYS} | compared
         engine = new_engine(self.run.engine, 1)
-        _refuse_two_way(declared_by(engine), config.policy)
         dt = getattr(engine, "dt", CONTROL_PERIOD)
         any_paths = self.courses[0].paths if self.courses else self.compared["lap"].paths
         task = runtime_task(self.run.task, any_paths, dt, config.training_only)
-        self.settings = settings(self.policy, about, file, task)
+        self.command = declared_by(engine)
+        self.settings = settings(self.policy, about, file, task, self.command.two_way)
         self.dt = dt
 
     def comparisons(self, runtime: Runtime) -> Iterator[tuple[str, dict[str, float]]]:
@@ -88,7 +88,9 @@ class Export:
             env = self._env(engine, course, self.run.task)
             yield course.name, self._comparison(runtime, env, course, course.name).run(course.steps)
         course, steps = self.compared[ALWAYS[0]], self.config.random_steps
-        env = self._env(HoldEngine(1, dt=self.dt), course, self._known())
+        still = HoldEngine(1, dt=self.dt)
+        still.command = self.command  # filters of commands begin at its rest
+        env = self._env(still, course, self._known())
         random = self._comparison(runtime, env, course, "random inputs")
         yield "random inputs", random.run(steps, scattered(course.for_car, self.config.seed))
 
@@ -116,15 +118,6 @@ class Export:
 
     def _comparison(self, runtime: Runtime, env: Any, course: Course, where: str) -> Comparison:
         return Comparison(runtime, self.policy, env, course.for_car, where, self.config.tolerance)
-
-
-def _refuse_two_way(command: LongitudinalCommand, policy: str) -> None:
-    """The car's runtime stops by a command of -1, which is full reverse of a two-way command."""
-    if command.two_way:
-        raise ValueError(
-            f"policy {policy} was trained with the command {command}, which is at rest at 0; the "
-            "car's runtime stops by -1: train with a one-way command"
-        )
 
 
 def export(config: ExportConfig) -> Iterator[tuple[str, Any]]:

@@ -24,6 +24,7 @@ ACTION_MAP = {
     "throttle": {"low": -1.0, "high": 1.0, "meaning": "-1 is no drive, 1 is full drive"},
     "steering": {"low": -1.0, "high": 1.0, "meaning": "1 is full left"},
 }
+TWO_WAY_THROTTLE = "0 is no drive, 1 is full drive, -1 is full brake or reverse"
 
 
 def arrays(policy: Policy) -> dict[str, NDArray]:
@@ -39,9 +40,13 @@ def arrays(policy: Policy) -> dict[str, NDArray]:
     return content
 
 
-def settings(policy: Policy, about: dict[str, Any], file: Path, task: dict[str, Any]) -> dict:
+def settings(
+    policy: Policy, about: dict[str, Any], file: Path, task: dict[str, Any], two_way: bool = False
+) -> dict:
     """The JSON beside the numbers."""
-    config = policy.config
+    config, action = policy.config, ACTION_MAP
+    if two_way:
+        action = {**action, "throttle": {**action["throttle"], "meaning": TWO_WAY_THROTTLE}}
     return {
         "schema": SCHEMA,
         "buggy_rl": version("buggy_rl"),
@@ -52,7 +57,8 @@ def settings(policy: Policy, about: dict[str, Any], file: Path, task: dict[str, 
             "activation": config.activation,
             "observation_limit": OBSERVATION_LIMIT,
         },
-        "action": ACTION_MAP,
+        "action": action,
+        **({"two_way": True} if two_way else {}),
     }
 
 

@@ -99,7 +99,7 @@ class Source:
         return self._controller(name), self._engine("mujoco"), self._task
 
     def _controller(self, name: str) -> Driver:
-        return for_car(CONTROLLERS[name](), self.config.car)
+        return for_car(lambda command: CONTROLLERS[name](command=command), self.config.car)
 
     @property
     def _task(self) -> TaskConfig:

@@ -7,6 +7,8 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.car.human import HumanInput
 from buggy_rl.car.joystick import JoystickInput
+from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.policies.controllers.at_scale import taken_by
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.drive_note import DriveNote
 from buggy_rl.policies.human import Input
@@ -28,11 +30,13 @@ class Cockpit:
         env: That is driven; its path is shown.
 
     Raises:
-        ValueError: The port is taken, or there is no joystick.
+        ValueError: The port is taken, there is no joystick, or its commands would reverse a car
+            that it means to stop.
     """
 
     def __init__(self, config: DriveConfig, env: EnvBase) -> None:
-        self._config = config
+        self._config, self._command = config, taken_by(env)
+        _refuse_another_rest(config, self._command)
         self._human = HumanInput(config.human)
         self.input: Input = self._chosen()
         self._window: LiveWindow | None = None
@@ -87,7 +91,7 @@ class Cockpit:
 
     def _chosen(self) -> Input:
         if self._config.driver == "scripted":
-            return ScriptedInput(PurePursuit())
+            return ScriptedInput(PurePursuit(command=self._command))
         return (
             JoystickInput(self._config.human) if self._config.driver == "joystick" else self._human
         )
@@ -98,3 +102,12 @@ class Cockpit:
             if self._page is not None:
                 self._page.tell(phase="countdown", left=left)
             time.sleep(min(left, 0.05))
+
+
+def _refuse_another_rest(config: DriveConfig, command: LongitudinalCommand) -> None:
+    if config.driver != "scripted" and config.human.two_way != command.two_way:
+        raise ValueError(
+            f"simulator {config.simulator} takes the command {command}, which is at rest at "
+            f"{command.rest:g}: set human.two_way={str(command.two_way).lower()}"
+            + (" and human.top_throttle above 0" if command.two_way else "")
+        )
