@@ -1,4 +1,4 @@
-"""Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, half a minute.
+"""Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, a minute or two.
 
     python scripts/compile.py
 

@@ -2,7 +2,7 @@
 
 Of a few hundred cars an operation of PyTorch takes microseconds whatever it does, and a step of a
 car has hundreds. Compiled into one call they take as long as their arithmetic. Both give the same
-numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and half a minute, so
+numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and a minute or two, so
 it is done once, by `scripts/compile.py`. A package holds for the source and the processor that it
 was made of and no other.
 
