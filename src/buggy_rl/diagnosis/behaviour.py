@@ -1,0 +1,122 @@
+"""What the car certainly does otherwise than the simulator, whichever parameters are to blame."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.named_effect import NORMAL
+from buggy_rl.diagnosis.retuning import Retuned, with_own
+from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.step_tests import Driven, Quantity, step_tests
+from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.longitudinal import declared_by
+
+SAMPLES = 16  # of the parameters' joint distribution
+RELEVANT = 0.05  # [-] share of a quantity's size by which it must differ to be said
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """A quantity of step tests, of the simulator as given and of the repaired one."""
+
+    name: str
+    words: str
+    unit: str
+    given: float
+    value: float
+    low: float
+    high: float
+    """Bounds of the 95 % interval of the repaired simulator's value."""
+    certain: bool
+    """Whether the simulator as given is outside the interval, by enough to matter."""
+
+    def line(self) -> str:
+        """The difference in words."""
+        digits = 2 if self.unit == "s" else 3
+        value, low, high, given = (
+            f"{v:.{digits}g}" if self.unit != "s" else f"{1000 * v:.0f}"
+            for v in (self.value, self.low, self.high, self.given)
+        )
+        unit = "ms" if self.unit == "s" else self.unit
+        return f"{self.words}: {value} {unit} ({low} to {high}), the simulator {given} {unit}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return asdict(self)
+
+
+def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Behaviour]:
+    """All quantities, of the simulator as given and with what was found.
+
+    Args:
+        case: Recordings and simulator.
+        found: What the search came to.
+        tuned: The simulator's own parameters, where they were fitted first.
+    """
+    problem, best = case.problem, found.best.fit
+    segments, library = problem.segments, case.as_given
+    driven = Driven.of(segments, declared_by(case.given.make(1)).rest)
+    covariance = found.best.cross_validated.covariance
+    hypothesis: Hypothesis = best
+    if case.retuned_from is not None:
+        hypothesis = with_own(case, best)
+        covariance = _joint(covariance, tuned)
+    simulation = case.given
+    vectors = _sampled(hypothesis, covariance)
+    neutral = library.hypothesis(())
+    [given] = step_tests(
+        simulation, library, neutral, neutral.vector.unsqueeze(0), driven, segments.dt
+    ).tolist()
+    repaired = step_tests(simulation, library, hypothesis, vectors, driven, segments.dt)
+    spread = repaired[1:].std(0).nan_to_num(math.inf).tolist()
+    rows = zip(driven.quantities, given, repaired[0].tolist(), spread, strict=True)
+    return [_compared(*row) for row in rows if math.isfinite(row[1]) and math.isfinite(row[2])]
+
+
+def certain(found: Sequence[Behaviour]) -> list[Behaviour]:
+    """Those that certainly differ, the clearest first."""
+    return sorted((b for b in found if b.certain), key=_clearness, reverse=True)
+
+
+def _clearness(b: Behaviour) -> float:
+    return abs(b.value - b.given) / max(b.high - b.low, 1e-9)
+
+
+def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Behaviour:
+    low, high = value - NORMAL * sd, value + NORMAL * sd
+    least = quantity.least or RELEVANT * max(abs(given), abs(value))
+    return Behaviour(
+        quantity.name,
+        quantity.words,
+        quantity.unit,
+        given,
+        value,
+        low,
+        high,
+        certain=not low <= given <= high and abs(value - given) > least,
+    )
+
+
+def _joint(effects: Tensor, tuned: Retuned | None) -> Tensor:
+    """Covariance [P, P] of effects, the simulator's own parameters and the clock, the last.
+
+    Both were fitted one after the other, so what they share is unknown and taken for nothing.
+    """
+    own = effects.new_zeros(0, 0) if tuned is None else tuned.covariance
+    return torch.block_diag(effects[:-1, :-1], own, effects[-1:, -1:])
+
+
+def _sampled(hypothesis: Hypothesis, covariance: Tensor) -> Tensor:
+    """Vectors [1 + SAMPLES, P]: the fit's own, and others that the recordings allow."""
+    values, basis = torch.linalg.eigh(0.5 * (covariance + covariance.mT).double())
+    generator = torch.Generator().manual_seed(0)
+    drawn = torch.randn(SAMPLES, len(values), generator=generator, dtype=torch.float64)
+    moved = drawn @ (basis * values.clamp_min(0.0).sqrt()).mT
+    return torch.cat(
+        [hypothesis.vector.unsqueeze(0), hypothesis.bounded(hypothesis.vector + moved)]
+    )
