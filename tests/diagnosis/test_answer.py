@@ -286,10 +286,11 @@ def test_an_open_answer_begins_with_what_is_certain_and_ends_with_what_remains()
     assert answer.lines() == [
         "What is named here explains 94% of the residual; the rest has a form that no effect in "
         "the library has.",
-        "Certain: to half of the yaw rate: 140 ms (130 to 150), the simulator 80 ms.",
+        "Certain: to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms.",
         "The largest share of the error is in yaw rate (70%).",
-        "Parameters that are off, re-tuned together, confidence 40% that nothing else is missing: "
-        "mass 2 kg (1.9 to 2.1), not 1.6; yaw inertia 0.01 kg m^2 (0.005 to 0.02), not 1.6.",
+        "Parameters that are off where all are re-tuned (with a probability of 60% more is missing "
+        "than they say): mass 2 kg (1.9 to 2.1), not 1.6; yaw inertia 0.01 kg m^2 (0.005 to 0.02), "
+        "not 1.6.",
         "Where the repaired simulator is still wrong: speed 0.1 m/s too high (median) at speed 1 "
         "to 2 m/s.",
         "Position error of 1 s rollouts on held-out data: median 150 mm before, 20 mm after; "

@@ -102,4 +102,4 @@ def test_nothing_is_certain_of_a_fit_that_may_be_anything(late):
 
 def test_a_difference_is_said_with_its_interval():
     b = Behaviour("steering_response", "to half of the yaw rate", "s", 0.08, 0.14, 0.13, 0.15, True)
-    assert b.line() == "to half of the yaw rate: 140 ms (130 to 150), the simulator 80 ms"
+    assert b.line() == "to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms"

@@ -21,6 +21,7 @@ Verdict = Literal[
 SCHEMA = 1
 SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
 OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which a user needs what is certain
+WORTH = 0.05  # [-] confidence from which an effect is said where something has no name
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
 CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
 
@@ -172,7 +173,8 @@ class Answer:
         """
         merged = {e.effects[0]: e for e in self.equivalents}
         own = [e for e in self.effects if unknown and e.kind == "parameter"]
-        others = [e for e in self.effects if e not in own]
+        least = WORTH if unknown else 0.0
+        others = [e for e in self.effects if e not in own and e.confidence >= least]
         lines = [
             merged[e.name].line() if e.name in merged else e.line(unknown) for e in others[:SPOKEN]
         ]
@@ -227,8 +229,8 @@ def _retuned(own: Sequence[NamedEffect]) -> list[str]:
             f"{name.replace('_', ' ')} {v.value:.3g}{unit} ({v.low:.3g} to {v.high:.3g}), not {was}"
         )
     return [
-        f"Parameters that are off, re-tuned together, confidence {own[0].confidence:.0%} that "
-        f"nothing else is missing: {'; '.join(parts)}."
+        f"Parameters that are off where all are re-tuned (with a probability of "
+        f"{1 - own[0].confidence:.0%} more is missing than they say): {'; '.join(parts)}."
     ]
 
 

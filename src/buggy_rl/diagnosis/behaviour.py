@@ -43,7 +43,7 @@ class Behaviour:
             for v in (self.value, self.low, self.high, self.given)
         )
         unit = "ms" if self.unit == "s" else self.unit
-        return f"{self.words}: {value} {unit} ({low} to {high}), the simulator {given} {unit}"
+        return f"{self.words}: car {value} {unit} ({low} to {high}), simulator {given} {unit}"
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -73,7 +73,7 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
         simulation, library, neutral, neutral.vector.unsqueeze(0), driven, segments.dt
     ).tolist()
     repaired = step_tests(simulation, library, hypothesis, vectors, driven, segments.dt)
-    spread = repaired[1:].std(0).nan_to_num(math.inf).tolist()
+    spread = [_spread(column) for column in repaired[1:].unbind(-1)]
     rows = zip(driven.quantities, given, repaired[0].tolist(), spread, strict=True)
     return [_compared(*row) for row in rows if math.isfinite(row[1]) and math.isfinite(row[2])]
 
@@ -85,6 +85,12 @@ def certain(found: Sequence[Behaviour]) -> list[Behaviour]:
 
 def _clearness(b: Behaviour) -> float:
     return abs(b.value - b.given) / max(b.high - b.low, 1e-9)
+
+
+def _spread(values: Tensor) -> float:
+    """Standard deviation of values [S]; unknown where most tests do not show it."""
+    shown = values[values.isfinite()]
+    return float(shown.std()) if 2 * len(shown) > len(values) else math.inf
 
 
 def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Behaviour:

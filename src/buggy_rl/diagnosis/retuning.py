@@ -81,7 +81,9 @@ def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
         if not coordinate.effect or not (moved or index in apart):
             continue
         p = coordinate.parameter
-        low, value, high = (float(p.value_at(z + k * NORMAL * sd)) for k in (-1, 0, 1))
+        low, value, high = (
+            min(max(float(p.value_at(z + k * NORMAL * sd)), p.lower), p.upper) for k in (-1, 0, 1)
+        )
         words = sentence(coordinate.effect, {p.name: value}, p.unit, float(p.value))
         named = NamedEffect(
             name=coordinate.effect,
