@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.experiments import leading
 from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
@@ -51,31 +52,44 @@ class Behaviour:
 
 
 def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Behaviour]:
-    """All quantities, of the simulator as given and with what was found.
+    """Quantities that were driven, of the simulator as given and with what was found.
+
+    An interval holds what the numbers of the best hypothesis may be, and the other leading
+    hypotheses at theirs.
 
     Args:
         case: Recordings and simulator.
         found: What the search came to.
         tuned: The simulator's own parameters, where they were fitted first.
     """
-    problem, best = case.problem, found.best.fit
-    segments, library = problem.segments, case.as_given
-    driven = Driven.of(segments, declared_by(case.given.make(1)).rest)
+    problem, simulation, library = case.problem, case.given, case.as_given
+    driven = Driven.of(problem.segments, declared_by(simulation.make(1)).rest)
+
+    def tested(hypothesis: Hypothesis, vectors: Tensor) -> Tensor:
+        return step_tests(simulation, library, hypothesis, vectors, driven, problem.segments.dt)
+
+    def whole(fit: Hypothesis) -> Hypothesis:
+        return fit if case.retuned_from is None else with_own(case, fit)
+
+    neutral, best = library.hypothesis(()), whole(found.best.fit)
     covariance = found.best.cross_validated.covariance
-    hypothesis: Hypothesis = best
     if case.retuned_from is not None:
-        hypothesis = with_own(case, best)
         covariance = _joint(covariance, tuned)
-    simulation = case.given
-    vectors = _sampled(hypothesis, covariance)
-    neutral = library.hypothesis(())
-    [given] = step_tests(
-        simulation, library, neutral, neutral.vector.unsqueeze(0), driven, segments.dt
-    ).tolist()
-    repaired = step_tests(simulation, library, hypothesis, vectors, driven, segments.dt)
-    spread = [_spread(column) for column in repaired[1:].unbind(-1)]
-    rows = zip(driven.quantities, given, repaired[0].tolist(), spread, strict=True)
-    return [_compared(*row) for row in rows if math.isfinite(row[1]) and math.isfinite(row[2])]
+    [given] = tested(neutral, neutral.vector.unsqueeze(0)).tolist()
+    repaired = tested(best, _sampled(best, covariance))
+    others = [whole(found.tried[key].fit) for key in leading(found) if key != found.best.key]
+    rivals = [tested(h, h.vector.unsqueeze(0))[0] for h in others]
+    values = repaired[0]
+    spread = torch.stack([_spread(column) for column in repaired[1:].unbind(-1)])
+    if rivals:  # an interval that holds whichever of them is true
+        apart = torch.stack([(rival - values).abs() for rival in rivals]).amax(0)
+        spread = spread + apart.nan_to_num(math.inf) / NORMAL
+    rows = zip(driven.quantities, given, values.tolist(), spread.tolist(), strict=True)
+    return [
+        _compared(*row)
+        for row in rows
+        if row[0].name in driven.shown and math.isfinite(row[1]) and math.isfinite(row[2])
+    ]
 
 
 def certain(found: Sequence[Behaviour]) -> list[Behaviour]:
@@ -87,10 +101,10 @@ def _clearness(b: Behaviour) -> float:
     return abs(b.value - b.given) / max(b.high - b.low, 1e-9)
 
 
-def _spread(values: Tensor) -> float:
+def _spread(values: Tensor) -> Tensor:
     """Standard deviation of values [S]; unknown where most tests do not show it."""
     shown = values[values.isfinite()]
-    return float(shown.std()) if 2 * len(shown) > len(values) else math.inf
+    return shown.std() if 2 * len(shown) > len(values) else values.new_tensor(math.inf)
 
 
 def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Behaviour:

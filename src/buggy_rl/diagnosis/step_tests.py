@@ -23,6 +23,10 @@ EARLY = 0.3  # [s] after a step of the throttle in which the acceleration reache
 SLOW, TYPICAL, QUICK = 0.2, 0.5, 0.9  # quantiles of the driven speed
 LOCK = 0.98  # quantile of the magnitude of driven steering that stands for full lock
 NEAR = 0.2  # share of the speed range within which a throttle belongs to a speed
+OFTEN = 0.01  # share of the rows from which something was driven
+FAR, STRAIGHT = 0.8, 0.15  # shares of full lock beyond and within which it is steered so
+IDLE = 0.02  # [-] throttle command from rest within which nothing drives
+VARIED = 0.1  # standard deviation of a command, over its range, from which steps of it were driven
 STANDS = 0.2  # share of the speed at the start below which a car has stopped
 
 
@@ -53,6 +57,8 @@ class Driven:
     """Steering command that stands for full lock."""
     rest: float
     """Throttle command without drive."""
+    shown: frozenset[str] = frozenset()
+    """Names of the quantities that were driven: of others a simulator would have to be believed."""
 
     @classmethod
     def of(cls, segments: Segments, rest: float) -> "Driven":
@@ -68,7 +74,8 @@ class Driven:
         ]
         lock = float(_quantile(steering.abs(), LOCK))
         full = float(_quantile(throttle, QUICK))
-        return cls(slow, typical, quick, (near[0], near[1], near[2]), full, lock, rest)
+        throttles, shown = (near[0], near[1], near[2]), _shown(throttle, steering / lock, rest)
+        return cls(slow, typical, quick, throttles, full, lock, rest, shown)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -105,6 +112,24 @@ class Driven:
                 0.0,
             ),
         )
+
+
+def _shown(throttle: Tensor, steering: Tensor, rest: float) -> frozenset[str]:
+    """Quantities that rows [T] of commands show, steering as a share of full lock."""
+    share = {
+        "left_curvature": steering > FAR,
+        "right_curvature": steering < -FAR,
+        "straight_curvature": steering.abs() < STRAIGHT,
+        "coasting": (throttle - rest).abs() < IDLE,
+        "acceleration": (throttle - rest).abs() >= IDLE,
+        "lateral_acceleration": steering.abs() > FAR,
+    }
+    often = {name for name, rows in share.items() if float(rows.double().mean()) > OFTEN}
+    if float(steering.std()) > VARIED:
+        often.add("steering_response")
+    if float(throttle.std()) > VARIED * float(throttle.max() - rest):
+        often.add("throttle_response")
+    return frozenset(often)
 
 
 def step_tests(
