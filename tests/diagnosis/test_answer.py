@@ -259,11 +259,11 @@ def test_a_ratio_has_no_unit():
     assert said == "the simulator's mass is 2 kg, not 1.6"
 
 
-def test_an_open_answer_begins_with_what_is_certain_and_ends_with_what_remains():
+def test_an_open_answer_begins_with_what_differs_and_ends_with_what_remains():
     late = Behaviour(
         "steering_response", "to half of the yaw rate", "s", 0.08, 0.14, 0.13, 0.15, True
     )
-    same = replace(late, name="coasting", certain=False)
+    same = replace(late, name="coasting", differs=False)
     own = replace(
         an_answer().effects[0],
         name="parameter:mass",
@@ -286,7 +286,7 @@ def test_an_open_answer_begins_with_what_is_certain_and_ends_with_what_remains()
     assert answer.lines() == [
         "What is named here explains 94% of the residual; the rest has a form that no effect in "
         "the library has.",
-        "Certain: to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms.",
+        "Whatever is to blame: to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms.",
         "The largest share of the error is in yaw rate (70%).",
         "Parameters that are off where all are re-tuned (with a probability of 60% more is missing "
         "than they say): mass 2 kg (1.9 to 2.1), not 1.6; yaw inertia 0.01 kg m^2 (0.005 to 0.02), "
@@ -300,7 +300,7 @@ def test_an_open_answer_begins_with_what_is_certain_and_ends_with_what_remains()
     ]
     content = answer.to_dict()
     assert broken(content, SCHEMA) == []
-    assert [b["certain"] for b in content["behaviours"]] == [False, True]
+    assert [b["differs"] for b in content["behaviours"]] == [False, True]
     assert content["unexplained"]["form"][0]["channel"] == "vx"
 
 

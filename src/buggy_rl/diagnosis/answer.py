@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from buggy_rl.diagnosis.behaviour import Behaviour, certain
+from buggy_rl.diagnosis.behaviour import Behaviour, differing
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
@@ -20,7 +20,7 @@ Verdict = Literal[
 ]
 SCHEMA = 1
 SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
-OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which a user needs what is certain
+OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which no list of effects says it all
 WORTH = 0.05  # [-] confidence from which an effect is said where something has no name
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
 CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
@@ -144,7 +144,7 @@ class Answer:
         result = [self._headline()]
         open_ = self.verdict in OPEN
         if open_:
-            result += self._certain()
+            result += self._differing()
         if self.verdict != "no_mismatch":
             channel, share = max(self.located.channel_share.items(), key=lambda i: i[1])
             result.append(
@@ -161,9 +161,9 @@ class Answer:
             result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
 
-    def _certain(self) -> list[str]:
+    def _differing(self) -> list[str]:
         """What the car does otherwise, whichever parameters or effects are to blame."""
-        lines = [f"Certain: {b.line()}." for b in certain(self.behaviours)]
+        lines = [f"Whatever is to blame: {b.line()}." for b in differing(self.behaviours)]
         return lines[:SPOKEN]
 
     def _findings(self, unknown: bool) -> list[str]:

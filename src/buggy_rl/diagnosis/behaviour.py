@@ -1,4 +1,4 @@
-"""What the car certainly does otherwise than the simulator, whichever parameters are to blame."""
+"""What the car does otherwise than the simulator, whichever parameters or effects are to blame."""
 
 import math
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ class Behaviour:
     low: float
     high: float
     """Bounds of the 95 % interval of the repaired simulator's value."""
-    certain: bool
-    """Whether the simulator as given is outside the interval, by enough to matter."""
+    differs: bool
+    """Whether the simulator as given is outside the interval by more than does not matter."""
 
     def line(self) -> str:
         """The difference in words."""
@@ -92,9 +92,9 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
     ]
 
 
-def certain(found: Sequence[Behaviour]) -> list[Behaviour]:
-    """Those that certainly differ, the clearest first."""
-    return sorted((b for b in found if b.certain), key=_clearness, reverse=True)
+def differing(found: Sequence[Behaviour]) -> list[Behaviour]:
+    """Those that differ, the clearest first."""
+    return sorted((b for b in found if b.differs), key=_clearness, reverse=True)
 
 
 def _clearness(b: Behaviour) -> float:
@@ -118,7 +118,7 @@ def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Beha
         value,
         low,
         high,
-        certain=not low <= given <= high and abs(value - given) > least,
+        differs=max(low - given, given - high) > least,
     )
 
 

@@ -64,7 +64,7 @@ def answered(
     progress("locating the error")
     located = locate(case.given, problem.segments, problem.noise.sd, case.names)
     said = judged(case, found, tuned.wrong if tuned else ())
-    progress("testing what is certain")
+    progress("step tests of both simulators")
     behaved = behaviours(case, found, tuned)
     progress("proving it on what was held out")
     proof = _proof(case, found, _as_given(case, found).square().mean(-1))
