@@ -15,7 +15,7 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Judges every simulator of a study and writes the table."""
-    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
 
     import pandas as pd
     import torch

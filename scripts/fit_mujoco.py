@@ -18,7 +18,7 @@ from buggy_rl.config import from_command_line, run, save_run
 
 def main() -> None:
     """Fits and writes the simulator file."""
-    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
 
     from functools import cache
 

@@ -13,7 +13,7 @@ from buggy_rl.config import from_command_line, run
 
 def main() -> None:
     """Draws the training recordings of a study."""
-    config = from_command_line(__doc__, "buggy_rl.identification.study:StudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
 
     from tensordict import TensorDict
     from tqdm import tqdm

@@ -2,6 +2,7 @@
 
     python scripts/study.py configs/study.yaml data.recordings=[my/folder] output=runs/my_study
     python scripts/study.py configs/sample.yaml configs/study.yaml output=runs/sample_study
+    python scripts/study.py configs/dart.yaml
 
 Trains models, fits the simulator, compares them on held-out recordings, trains a policy in each of
 two, drives them everywhere, diagnoses the fitted simulator on the held-out recordings, judges the
@@ -32,7 +33,8 @@ def main() -> None:
     folder = Path(config.output)
     save_run(config, folder)
     drives = load_drives(config.data, tqdm.write, config.car)
-    plan = Plan(config, [r.source for r in drives.held_out], Path(__file__).parent)
+    compared = drives.held_out if config.diagnosed == "fitted" else drives.training
+    plan = Plan(config, [r.source for r in compared], Path(__file__).parent)
     plan.write()
     stages = []
     for wave in plan.waves():

@@ -1,7 +1,7 @@
 """Trains the models of a study on its recordings.
 
     python scripts/train_models.py configs/sample.yaml
-    python scripts/train_models.py configs/dart.yaml only=[gru] threads=2
+    python scripts/train_models.py configs/dart.yaml configs/dart_models.yaml only=[gru]
 
 Writes OUTPUT/models/NAME.pt, its losses by epoch in the folder NAME as CSV and for TensorBoard, and
 a checkpoint after every epoch: run again, it resumes bit for bit and skips finished models
@@ -14,13 +14,14 @@ from pathlib import Path
 
 from buggy_rl.config import from_command_line, plain, run, save_run
 
-SCHEMA = "buggy_rl.identification.study:StudyConfig"
+SCHEMA = "buggy_rl.study.config:WholeStudyConfig"
 
 
 def main() -> None:
     """Trains every model that does not exist yet."""
     fresh = "fresh=true" in sys.argv
-    config = from_command_line(__doc__, SCHEMA, [a for a in sys.argv[1:] if a != "fresh=true"])
+    arguments = [a for a in sys.argv[1:] if a != "fresh=true"]
+    config = from_command_line(__doc__, SCHEMA, arguments).of_simulators
 
     import torch
     from tqdm import tqdm

@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 
 from buggy_rl.diagnosis.answer import Answer, Proof, described
+from buggy_rl.diagnosis.behaviour import Behaviour
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
+from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Interval, Located, Region
 from buggy_rl.diagnosis.named_effect import NamedEffect, Value, sentence
 from buggy_rl.diagnosis.unexplained import Unexplained
@@ -185,7 +187,7 @@ def test_a_misspecified_effect_is_said_to_be_one():
     assert lines[0].startswith("Physics is missing that no effect in the library describes; ")
     assert "varies with speed: probably misspecified" in lines[2]
     other = an_answer(verdict="unknown_physics", effects=[misspecified, named]).lines()
-    assert other[0].startswith("The effects named here explain a part")
+    assert other[0].startswith("What is named here explains")
 
 
 @pytest.mark.parametrize(
@@ -220,8 +222,8 @@ def test_the_lines_say_channel_effect_confidence_and_improvement():
         ("wrong_parameters", 0.29, "The simulator's parameters are wrong; 29% of the residual is "
          "unexplained."),
         ("wrong_parameters", 0.05, "The simulator's parameters are wrong; no physics is missing."),
-        ("unknown_physics", 0.6, "The effects named here explain a part of the residual, 60% is "
-         "unexplained."),
+        ("unknown_physics", 0.6, "What is named here explains 40% of the residual; the rest has a "
+         "form that no effect in the library has."),
     ],
 )  # fmt: skip
 def test_the_first_line_says_what_is_unexplained(verdict, share, line):
@@ -255,6 +257,51 @@ def test_a_ratio_has_no_unit():
     assert said == "the simulator's throttle deadband is 0.1, not 0.05"
     said = sentence("parameter:mass", {"mass": 2.0}, "kg", 1.6)
     assert said == "the simulator's mass is 2 kg, not 1.6"
+
+
+def test_an_open_answer_begins_with_what_differs_and_ends_with_what_remains():
+    late = Behaviour(
+        "steering_response", "to half of the yaw rate", "s", 0.08, 0.14, 0.13, 0.15, True
+    )
+    same = replace(late, name="coasting", differs=False)
+    own = replace(
+        an_answer().effects[0],
+        name="parameter:mass",
+        kind="parameter",
+        sentence="the simulator's mass is 2 kg, not 1.6",
+        parameters={"mass": Value(2.0, 1.9, 2.1, "kg")},
+        confidence=0.4,
+        confused_with={},
+    )
+    inertia = replace(own, parameters={"yaw_inertia": Value(0.01, 0.005, 0.02, "kg m^2")})
+    answer = an_answer(
+        verdict="unknown_physics",
+        effects=[own, inertia],
+        behaviours=[same, late],
+        form=[FormFault("vx", "vx", 1.0, 2.0, 0.1)],
+        suggest=[],
+    )
+    median = {**answer.proof.median, "retuned": {1.0: 0.03}, "black_box": {1.0: 0.1}}
+    answer = replace(answer, proof=replace(answer.proof, median=median))
+    assert answer.lines() == [
+        "What is named here explains 94% of the residual; the rest has a form that no effect in "
+        "the library has.",
+        "Whatever is to blame: to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms.",
+        "The largest share of the error is in yaw rate (70%).",
+        "Parameters that are off where all are re-tuned (with a probability of 60% more is missing "
+        "than they say): mass 2 kg (1.9 to 2.1), not 1.6; yaw inertia 0.01 kg m^2 (0.005 to 0.02), "
+        "not 1.6.",
+        "Where the repaired simulator is still wrong: speed 0.1 m/s too high (median) at speed 1 "
+        "to 2 m/s.",
+        "Position error of 1 s rollouts on held-out data: median 150 mm before, 20 mm after; "
+        "root mean square 200 mm before, 30 mm after.",
+        "In comparison, median: 30 mm re-tuned alone, 100 mm with a learned residual.",
+        "Hardly driven: x hardly driven.",
+    ]
+    content = answer.to_dict()
+    assert broken(content, SCHEMA) == []
+    assert [b["differs"] for b in content["behaviours"]] == [False, True]
+    assert content["unexplained"]["form"][0]["channel"] == "vx"
 
 
 def test_a_better_proof_leaves_less_in_noise_units_and_in_metres():

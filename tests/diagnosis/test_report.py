@@ -10,8 +10,10 @@ import torch
 from torchrl.envs import TransformedEnv
 
 from buggy_rl.diagnosis.answer import Answer, Proof
+from buggy_rl.diagnosis.behaviour import Behaviour
 from buggy_rl.diagnosis.case import prepared
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region, locate
 from buggy_rl.diagnosis.named_effect import NamedEffect, Value
 from buggy_rl.diagnosis.posterior import Posterior
@@ -370,3 +372,17 @@ def test_a_quantity_has_its_unit_and_a_limit_that_is_never_reached_is_none():
     assert wording.quantity(0.0612, "m/s^2") == "0.0612 m/s²"
     assert wording.neutral(1e9, "m/s") == "none"
     assert wording.neutral(1.0, "-") == "1"
+
+
+def test_step_tests_and_faults_of_form_have_their_place(diagnosis):
+    case, found, said = diagnosis
+    assert "Step tests" not in text_of(case, found, said)
+    late = Behaviour(
+        "steering_response", "to half of the yaw rate", "s", 0.08, 0.14, 0.13, 0.15, True
+    )
+    fault = FormFault("vx", "lateral_acceleration", 1.0, 2.0, 0.1)
+    said = replace(said, behaviours=[late], form=[fault])
+    tests = text_of(case, found, said, "Step tests of both simulators")
+    assert "to half of the yaw rate 0.08 s 0.14 s (0.13 to 0.15) yes" in " ".join(tests.split())
+    rest = text_of(case, found, said, "Unexplained residual")
+    assert "Speed 0.1 m/s too high (median) at lateral acceleration 1 to 2 m/s²." in rest

@@ -141,3 +141,14 @@ def test_a_switch_before_a_setting_of_the_checking_script_is_understood(
     with pytest.raises(SystemExit, match="0"):
         runpy.run_path(str(repository / "scripts" / "check_recordings.py"), run_name="__main__")
     assert "1 recordings usable" in capsys.readouterr().out
+
+
+def test_a_position_on_a_map_grid_loses_no_digits_and_two_drives_share_a_frame(good, write):
+    near = load_recording(write(good))
+    far = good.assign(x=good.x + 500_000.0, y=good.y + 5_300_000.0)
+    found = load_recording(write(far, "far.csv"))
+    [note] = [n for n in found.notes if "positions count from" in n]
+    assert "column x: positions count from (500000, 5300000) m" in note
+    # float32 resolves 0.5 m at 5300 km; stamps, commands and headings are as they were.
+    assert found.data["pose"].numpy() == pytest.approx(near.data["pose"].numpy(), abs=2e-3)
+    assert not [n for n in near.notes if "positions count" in n]

@@ -50,6 +50,24 @@ def test_the_diagnosis_is_of_the_fitted_simulator_on_held_out_recordings_alone(c
     assert "recordings=[held_out.csv]" in arguments
 
 
+def test_the_simulator_as_it_comes_may_be_diagnosed_instead(config):
+    config = replace(config, car="dart", fit_simulator="single_track")
+    assert "car=dart" in commands(config)["diagnosis"]
+    found = commands(replace(config, diagnosed="shipped"))["diagnosis"]
+    assert "simulator=single_track" in found
+    assert "car=dart" in found
+
+
+@pytest.mark.parametrize("name", ["dart", "frictionmaps"])
+def test_recordings_of_others_are_studied_by_one_short_config(name):
+    file = SCRIPTS.parent / "configs" / f"{name}.yaml"
+    assert len(file.read_text().splitlines()) < 30
+    config = build(WholeStudyConfig, [str(file)])
+    assert config.diagnosed == "shipped"
+    assert not config.policy.seeds
+    assert config.of_simulators.car == name
+
+
 def test_without_seeds_no_policy_is_trained_or_driven(config):
     found = commands(replace(config, policy=PolicyStage(seeds=[])))
     assert not [name for name in found if "polic" in name]

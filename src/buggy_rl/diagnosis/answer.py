@@ -1,15 +1,18 @@
 """The answer of a diagnosis: `diagnosis.json` for programs, and a few sentences for a person."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from buggy_rl.diagnosis.behaviour import Behaviour, differing
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
+from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Located
 from buggy_rl.diagnosis.named_effect import NamedEffect
 from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.proof import Proof
 from buggy_rl.diagnosis.unexplained import Unexplained
 
 Verdict = Literal[
@@ -17,6 +20,8 @@ Verdict = Literal[
 ]
 SCHEMA = 1
 SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
+OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which no list of effects says it all
+WORTH = 0.05  # [-] confidence from which an effect is said where something has no name
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
 CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
 
@@ -32,31 +37,6 @@ class Alternative:
     """Excess misfit on what was held out."""
     log_evidence: float | None = None
     """[nats]"""
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Rollouts on what was held out, by horizon in seconds; position errors as mean squares."""
-
-    before: dict[float, float]
-    after: dict[float, float]
-    retuned: dict[float, float]
-    noise_floor: dict[float, float]
-    black_box: dict[float, float]
-    misfit_before: float
-    """Root mean square of the standardised residuals of 1 s rollouts."""
-    misfit_after: float
-    held_out: bool
-    median: dict[str, dict[float, float]] = field(default_factory=dict)
-    """before, after, retuned, black_box -> horizon -> median distance [m]; robust to spins."""
-
-    def better_than(self, other: "Proof") -> bool:
-        """Whether both its misfit and its median distance after the longest rollouts are smaller.
-
-        Where most segments are far beyond the noise, the cap on each makes the misfit insensitive.
-        """
-        own, its = (max(p.median.get("after", {}).items(), default=(0, 0.0)) for p in (self, other))
-        return self.misfit_after < other.misfit_after and own[1] <= its[1]
 
 
 @dataclass(frozen=True)
@@ -79,6 +59,10 @@ class Answer:
     """How probably each decides between the leading hypotheses, the highest first."""
     equivalents: list[Equivalents] = field(default_factory=list)
     """Named effects with what these recordings cannot tell from them."""
+    behaviours: list[Behaviour] = field(default_factory=list)
+    """Quantities of step tests, as given and repaired."""
+    form: list[FormFault] = field(default_factory=list)
+    """Where the repaired simulator is wrong to one side, the largest first."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -120,12 +104,14 @@ class Answer:
                     for t in self.tried
                 ],
                 "equivalents": [e.to_dict() for e in self.equivalents],
+                "behaviours": [b.to_dict() for b in self.behaviours],
                 "posterior": _posterior(self.posterior),
                 "unexplained": {
                     "share": self.remaining.share,
                     "depends_on": self.remaining.depends_on,
                     "description": described(self.remaining),
                     "channel_share": self.remaining.channel,
+                    "form": [f.to_dict() for f in self.form],
                 },
                 "fit": {
                     "metric": "1 s open-loop",
@@ -156,35 +142,45 @@ class Answer:
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
         result = [self._headline()]
+        open_ = self.verdict in OPEN
+        if open_:
+            result += self._differing()
         if self.verdict != "no_mismatch":
             channel, share = max(self.located.channel_share.items(), key=lambda i: i[1])
             result.append(
                 f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
             )
-        unknown = self.verdict == "unknown_physics"
-        result += self._findings(unknown)
-        if more := [e.name for e in self.effects[SPOKEN:]]:
-            result.append(f"And {', '.join(more)}: see the report.")
-        p = self.proof
-        if 1.0 in p.before and 1.0 in p.after:
-            data = "held-out data" if p.held_out else "the data that were fitted"
-            root = _millimetres(math.sqrt(p.before[1.0]), math.sqrt(p.after[1.0]))
-            words = f"root mean square {root}"
-            if {"before", "after"} <= set(p.median):
-                median = _millimetres(p.median["before"][1.0], p.median["after"][1.0])
-                words = f"median {median}; {words}"
-            result.append(f"Position error of 1 s rollouts on {data}: {words}.")
+        result += self._findings(self.verdict == "unknown_physics")
+        if open_ and self.form:
+            where = "; ".join(fault.line() for fault in self.form)
+            result.append(f"Where the repaired simulator is still wrong: {where}.")
+        result += self.proof.lines()
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")
+        elif open_ and self.weak:
+            result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
 
+    def _differing(self) -> list[str]:
+        """What the car does otherwise, whichever parameters or effects are to blame."""
+        lines = [f"Whatever is to blame: {b.line()}." for b in differing(self.behaviours)]
+        return lines[:SPOKEN]
+
     def _findings(self, unknown: bool) -> list[str]:
-        """A sentence for each effect, or for it and what cannot be told from it."""
+        """A sentence for each effect, or for it and what cannot be told from it.
+
+        Parameters that were re-tuned together are one finding: none was tested apart.
+        """
         merged = {e.effects[0]: e for e in self.equivalents}
-        return [
-            merged[e.name].line() if e.name in merged else e.line(unknown)
-            for e in self.effects[:SPOKEN]
+        own = [e for e in self.effects if unknown and e.kind == "parameter"]
+        least = WORTH if unknown else 0.0
+        others = [e for e in self.effects if e not in own and e.confidence >= least]
+        lines = [
+            merged[e.name].line() if e.name in merged else e.line(unknown) for e in others[:SPOKEN]
         ]
+        if more := [e.name for e in others[SPOKEN:]]:
+            lines.append(f"And {', '.join(more)}: see the report.")
+        return [*_retuned(own), *lines]
 
     def _headline(self) -> str:
         first = {
@@ -200,7 +196,8 @@ class Answer:
                 first += "; the effects named here fit, but are probably misspecified"
         elif self.verdict == "unknown_physics" and self.effects:
             first = (
-                f"The effects named here explain a part of the residual, {share:.0%} is unexplained"
+                f"What is named here explains {1 - share:.0%} of the residual; the rest has a form "
+                "that no effect in the library has"
             )
         elif self.effects and share >= UNNAMED:
             first += f"; {share:.0%} of the residual is unexplained"
@@ -219,8 +216,22 @@ def described(remaining: Unexplained) -> str:
     return f"The unexplained residual is largest in {channel}{grows}{memory}."
 
 
-def _millimetres(before: float, after: float) -> str:
-    return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
+def _retuned(own: Sequence[NamedEffect]) -> list[str]:
+    """The simulator's own parameters that are off, in one sentence."""
+    if not own:
+        return []
+    parts = []
+    for e in own:
+        [(name, v)] = e.parameters.items()
+        unit = f" {v.unit}" if v.unit not in ("", "-") else ""
+        was = e.sentence.rpartition("not ")[2]
+        parts.append(
+            f"{name.replace('_', ' ')} {v.value:.3g}{unit} ({v.low:.3g} to {v.high:.3g}), not {was}"
+        )
+    return [
+        f"Parameters that are off where all are re-tuned (with a probability of "
+        f"{1 - own[0].confidence:.0%} more is missing than they say): {'; '.join(parts)}."
+    ]
 
 
 def _posterior(posterior: Posterior | None) -> dict[str, Any] | None:

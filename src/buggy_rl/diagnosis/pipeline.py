@@ -28,7 +28,7 @@ from buggy_rl.diagnosis.preflight_recordings import (
     check_residuals,
 )
 from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
-from buggy_rl.diagnosis.retuning import retuned
+from buggy_rl.diagnosis.retuning import Retuned, retuned
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import answered
@@ -244,7 +244,7 @@ def _diagnosed(
     stages: Stages,
     stage: str,
     meter: Meter,
-    wrong: Sequence = (),
+    tuned: Retuned | None = None,
 ) -> Diagnosis:
     """Searches and answers, or takes what was kept under the stage's name."""
     meter.stage("search")
@@ -255,7 +255,7 @@ def _diagnosed(
     found = kept("search", lambda: _searched(case, meter.says, kept))
     case = replace(case, problem=found.problem(case.problem))
     meter.stage("answer")
-    said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, wrong))
+    said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, tuned))
     return Diagnosis(case, found, said)
 
 
@@ -278,7 +278,7 @@ def _retuned_first(
     budget = done.case.budget
     case = prepared(simulation, done.case.recordings, library, config, budget=budget)
     case = replace(case, retuned_from=given)
-    again = _diagnosed(config, case, stages, "second_", meter, tuned.wrong)
+    again = _diagnosed(config, case, stages, "second_", meter, tuned)
     if not again.answer.proof.better_than(done.answer.proof):
         return done
     return replace(again, tuned=tuned.values, step=done.step)

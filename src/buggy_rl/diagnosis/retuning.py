@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
+from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
@@ -25,6 +26,8 @@ class Retuned:
     """All of them."""
     wrong: list[NamedEffect]
     """Those that have certainly moved, the farthest first; their gain is still open."""
+    covariance: Tensor
+    """[P, P] of all their normalised values, in the order of the simulator's declaration."""
 
 
 def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Retuned:
@@ -34,7 +37,8 @@ def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Ret
     problem, best = tuned(problem, ROUNDS, ITERATIONS, rules.expected_left)
     [known] = cross_validated(problem, [best], case.criteria.group)
     values = {n: v for effect, ps in best.values().items() if effect for n, v in ps.items()}
-    return Retuned(values, _wrong(Candidate(best, known), rules))
+    # The clock is the last coordinate.
+    return Retuned(values, _wrong(Candidate(best, known), rules), known.covariance[:-1, :-1])
 
 
 def tuned(
@@ -77,7 +81,9 @@ def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
         if not coordinate.effect or not (moved or index in apart):
             continue
         p = coordinate.parameter
-        low, value, high = (float(p.value_at(z + k * NORMAL * sd)) for k in (-1, 0, 1))
+        low, value, high = (
+            min(max(float(p.value_at(z + k * NORMAL * sd)), p.lower), p.upper) for k in (-1, 0, 1)
+        )
         words = sentence(coordinate.effect, {p.name: value}, p.unit, float(p.value))
         named = NamedEffect(
             name=coordinate.effect,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from buggy_rl.diagnosis.answer import Alternative, Answer, Proof, Verdict
+from buggy_rl.diagnosis.behaviour import behaviours
 from buggy_rl.diagnosis.candidate import excess_misfit
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences
@@ -19,10 +20,11 @@ from buggy_rl.diagnosis.experiments import (
     decision_rates,
     suggestions,
 )
+from buggy_rl.diagnosis.form_fault import form_faults
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.posterior import LISTED, shipped
-from buggy_rl.diagnosis.retuning import with_own
+from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained, unexplained
 from buggy_rl.diagnosis.validation import Errors, folds, validated
@@ -48,7 +50,7 @@ def answered(
     case: Case,
     found: SearchResult,
     progress: Callable[[str], None] = lambda _: None,
-    wrong: Sequence[NamedEffect] = (),
+    tuned: Retuned | None = None,
 ) -> Answer:
     """The answer, with what speaks for it.
 
@@ -56,12 +58,14 @@ def answered(
         case: Recordings and simulator, with the noise model that the search came to.
         found: What it found.
         progress: Told what is being done.
-        wrong: Parameters that the simulator was re-tuned by.
+        tuned: The simulator's own parameters, where it was re-tuned first.
     """
     problem = case.problem
     progress("locating the error")
     located = locate(case.given, problem.segments, problem.noise.sd, case.names)
-    said = judged(case, found, wrong)
+    said = judged(case, found, tuned.wrong if tuned else ())
+    progress("step tests of both simulators")
+    behaved = behaviours(case, found, tuned)
     progress("proving it on what was held out")
     proof = _proof(case, found, _as_given(case, found).square().mean(-1))
     progress("looking for what to drive next")
@@ -78,11 +82,13 @@ def answered(
         posterior=found.posterior,
         manoeuvres=rates,
         equivalents=_equivalents(case, found, said.named, rates),
+        behaviours=behaved,
+        form=form_faults(problem, found),
     )
 
 
 def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -> Judged:
-    """What is named, without proof of it; the arguments are those of `answered`."""
+    """What is named, without proof of it; `wrong`: parameters that were re-tuned."""
     problem, criteria = case.problem, case.criteria
     before, after = _as_given(case, found), found.best.fit.whitened
     share = criteria.rules.depends_share

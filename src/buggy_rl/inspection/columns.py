@@ -12,7 +12,7 @@ from buggy_rl.recordings.columns import UNITS
 
 STEERING = re.compile(r"steer|servo|delta|(^|[^a-z])turn|ackermann|angle.?cmd", re.IGNORECASE)
 THROTTLE = re.compile(
-    r"throttle|(^|[^a-z])gas|esc($|[^a-z])|duty|motor|drive|(^|\.)V$|speed.?cmd|cmd.?(v|speed)",
+    r"throttle|pedal|(^|[^a-z])gas|esc($|[^a-z])|duty|motor|drive|(^|\.)V$|speed.?cmd|cmd.?(v|speed)",
     re.IGNORECASE,
 )
 MEASURED = 0.8  # correlation above which a column measures a rate of the pose; chosen
@@ -23,8 +23,9 @@ ANGLE = re.compile(r"delta|angle", re.IGNORECASE)
 LARGEST_RATIO = 1.2  # value above which a command is no ratio
 STANDING = 0.1  # [m/s] speed below which the car stands
 AT_ZERO = 0.02  # share of standing rows at a command of exactly 0 that makes 0 its rest; chosen
+OFTEN = 0.1  # share of the standing rows at one value that makes it the rest; chosen
 OTHER = re.compile(
-    r"throttle|gas|vel|speed|encoder|odom|imu|acc|gyro|rate|yaw|W \(|(^|[._ ])[avw][xyz]?$",
+    r"throttle|pedal|gas|vel|speed|encoder|odom|imu|acc|gyro|rate|yaw|W \(|(^|[._ ])[avw][xyz]?$",
     re.IGNORECASE,
 )
 """Names of columns that are no steering command though the path may bend with them."""
@@ -171,13 +172,23 @@ def command_range(guess: Guess, signals: Signals) -> dict[str, float]:
     still = signals.known & (np.abs(signals.speed) < STANDING) & np.isfinite(guess.values)
     standing = guess.values[still]
     if len(standing) and np.mean(standing == 0) < AT_ZERO:
-        rest = float(np.median(standing))
+        rest = _usual(standing)
     else:  # a dead band hides where a ramp's rest is, but nobody rests off a zero that is used
         rest = float(min(values.min(), 0.0)) if not len(standing) else 0.0
     ends = {"rest": rest, "full": float(values.max())}
     if values.min() < rest:
         ends["lowest"] = float(values.min())
     return {name: round(value, 4) for name, value in ends.items()}
+
+
+def _usual(standing: ndarray) -> float:
+    """Command while the car stands: the most frequent one, or the median where none is frequent.
+
+    A car whose stick brakes too often stands under its brake.
+    """
+    values, counts = np.unique(standing, return_counts=True)
+    often = counts.max() > OFTEN * len(standing)
+    return float(values[counts.argmax()] if often else np.median(standing))
 
 
 def steering_range(guess: Guess) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
@@ -14,11 +14,16 @@ from buggy_rl.recordings.raw_recording import wrap_angle
 
 SMOOTHING = 0.3  # [s] of the derivative; a particle filter's 2 cm of noise needs it
 MOVING = 0.3  # [m/s] speed above which a course is taken
+REVERSES = 0.02  # share of the moving time; a spin or a leap of the tracker takes less
 FASTEST = 60.0  # [m/s] that a position may move at, in its unit; above it is none
 MOST_TURNS = 100.0  # [-] of a heading that is counted on; beyond it is none
 LEAST_AGREEMENT = 0.7  # mean cosine of course and heading for a pair to be proposed
+# Mean of its magnitude where a car also reverses; that of any other heading is 2 / pi = 0.64.
+BOTH_WAYS = 0.85
 DEAD_RECKONING = re.compile(r"odom", re.IGNORECASE)
 TRACKERS = re.compile(r"vicon|mocap|optitrack|track|pf|gps|amcl|pose|slam", re.IGNORECASE)
+NORTH = {"easting": "northing", "east": "north", "e": "n"}
+GRID = re.compile(r"easting|east|(?<=_)e(?=$|_)", re.IGNORECASE)
 NO_POSITION = re.compile(
     r"acc|imu|vel|gyro|force|mag|(^|[^a-z])[avw]_?[xy]($|[^a-z])|(^|\.)q.?[xy]$", re.IGNORECASE
 )
@@ -41,9 +46,11 @@ class Pose:
     """[T] rad, unwrapped."""
     clock: Clock
     cosine: float
-    """Mean of course minus yaw while moving."""
+    """Mean of course minus yaw while moving; of its magnitude where the car reverses."""
     unit: str = "m"
     """Of the position in the file."""
+    backward: float = 0.0
+    """Share of the moving time in which the course is against the heading."""
 
     @property
     def speed(self) -> ndarray:
@@ -62,10 +69,16 @@ class Pose:
         how = "in degrees" if self.degrees else "in radians"
         sign = ", with the other sign" if self.sign < 0 else ""
         unit = "" if self.unit == "m" else f"; in m it would move at over {FASTEST:g} m/s"
+        back = f", backward in {self.backward:.0%} of the time" if self.reverses else ""
         return (
             f"the direction of travel follows this heading {how}{sign}: mean cosine "
-            f"{self.cosine:.3f} while moving{unit}"
+            f"{self.cosine:.3f} while moving{back}{unit}"
         )
+
+    @property
+    def reverses(self) -> bool:
+        """Whether the car drives backward for more than a moment."""
+        return self.backward > REVERSES
 
 
 def find_poses(table: str, columns: Mapping[str, ndarray], clock: Clock) -> list[Pose]:
@@ -82,13 +95,25 @@ def find_poses(table: str, columns: Mapping[str, ndarray], clock: Clock) -> list
         rate = _derivative(xy, clock)
         course = np.arctan2(rate[:, 1], rate[:, 0])
         for names, yaw, degrees, sign in _headings(columns, (x, y)):
-            cosine = float(np.cos(course - yaw)[moving].mean())
-            if cosine > LEAST_AGREEMENT:
+            along = np.cos(course - yaw)[moving]
+            cosine = _agreement(along)
+            if cosine is not None:
                 unwrapped = np.unwrap(wrap_angle(yaw))
                 all_names = {"x": x, "y": y, **names}
                 pose = Pose(table, all_names, degrees, sign, xy, unwrapped, clock, cosine, unit)
-                found.append(pose)
+                found.append(replace(pose, backward=float((along < -LEAST_AGREEMENT).mean())))
     return sorted(found, key=lambda pose: -_rank(pose))
+
+
+def _agreement(along: ndarray) -> float | None:
+    """How well a course follows a heading, by the cosines [M] of their difference; None: not.
+
+    A car that reverses drives along its heading both ways, and forward for the longer time.
+    """
+    forward, either = float(along.mean()), float(np.abs(along).mean())
+    if forward > LEAST_AGREEMENT:
+        return forward
+    return either if either > BOTH_WAYS and forward > 0 else None
 
 
 def _length(xy: ndarray, clock: Clock) -> str:
@@ -110,12 +135,21 @@ def _rank(pose: Pose) -> float:
 
 
 def _pairs(columns: Mapping[str, ndarray]) -> Iterator[tuple[str, str]]:
-    """Columns whose names differ in one letter, x and y, and are no rates."""
+    """Columns whose names differ in one letter, x and y, or in east and north; no rates."""
     for x in columns:
+        y = GRID.sub(lambda found: _north(found[0]), x)
+        if y != x and y in columns and not NO_POSITION.search(x):
+            yield x, y
         for at, letter in enumerate(x):
             y = x[:at] + chr(ord(letter) + 1) + x[at + 1 :]
             if letter in "xX" and y in columns and not NO_POSITION.search(x):
                 yield x, y
+
+
+def _north(east: str) -> str:
+    """The word for north in the case of the one for east."""
+    north = NORTH[east.lower()]
+    return north.upper() if east.isupper() else north.capitalize() if east.istitle() else north
 
 
 Heading = tuple[dict[str, str], ndarray, bool, float]

@@ -1,7 +1,7 @@
 """A column map as text, each line with the evidence it was guessed from."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from buggy_rl.inspection.columns import Guess, command_range, steering_range
 from buggy_rl.inspection.drive import DriveFacts
@@ -138,6 +138,7 @@ def _ranges(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[st
         text = ", ".join(f"{name}: {value:g}" for name, value in values.items())
         what = "largest seen; a speed setpoint in m/s" if guess.unit == "m/s" else "largest seen"
         lines.append(f"throttle: {{{text}}}  # rest: while standing; full: {what}")
+        lines += _command(drives, guess, values)
     if "steering" in commands:
         guess = commands["steering"]
         same = [d.steering for d in drives if d.steering and d.steering.column == guess.column]
@@ -145,6 +146,18 @@ def _ranges(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[st
         text = ", ".join(f"{name}: {value:g}" for name, value in ends.items())
         lines.append(f"steering: {{{text}}}  # the largest seen")
     return lines
+
+
+def _command(drives: Sequence[DriveFacts], throttle: Guess, ends: Mapping[str, float]) -> list[str]:
+    """The kind of the first command, where the car reverses under values below rest."""
+    backward = max((d.pose.backward for d in drives if d.pose and d.pose.reverses), default=0.0)
+    if not backward or "lowest" not in ends:
+        return []
+    kind = "throttle_brake_reverse"
+    if throttle.unit == "m/s":
+        kind = f"speed, reverse: true, full_speed: {ends['full']:g}"
+    why = f"the car drives backward in up to {backward:.0%} of the moving time"
+    return [f"command: {{kind: {kind}}}  # {why}; or kind: current"]
 
 
 def _quoted(name: str) -> str:

@@ -13,6 +13,8 @@ from buggy_rl.recordings.raw_recording import RawRecording, rotate
 from buggy_rl.recordings.readers import Table
 
 NEEDED = ("t", "x", "y", "throttle", "steering")
+FAR = 1e4  # [m] from the origin, where float32 resolves 1 mm; on a UTM grid it resolves 0.5 m
+GRID = 1000.0  # [m]
 CLOCK_ORIGIN = 1e6  # [s] stamps above this, 11 days, count from 1970 and not from a start
 
 
@@ -50,6 +52,7 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
         raw.cut(cells, channel, "no value (NaN), the tracker lost the car")
     clip_commands(raw, columns, None if factor is None else factor[dropped:])
     _to_reference_point(raw, columns)
+    _near_origin(raw)
     return raw
 
 
@@ -141,6 +144,22 @@ def _to_reference_point(raw: RawRecording, columns: ColumnMap) -> None:
             raw.linear = raw.linear - _lever_velocity(raw, yaw, arm)
     raw.pose[:, :2] -= rotate(np.broadcast_to(arm, (len(yaw), 2)), yaw)
     raw.pose[:, 2] = yaw
+
+
+def _near_origin(raw: RawRecording) -> None:
+    """Moves positions on a map's grid near the origin, where single precision resolves them.
+
+    By whole kilometres, so that recordings of one place keep the same frame.
+    """
+    known = raw.keep & np.isfinite(raw.pose[:, :2]).all(-1)
+    if not known.any():
+        return
+    middle = np.median(raw.pose[known, :2], axis=0)
+    if np.abs(middle).max() < FAR:
+        return
+    moved = GRID * np.round(middle / GRID)
+    raw.pose[:, :2] -= moved
+    raw.note_column("x", f"positions count from ({moved[0]:.0f}, {moved[1]:.0f}) m")
 
 
 def _lever_velocity(raw: RawRecording, yaw: ndarray, arm: ndarray) -> ndarray:

@@ -1,7 +1,7 @@
 """What a whole study does beside fitting and comparing simulators."""
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Literal
 
 from buggy_rl.identification.study import StudyConfig
 from buggy_rl.jobs.launching import Launching
@@ -28,6 +28,9 @@ class WholeStudyConfig(StudyConfig, Launching):
     title: str = ""
     """Of the page; empty for the name of the output folder."""
     policy: PolicyStage = field(default_factory=PolicyStage)
+    diagnosed: Literal["fitted", "shipped"] = "fitted"
+    """Which simulator is diagnosed: the fitted one on the held-out recordings, or the one as it
+    comes, on the recordings that it is fitted to: then held-out ones judge its repair."""
     diagnosis: list[str] = field(default_factory=list)
     """Further options of scripts/diagnose.py, such as segments=60."""
     film_seconds: float = 6.0
@@ -36,6 +39,6 @@ class WholeStudyConfig(StudyConfig, Launching):
     """Stages that run at the same time, where neither needs the other."""
 
     @property
-    def of_simulators(self) -> dict[str, Any]:
-        """The part that trains, fits and compares simulators, as `StudyConfig` takes it."""
-        return {f.name: getattr(self, f.name) for f in fields(StudyConfig)}
+    def of_simulators(self) -> StudyConfig:
+        """The part that trains, fits and compares simulators."""
+        return StudyConfig(**{f.name: getattr(self, f.name) for f in fields(StudyConfig)})

@@ -13,7 +13,7 @@ import yaml
 
 from buggy_rl.config import plain
 from buggy_rl.files import write_atomically
-from buggy_rl.identification.study import StudyConfig, fit_file, model_file, model_runs
+from buggy_rl.identification.study import fit_file, model_file, model_runs
 from buggy_rl.jobs import Job
 from buggy_rl.study.config import WholeStudyConfig
 
@@ -36,14 +36,14 @@ class Plan:
 
     Args:
         config: The study.
-        held_out: Files of the held-out recordings, which the diagnosis compares.
+        compared: Files of the recordings that the diagnosis compares.
         scripts: The folder of the project's scripts.
     """
 
-    def __init__(self, config: WholeStudyConfig, held_out: Sequence[str], scripts: Path) -> None:
+    def __init__(self, config: WholeStudyConfig, compared: Sequence[str], scripts: Path) -> None:
         self.config, self.folder, self._scripts = config, Path(config.output), scripts
-        self._held_out = held_out
-        self._study = StudyConfig(**config.of_simulators)
+        self._compared = compared
+        self._study = config.of_simulators
 
     def write(self) -> None:
         """Writes the configs that scripts take: of the study, and of the table after the repair."""
@@ -159,13 +159,14 @@ class Plan:
         )
 
     def _diagnosis(self) -> Stage:
-        data = self.config.data
+        config, fitted = self.config, self.config.diagnosed == "fitted"
         arguments = [
-            f"simulator={self.fitted}",
-            f"recordings=[{','.join(self._held_out)}]",
-            *([f"columns={data.columns}"] if data.columns else []),
-            f"threads={self.config.workers}",  # nothing else takes as long: it ends alone
-            *self.config.diagnosis,
+            f"simulator={self.fitted if fitted else config.fit_simulator}",
+            f"recordings=[{','.join(self._compared)}]",
+            *([f"columns={config.data.columns}"] if config.data.columns else []),
+            *([f"car={config.car}"] if config.car else []),
+            f"threads={config.workers}",  # nothing else takes as long: it ends alone
+            *config.diagnosis,
             f"output={self.folder / 'diagnosis'}",
         ]
         return self._stage("diagnosis", "Diagnosis", "diagnose.py", arguments, [self.fitted])

@@ -3,6 +3,7 @@
 import math
 
 from buggy_rl.diagnosis.answer import Verdict
+from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region
 from buggy_rl.estimation.hypothesis import OWN
 
@@ -84,6 +85,11 @@ def percent(share: float) -> str:
     return "under 1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
+def sentence(fault: FormFault) -> str:
+    """A fault of the form, as a list item."""
+    return f"{capital(fault.line()).replace('^2', '²')}."
+
+
 def width(share: float) -> str:
     """Length of a bar [% of its track]; 0 where the share is not finite."""
     return f"{100 * min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0:.1f}"
@@ -126,5 +132,5 @@ def distance(square: float | None, median: float | None) -> str:
 
 FILTERS = {
     f.__name__: f
-    for f in (effect, plain, capital, number, quantity, neutral, percent, width, region)
+    for f in (effect, plain, capital, number, quantity, neutral, percent, width, region, sentence)
 } | {"channel": CHANNELS.__getitem__}

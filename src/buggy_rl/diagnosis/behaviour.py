@@ -1,0 +1,142 @@
+"""What the car does otherwise than the simulator, whichever parameters or effects are to blame."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.experiments import leading
+from buggy_rl.diagnosis.named_effect import NORMAL
+from buggy_rl.diagnosis.retuning import Retuned, with_own
+from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.step_tests import Driven, Quantity, step_tests
+from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.longitudinal import declared_by
+
+SAMPLES = 16  # of the parameters' joint distribution
+RELEVANT = 0.05  # [-] share of a quantity's size by which it must differ to be said
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """A quantity of step tests, of the simulator as given and of the repaired one."""
+
+    name: str
+    words: str
+    unit: str
+    given: float
+    value: float
+    low: float
+    high: float
+    """Bounds of the 95 % interval of the repaired simulator's value."""
+    differs: bool
+    """Whether the simulator as given is outside the interval by more than does not matter."""
+
+    def line(self) -> str:
+        """The difference in words."""
+        digits = 2 if self.unit == "s" else 3
+        value, low, high, given = (
+            f"{v:.{digits}g}" if self.unit != "s" else f"{1000 * v:.0f}"
+            for v in (self.value, self.low, self.high, self.given)
+        )
+        unit = "ms" if self.unit == "s" else self.unit
+        return f"{self.words}: car {value} {unit} ({low} to {high}), simulator {given} {unit}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return asdict(self)
+
+
+def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Behaviour]:
+    """Quantities that were driven, of the simulator as given and with what was found.
+
+    An interval holds what the numbers of the best hypothesis may be, and the other leading
+    hypotheses at theirs.
+
+    Args:
+        case: Recordings and simulator.
+        found: What the search came to.
+        tuned: The simulator's own parameters, where they were fitted first.
+    """
+    problem, simulation, library = case.problem, case.given, case.as_given
+    driven = Driven.of(problem.segments, declared_by(simulation.make(1)).rest)
+
+    def tested(hypothesis: Hypothesis, vectors: Tensor) -> Tensor:
+        return step_tests(simulation, library, hypothesis, vectors, driven, problem.segments.dt)
+
+    def whole(fit: Hypothesis) -> Hypothesis:
+        return fit if case.retuned_from is None else with_own(case, fit)
+
+    neutral, best = library.hypothesis(()), whole(found.best.fit)
+    covariance = found.best.cross_validated.covariance
+    if case.retuned_from is not None:
+        covariance = _joint(covariance, tuned)
+    [given] = tested(neutral, neutral.vector.unsqueeze(0)).tolist()
+    repaired = tested(best, _sampled(best, covariance))
+    others = [whole(found.tried[key].fit) for key in leading(found) if key != found.best.key]
+    rivals = [tested(h, h.vector.unsqueeze(0))[0] for h in others]
+    values = repaired[0]
+    spread = torch.stack([_spread(column) for column in repaired[1:].unbind(-1)])
+    if rivals:  # an interval that holds whichever of them is true
+        apart = torch.stack([(rival - values).abs() for rival in rivals]).amax(0)
+        spread = spread + apart.nan_to_num(math.inf) / NORMAL
+    rows = zip(driven.quantities, given, values.tolist(), spread.tolist(), strict=True)
+    return [
+        _compared(*row)
+        for row in rows
+        if row[0].name in driven.shown and math.isfinite(row[1]) and math.isfinite(row[2])
+    ]
+
+
+def differing(found: Sequence[Behaviour]) -> list[Behaviour]:
+    """Those that differ, the clearest first."""
+    return sorted((b for b in found if b.differs), key=_clearness, reverse=True)
+
+
+def _clearness(b: Behaviour) -> float:
+    return abs(b.value - b.given) / max(b.high - b.low, 1e-9)
+
+
+def _spread(values: Tensor) -> Tensor:
+    """Standard deviation of values [S]; unknown where most tests do not show it."""
+    shown = values[values.isfinite()]
+    return shown.std() if 2 * len(shown) > len(values) else values.new_tensor(math.inf)
+
+
+def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Behaviour:
+    low, high = value - NORMAL * sd, value + NORMAL * sd
+    least = quantity.least or RELEVANT * max(abs(given), abs(value))
+    return Behaviour(
+        quantity.name,
+        quantity.words,
+        quantity.unit,
+        given,
+        value,
+        low,
+        high,
+        differs=max(low - given, given - high) > least,
+    )
+
+
+def _joint(effects: Tensor, tuned: Retuned | None) -> Tensor:
+    """Covariance [P, P] of effects, the simulator's own parameters and the clock, the last.
+
+    Both were fitted one after the other, so what they share is unknown and taken for nothing.
+    """
+    own = effects.new_zeros(0, 0) if tuned is None else tuned.covariance
+    return torch.block_diag(effects[:-1, :-1], own, effects[-1:, -1:])
+
+
+def _sampled(hypothesis: Hypothesis, covariance: Tensor) -> Tensor:
+    """Vectors [1 + SAMPLES, P]: the fit's own, and others that the recordings allow."""
+    values, basis = torch.linalg.eigh(0.5 * (covariance + covariance.mT).double())
+    generator = torch.Generator().manual_seed(0)
+    drawn = torch.randn(SAMPLES, len(values), generator=generator, dtype=torch.float64)
+    moved = drawn @ (basis * values.clamp_min(0.0).sqrt()).mT
+    return torch.cat(
+        [hypothesis.vector.unsqueeze(0), hypothesis.bounded(hypothesis.vector + moved)]
+    )

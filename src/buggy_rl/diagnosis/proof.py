@@ -1,0 +1,59 @@
+"""Errors of rollouts on what was held out: as given, repaired, re-tuned, learned."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+SAID = 1.0  # [s] horizon of the errors that are said
+OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Rollouts on what was held out, by horizon in seconds; position errors as mean squares."""
+
+    before: dict[float, float]
+    after: dict[float, float]
+    retuned: dict[float, float]
+    noise_floor: dict[float, float]
+    black_box: dict[float, float]
+    misfit_before: float
+    """Root mean square of the standardised residuals of 1 s rollouts."""
+    misfit_after: float
+    held_out: bool
+    median: dict[str, dict[float, float]] = field(default_factory=dict)
+    """before, after, retuned, black_box -> horizon -> median distance [m]; robust to spins."""
+
+    def better_than(self, other: "Proof") -> bool:
+        """Whether both its misfit and its median distance after the longest rollouts are smaller.
+
+        Where most segments are far beyond the noise, the cap on each makes the misfit insensitive.
+        """
+        own, its = (max(p.median.get("after", {}).items(), default=(0, 0.0)) for p in (self, other))
+        return self.misfit_after < other.misfit_after and own[1] <= its[1]
+
+    def lines(self) -> list[str]:
+        """The error before and after the repair, and what simpler repairs come to."""
+        if SAID not in self.before or SAID not in self.after:
+            return []
+        data = "held-out data" if self.held_out else "the data that were fitted"
+        root = _millimetres(math.sqrt(self.before[SAID]), math.sqrt(self.after[SAID]))
+        words = f"root mean square {root}"
+        if {"before", "after"} <= set(self.median):
+            median = _millimetres(self.median["before"][SAID], self.median["after"][SAID])
+            words = f"median {median}; {words}"
+        return [f"Position error of 1 s rollouts on {data}: {words}.", *self._others()]
+
+    def _others(self) -> list[str]:
+        """Median errors of what anyone would try first."""
+        of: Mapping[str, dict[float, float]] = self.median
+        parts = [
+            f"{1000 * of[name][SAID]:.0f} mm {words}"
+            for name, words in OTHERS.items()
+            if math.isfinite(of.get(name, {}).get(SAID, math.nan))
+        ]
+        return [f"In comparison, median: {', '.join(parts)}."] if parts else []
+
+
+def _millimetres(before: float, after: float) -> str:
+    return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
