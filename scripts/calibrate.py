@@ -4,14 +4,14 @@
         ledgers=[docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz]
     python scripts/calibrate.py ledgers=[runs/development/development.jsonl] write=true
     python scripts/calibrate.py ledgers=[docs/development/fresh.jsonl.gz] apply=true \
-        weights=docs/development/weights_140.yaml
+        weights=docs/development/weights_329.yaml
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
 weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
-those of `weights=FILE`, are counted on other cases, and nothing is fitted. `beside=FILE` holds
-another method's answers.
+those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
+features get no weight. `beside=FILE` holds another method's answers.
 """
 
 from collections.abc import Sequence
@@ -35,6 +35,8 @@ def main() -> None:
     from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
     from buggy_rl.files import write_atomically
 
+    if config.write and config.without:
+        raise SystemExit("error: write=true is of all features: leave out without=")
     files = [Path(file) for file in config.ledgers]
     cases = [e for file in files for e in entries(file) if "failed" not in e]
     shipped = load_calibration(Path(config.weights or SHIPPED))
@@ -42,8 +44,8 @@ def main() -> None:
         found = [posterior(e, shipped) for e in cases]
         print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
     else:
-        calibration, ridge = calibrated(cases)
-        found, mean = left_out(cases, ridge)
+        calibration, ridge = calibrated(cases, config.without)
+        found, mean = left_out(cases, ridge, config.without)
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
             form = form_error(numbers(cases))

@@ -73,7 +73,7 @@ def study(tmp_path_factory) -> StudyConfig:
             "fit_simulator=single_track",
             f"fit.parameters=[{','.join(TRUTH)}]",
             "fit.windows=10",
-            "fit.iterations=16",
+            "fit.iterations=40",
             "windows=10",
         ],
     )

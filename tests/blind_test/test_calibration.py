@@ -88,6 +88,18 @@ def test_a_truth_that_was_not_fitted_cannot_be_learnt_from_and_counts_as_missed(
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 
 
+def test_features_that_tell_can_be_taken_out(cases):
+    calibration, _ = calibrated(cases, without=["left", "share"])
+    assert "left" not in calibration.hypothesis
+    assert "left" not in calibration.unknown
+    assert "share" not in calibration.unknown
+    fits = ["left", "share", "first", "nats", "blocks", "evidence"]  # how well one does
+    fits += ["weakest", "weakest_blocks"]
+    assert left_out(cases, 1.0, fits)[1] < left_out(cases, 1.0)[1] - 0.1
+    with pytest.raises(ValueError, match="no feature wight; there are at_bound, baseline, "):
+        table(cases, ["wight"])
+
+
 def posterior_of(e):
     return Posterior({tuple(h["effects"]): 1 / len(e["hypotheses"]) for h in e["hypotheses"]}, 0.0)
 

@@ -6,7 +6,13 @@ import pytest
 
 from buggy_rl.diagnosis.evidence_features import beyond, leading, of_case, of_hypotheses
 from buggy_rl.diagnosis.form_error import FormError
-from buggy_rl.diagnosis.posterior import Calibration, Posterior, load_calibration, posterior
+from buggy_rl.diagnosis.posterior import (
+    Calibration,
+    Posterior,
+    load_calibration,
+    posterior,
+    stands,
+)
 from tests.diagnosis.observations import case, hypothesis
 
 NOTHING = hypothesis((), [50.0, 60.0], 1.0)
@@ -40,6 +46,12 @@ def test_an_effect_is_as_probable_as_all_sets_that_have_it():
     assert Posterior({(): 1.0}, 0.0).whatever_else("a") == 0
 
 
+def test_a_name_stands_whatever_else_is_missing_only_if_it_is_likely_itself():
+    assert stands(0.97, 0.4)
+    assert not stands(0.99, 0.05)  # nearly all sets have it, and no set is likely
+    assert not stands(0.9, 0.45)
+
+
 @pytest.mark.parametrize(
     ("nothing", "unknown", "says"),
     [(0.5, 0.2, "nothing"), (0.2, 0.5, "unknown"), (0.2, 0.2, "effects"), (0.4, 0.3, "nothing")],
@@ -65,6 +77,20 @@ def test_features_speak_for_the_hypothesis_that_predicts_better():
     assert nothing["blocks"] < other["blocks"]
     assert (nothing["effects"], drag["effects"], both["effects"]) == (0, -1, -2)
     assert nothing["nothing"] == 1 - drag["nothing"] == 1
+
+
+def test_a_set_is_worth_what_its_least_needed_effect_gains():
+    nothing, drag, both, other = of_hypotheses(case([NOTHING, DRAG, BOTH, OTHER]))
+    # Without it: 65 nats; the gyro bias beside it gains 0.5, and the drag has 65 to itself.
+    assert drag["weakest"] == pytest.approx(math.log1p(65 / 4))
+    assert both["weakest"] == pytest.approx(math.log1p(0.5 / 4))
+    assert nothing["weakest"] == nothing["weakest_blocks"] == 0
+    assert drag["weakest_blocks"] > other["weakest_blocks"] > both["weakest_blocks"] > 0
+    # What fits worse than nothing is not worth having.
+    worse = hypothesis(("wind",), [60.0, 65.0], 1.2)
+    assert of_hypotheses(case([NOTHING, DRAG, worse]))[2]["weakest"] == pytest.approx(
+        -math.log1p(15 / 4)
+    )
 
 
 def test_what_varies_lies_at_a_bound_or_helps_on_the_baseline_speaks_against_it():

@@ -58,10 +58,11 @@ def test_values_of_each_segment_start_errors_and_learned_corrections_are_divided
     one = Simulation(Maker("single_track"), standing=(effect,))
     two = replace(one, workers=workers)
     given = settings(3, len(segments))
-    assert torch.equal(two.residuals(segments, given), one.residuals(segments, given))
     error = 0.1 * torch.eye(6)
-    found = two.residuals(segments, start_error=error)
-    assert torch.equal(found, one.residuals(segments, start_error=error))
+    for how in ({"settings": given}, {"start_error": error}):
+        # To rounding: some processors multiply matrices of other sizes in another order.
+        found, alone = (s.residuals(segments, **how) for s in (two, one))
+        torch.testing.assert_close(found, alone, rtol=1e-4, atol=1e-5)
 
 
 def test_more_parts_than_processes_keep_their_order():

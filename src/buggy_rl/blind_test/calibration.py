@@ -9,8 +9,8 @@ Gaussian prior on scaled features, as wide as predicts left-out groups best.
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,8 @@ class CalibrateConfig:
     """Counts what the weights that the package ships give, and fits none."""
     weights: str = ""
     """With `apply=true`: a file of other weights, to be counted in their place."""
+    without: list[str] = field(default_factory=list)
+    """Features that get no weight, to see what they tell; not to be written."""
     beside: str = ""
     """Another method's answers to some of the cases, to compare with."""
     write: bool = False
@@ -115,9 +117,21 @@ def group(entry: Entry) -> str:
     return Sort.named(sort).where if is_composed(sort) else sort
 
 
-def table(entries: Sequence[Entry]) -> Table:
-    """Of a ledger's cases."""
+def table(entries: Sequence[Entry], without: Collection[str] = ()) -> Table:
+    """Of a ledger's cases, but for some features.
+
+    Raises:
+        ValueError: There is no such feature.
+    """
     own, cases = [of_hypotheses(e) for e in entries], [of_case(e) for e in entries]
+    missing = {*without} - {*own[0][0], *cases[0]}
+    if missing:
+        raise ValueError(
+            f"no feature {', '.join(sorted(missing))}; there are "
+            f"{', '.join(sorted({*own[0][0], *cases[0]}))}"
+        )
+    own = [[_but(f, without) for f in features] for features in own]
+    cases = [_but(f, without) for f in cases]
     names = list(own[0][0]), list(cases[0])
     most = max(map(len, own))
     hypotheses = torch.zeros(len(entries), most, len(names[0]), dtype=torch.float64)
@@ -132,6 +146,10 @@ def table(entries: Sequence[Entry]) -> Table:
         true[row, -1] = unknown(entry)
     case = torch.tensor([[*c.values()] for c in cases]).double()
     return Table(hypotheses, shut, case, true, names)
+
+
+def _but(features: Mapping[str, float], without: Collection[str]) -> dict[str, float]:
+    return {name: value for name, value in features.items() if name not in without}
 
 
 def weights(of: Table, ridge: float) -> tuple[Tensor, Tensor]:
@@ -170,9 +188,11 @@ def folds(entries: Sequence[Entry]) -> Tensor:
     return torch.tensor([part[group(e)] for e in entries])
 
 
-def left_out(entries: Sequence[Entry], ridge: float) -> tuple[list[Posterior], float]:
+def left_out(
+    entries: Sequence[Entry], ridge: float, without: Collection[str] = ()
+) -> tuple[list[Posterior], float]:
     """Posterior of each case by weights from other groups; mean log probability of truths."""
-    of, part = table(entries), folds(entries)
+    of, part = table(entries, without), folds(entries)
     found: list[Posterior] = [Posterior({}, 1.0)] * len(entries)
     total = 0.0
     for number in range(FOLDS):
@@ -186,10 +206,12 @@ def left_out(entries: Sequence[Entry], ridge: float) -> tuple[list[Posterior], f
     return found, total / max(1, int(of.true.any(1).sum()))
 
 
-def calibrated(entries: Sequence[Entry]) -> tuple[Calibration, float]:
+def calibrated(
+    entries: Sequence[Entry], without: Collection[str] = ()
+) -> tuple[Calibration, float]:
     """Weights from all cases, and the ridge that predicts left-out groups best."""
-    ridge = max(RIDGES, key=lambda r: left_out(entries, r)[1])
-    of = table(entries)
+    ridge = max(RIDGES, key=lambda r: left_out(entries, r, without)[1])
+    of = table(entries, without)
     return _calibration(of, *weights(of, ridge)), ridge
 
 

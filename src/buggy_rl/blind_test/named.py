@@ -20,7 +20,7 @@ from buggy_rl.blind_test.statistics import (
 )
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.evidence_features import fitted, loss
-from buggy_rl.diagnosis.posterior import EVEN, LISTED, STANDING, Posterior
+from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior, stands
 
 Entry = Mapping[str, Any]
 VERDICTS = {"no_mismatch": "nothing", "unknown_physics": "unknown", "cannot_tell": "cannot tell"}
@@ -170,7 +170,7 @@ def _standing(entry: Entry, p: Answered) -> list[bool]:
     """Whether each effect is concealed that an answer says holds whatever else is missing."""
     if p.says != "unknown":
         return []
-    named = [e for e in p.best if p.whatever_else(e) >= STANDING]
+    named = [e for e in p.best if stands(p.whatever_else(e), p.of(e))]
     return [name in truth(entry) for name in meant(named)]
 
 

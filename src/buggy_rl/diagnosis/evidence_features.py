@@ -54,6 +54,7 @@ def of_hypotheses(case: Observed) -> list[dict[str, float]]:
     first = beyond(case["first"], case["usual"])
     return [
         _common(case, h, best)
+        | _weakest(hypotheses, h)
         | {
             "nats": -_scaled(loss(h) - least),
             "evidence": -_scaled(evident - h["evidence"]["log_evidence"]),
@@ -78,6 +79,26 @@ def _common(case: Observed, h: Observed, best: Observed) -> dict[str, float]:
         "own": -float(sum(e.startswith(OWN) for e in effects)),
         "on_baseline": -_share(h["on_baseline"] * case["segments"], gained) if effects else 0.0,
     }
+
+
+def _weakest(hypotheses: Sequence[Observed], h: Observed) -> dict[str, float]:
+    """What the least needed effect of a set gains over the best of its subsets without it."""
+    less = [
+        min((g for g in _subsets(hypotheses, h) if effect not in g["effects"]), key=loss)
+        for effect in h["effects"]
+    ]
+    return {
+        "weakest": min([_scaled(loss(g) - loss(h)) for g in less], default=0.0),
+        "weakest_blocks": min(
+            [_scaled(_by_blocks(g["held_out"], h["held_out"])) for g in less], default=0.0
+        ),
+    }
+
+
+def _subsets(hypotheses: Sequence[Observed], h: Observed) -> list[Observed]:
+    """Fitted sets of some of its effects; the empty one is always among them."""
+    own = set(h["effects"])
+    return [g for g in hypotheses if set(g["effects"]) < own]
 
 
 def _scaled(nats: float) -> float:

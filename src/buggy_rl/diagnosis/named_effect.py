@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from buggy_rl.diagnosis.constancy import WORDS
-from buggy_rl.diagnosis.posterior import STANDING
+from buggy_rl.diagnosis.posterior import stands
 from buggy_rl.effects import effect_class
 
 NORMAL = 1.96  # standard deviations of a 95 % interval
@@ -56,7 +56,7 @@ class NamedEffect:
         """Sentence, name and confidence of an effect, and what speaks against it."""
         said = min(self.confidence, SUREST)
         text = f"{self.name}, confidence {said:.0%}"
-        if unknown and self.whatever_else >= STANDING:
+        if unknown and stands(self.whatever_else, self.confidence):
             text += (
                 f"; whatever else is missing: in {self.whatever_else:.0%} of what may explain it"
             )

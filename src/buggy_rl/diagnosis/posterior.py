@@ -22,7 +22,8 @@ from buggy_rl.diagnosis.form_error import FormError
 
 EVEN = 0.5  # [-] probability from which a name is rather right than wrong
 LISTED = 0.02  # [-] from which it is listed
-STANDING = 0.95  # [-] share of the sets of effects from which it is said whatever else is missing
+STANDING = 0.95, 1 / 3  # [-] share of the sets of effects, and probability, from which both ...
+# ... it is said that an effect is missing whatever else is
 SHIPPED = Path(__file__).with_name("calibration.yaml")
 
 
@@ -97,6 +98,15 @@ class Posterior:
                 for other in {*effects} - {*self.best}:
                     others[other] = others.get(other, 0.0) + p
         return dict(sorted(others.items(), key=lambda item: -item[1]))
+
+
+def stands(whatever_else: float, probability: float) -> bool:
+    """Whether an effect is said to be missing whatever else is, beside unknown physics.
+
+    Its share of the sets of effects alone does not tell: where no effect describes what is seen,
+    what resembles it most has nearly all of that share.
+    """
+    return whatever_else >= STANDING[0] and probability >= STANDING[1]
 
 
 def posterior(case: Observed, calibration: Calibration | None = None) -> Posterior:

@@ -1,0 +1,83 @@
+"""Gradient boosting in place of the conditional logit: does the posterior lose by being linear?
+
+    python -m benchmarks.ranking ledgers=[docs/development/cases.jsonl.gz]
+
+Both get the same features of the same cases (`diagnosis/evidence_features.py`) and answer each
+case without its group (`blind_test.calibration.folds`). Trees see the features of a hypothesis and
+of its case together; a softmax over the case makes probabilities of their scores. Prints the tables
+of both and McNemar's exact test.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from omegaconf import MISSING
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from buggy_rl.blind_test.calibration import FOLDS, calibrated, folds, left_out, table
+from buggy_rl.blind_test.compared import mcnemar
+from buggy_rl.blind_test.development import entries
+from buggy_rl.blind_test.named import counted
+from buggy_rl.config import from_command_line, run
+from buggy_rl.diagnosis.evidence_features import fitted
+from buggy_rl.diagnosis.posterior import Posterior
+
+TREES = {"learning_rate": 0.05, "max_iter": 100, "max_leaf_nodes": 8, "max_features": 0.5}
+SEEDS = 3  # of trees, whose scores are averaged
+
+
+@dataclass(frozen=True)
+class RankingConfig:
+    """Which cases."""
+
+    ledgers: list[str] = MISSING
+    """Files that scripts/develop.py wrote."""
+
+
+def main() -> None:
+    """Answers all cases by both and prints the tables."""
+    config = from_command_line(__doc__, "benchmarks.ranking:RankingConfig")
+    cases = [e for file in config.ledgers for e in entries(Path(file)) if "failed" not in e]
+    trees = boosted(cases)
+    linear, _ = left_out(cases, calibrated(cases)[1])
+    print(counted(cases, {"conditional logit": linear, "gradient boosting": trees}))
+    print(f"\n{mcnemar(cases, linear, trees, 'gradient boosting')}")
+
+
+def boosted(cases: Sequence[Mapping[str, Any]]) -> list[Posterior]:
+    """Posterior of each case by trees that were grown without its group."""
+    of, part = table(cases), folds(cases).numpy()
+    alternatives = of.shut.numpy() == 0  # (n, H + 1)
+    case, place = alternatives.nonzero()
+    every = features(of.hypotheses.numpy(), of.case.numpy())[case, place]
+    true = of.true.numpy()[case, place]
+    scores = np.zeros(len(case))
+    for number in range(FOLDS):
+        out = part[case] == number
+        for seed in range(SEEDS):
+            grown = HistGradientBoostingClassifier(**TREES, random_state=seed)
+            grown.fit(every[~out], true[~out])
+            scores[out] += grown.decision_function(every[out]) / SEEDS
+    found = []
+    for row, entry in enumerate(cases):
+        *named, unknown = torch.softmax(torch.tensor(scores[case == row]), 0).tolist()
+        keys = [tuple(h["effects"]) for h in fitted(entry)]
+        found.append(Posterior(dict(zip(keys, named, strict=True)), unknown))
+    return found
+
+
+def features(hypotheses: NDArray[Any], case: NDArray[Any]) -> NDArray[Any]:
+    """Of each alternative [n, H + 1, F + G]; that no effect describes it has none of the first."""
+    none = np.full((len(case), 1, hypotheses.shape[-1]), np.nan)
+    own = np.concatenate([hypotheses, none], 1)
+    shared = np.broadcast_to(case[:, None], (*own.shape[:2], case.shape[-1]))
+    return np.concatenate([own, shared], -1)
+
+
+if __name__ == "__main__":
+    run(main)
