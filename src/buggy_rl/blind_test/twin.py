@@ -19,12 +19,12 @@ from omegaconf import MISSING
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from buggy_rl.blind_test.twin_driver import TwinDriver
-from buggy_rl.car_file import CarFile, load_car
+from buggy_rl.car_file import PRESETS, CarFile, load_car
 from buggy_rl.engines import make_engine
 from buggy_rl.files import write_atomically
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.parameters import Parameter
+from buggy_rl.policies.controllers.at_scale import RoomAtScale
 from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.recording import RoomConfig, driven
 from buggy_rl.recordings.sensors import observed, sensor_errors
@@ -85,8 +85,6 @@ class TwinConfig:
 
 def car_content(config: TwinConfig) -> dict[str, Any]:
     """The car's file with the twin's command."""
-    from buggy_rl.car_file import PRESETS
-
     file = Path(config.car) if config.car.endswith(".yaml") else PRESETS / f"{config.car}.yaml"
     content = yaml.safe_load(file.read_text())
     kind = {"kind": config.kind} if config.kind else {}
@@ -130,7 +128,7 @@ def motions(config: TwinConfig, car: CarFile, file: str) -> Iterator[TensorDictB
     dt = config.period * scale.speed / scale.length
     driver = ManoeuvringDriver(config.room, config.seed, declared_by(engine), dt=dt)
     steps = round(config.seconds / config.period)
-    yield from driven(env, TwinDriver(driver, scale), steps)
+    yield from driven(env, RoomAtScale(driver, scale), steps)
 
 
 def foreign(values: Mapping[str, ndarray], table: Mapping[str, TwinColumn]) -> pd.DataFrame:

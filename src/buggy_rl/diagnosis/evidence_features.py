@@ -83,22 +83,15 @@ def _common(case: Observed, h: Observed, best: Observed) -> dict[str, float]:
 
 def _weakest(hypotheses: Sequence[Observed], h: Observed) -> dict[str, float]:
     """What the least needed effect of a set gains over the best of its subsets without it."""
-    less = [
-        min((g for g in _subsets(hypotheses, h) if effect not in g["effects"]), key=loss)
-        for effect in h["effects"]
+    subsets = [g for g in hypotheses if set(g["effects"]) < set(h["effects"])]
+    less = [  # the empty set is always among them
+        min((g for g in subsets if effect not in g["effects"]), key=loss) for effect in h["effects"]
     ]
+    blocks = [_by_blocks(g["held_out"], h["held_out"]) for g in less]
     return {
-        "weakest": min([_scaled(loss(g) - loss(h)) for g in less], default=0.0),
-        "weakest_blocks": min(
-            [_scaled(_by_blocks(g["held_out"], h["held_out"])) for g in less], default=0.0
-        ),
+        "weakest": _scaled(min(map(loss, less)) - loss(h)) if less else 0.0,
+        "weakest_blocks": _scaled(min(blocks, default=0.0)),
     }
-
-
-def _subsets(hypotheses: Sequence[Observed], h: Observed) -> list[Observed]:
-    """Fitted sets of some of its effects; the empty one is always among them."""
-    own = set(h["effects"])
-    return [g for g in hypotheses if set(g["effects"]) < own]
 
 
 def _scaled(nats: float) -> float:

@@ -22,8 +22,8 @@ from buggy_rl.diagnosis.form_error import FormError
 
 EVEN = 0.5  # [-] probability from which a name is rather right than wrong
 LISTED = 0.02  # [-] from which it is listed
-STANDING = 0.95, 1 / 3  # [-] share of the sets of effects, and probability, from which both ...
-# ... it is said that an effect is missing whatever else is
+STANDING = 0.95  # [-] share of the sets of effects from which it is said whatever else is missing,
+LIKELY = 1 / 3  # [-] if the effect itself is as probable
 SHIPPED = Path(__file__).with_name("calibration.yaml")
 
 
@@ -106,7 +106,7 @@ def stands(whatever_else: float, probability: float) -> bool:
     Its share of the sets of effects alone does not tell: where no effect describes what is seen,
     what resembles it most has nearly all of that share.
     """
-    return whatever_else >= STANDING[0] and probability >= STANDING[1]
+    return whatever_else >= STANDING and probability >= LIKELY
 
 
 def posterior(case: Observed, calibration: Calibration | None = None) -> Posterior:
