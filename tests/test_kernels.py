@@ -1,7 +1,6 @@
 """Kernels: functions compiled ahead of time give what PyTorch gives."""
 
 import shutil
-from dataclasses import replace
 
 import pytest
 import torch
@@ -56,6 +55,16 @@ def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
         assert KERNEL.ready(torch.ones(n))
         for a, b in zip(KERNEL.run(*arguments), KERNEL.function(*arguments), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
+
+
+@compiler
+def test_arguments_and_results_lie_in_memory_as_the_package_has_them(folder, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(folder))
+    with torch.no_grad():
+        given = KERNEL._batch_last(noisy(KERNEL, 5))
+        results = KERNEL.run(*noisy(KERNEL, 5))
+    assert all(a.is_contiguous() and a.shape[-1] == 5 for a in given if a.dim())
+    assert all(result.movedim(0, -1).is_contiguous() for result in results)
 
 
 @compiler
@@ -117,22 +126,13 @@ def test_other_batches_run_by_pytorch(folder, monkeypatch, row):
         assert not KERNEL.ready(row)
 
 
-@compiler
-def test_no_larger_batch_than_it_is_for(folder, monkeypatch):
-    monkeypatch.setenv(FOLDER, str(folder))
-    small = replace(KERNEL, up_to=3)
-    with torch.no_grad():
-        assert small.ready(torch.ones(3))
-        assert not small.ready(torch.ones(4))
-
-
 def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDER, str(tmp_path))
     with torch.no_grad(), pytest.warns(UserWarning, match="scripts/compile.py"):
         assert not KERNEL.ready(torch.ones(3))
 
 
-@pytest.mark.parametrize("file", ["vehicle.py", "engines/reference/tyres.py"])
+@pytest.mark.parametrize("file", ["vehicle.py", "engines/reference/tyres.py", "kernels/kernel.py"])
 def test_another_source_is_another_package(tmp_path, monkeypatch, file):
     before = KERNEL.file(tmp_path)
     shutil.copytree(kernel.SOURCE, tmp_path / "copy")

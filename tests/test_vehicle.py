@@ -5,6 +5,7 @@ import torch
 from torch.testing import assert_close
 
 from buggy_rl.vehicle import (
+    columns,
     integrate_pose,
     rotate,
     shift_pose,
@@ -12,6 +13,13 @@ from buggy_rl.vehicle import (
     slip_angle,
     wrap_angle,
 )
+
+
+def test_columns_are_each_contiguous():
+    speed, zero = torch.ones(4, 2), torch.zeros(())
+    both = columns(speed, zero)
+    assert_close(both, torch.stack([speed, torch.zeros(4, 2)], -1))
+    assert both[..., 0].is_contiguous()
 
 
 def test_a_quarter_turn_to_the_left_takes_x_to_y():

@@ -40,55 +40,52 @@ class SecondStep(TireGrip):
     def _change_and_state(self, motion: Motion) -> tuple[Tensor, Tensor]:
         assert motion.state is not None
         car = FrictionChange.of(self._tensor("numbers"), slice(*self._axles))
-        ratio = torch.stack(self._ratios(motion), -1).expand(*motion.turn_rate.shape, 2)
+        ratio = torch.stack([r.expand_as(motion.turn_rate) for r in self._ratios(motion)])
         ax, ay, _ = motion.acceleration
-        share = torch.stack([car.rear_arm, car.front_arm]) / car.wheelbase
         resists = car._resistance(motion)
-        circle = car._load(share, ax + resists) * car.friction
-        seen = car._axle_forces(motion, motion.acceleration, share, circle[..., 0], resists)
+        circle = car._load(ax + resists) * car.friction
+        seen = car._axle_forces(motion, motion.acceleration, circle[0], resists)
         lost = (car.speed_loss[0] + car.speed_loss[1] * motion.drive).clamp_min(0.0)
         drive, slide = car.combined * seen.drive, car._slide(motion, seen.angle)
         along, left, left_now, spin = car.driven.changed(
-            motion.state, drive, lost, circle, ratio, slide
+            motion.state.movedim(-1, 0), drive, lost, circle, ratio, slide
         )
         ratio = ratio * left_now / left
         start = _scaled(car, motion.before, ratio, seen.angle, self.dt)
         second = replace(motion, before=start, after=self._stepped(start))
-        now = ratio * _side(car, second, seen.drive, seen.angle, share)
+        now = ratio * _side(car, second, seen.drive, seen.angle)
 
-        front, rear = (now - seen.side).unbind(-1)
-        turned = torch.stack([torch.cos(seen.angle), torch.ones_like(front)], -1)
-        gained = (along * turned).sum(-1) - front * torch.tan(seen.angle)
-        front = front + along[..., 0] * torch.sin(seen.angle)
-        couple = car._couple(ay + front + rear, now[..., 0], seen.angle)
+        front, rear = (now - seen.side).unbind()
+        turned = torch.stack([torch.cos(seen.angle), torch.ones_like(front)])
+        gained = (along * turned).sum(0) - front * torch.tan(seen.angle)
+        front = front + along[0] * torch.sin(seen.angle)
+        couple = car._couple(ay + front + rear, now[0], seen.angle)
         moment = car.front_arm * front - car.rear_arm * rear - (couple - seen.couple)
         yaw = car.mass / car.yaw_inertia * moment
-        return self.dt * torch.stack([gained, front + rear, yaw], -1), spin
+        return self.dt * torch.stack([gained, front + rear, yaw], -1), spin.movedim(0, -1)
 
 
 def _scaled(car: FrictionChange, at_cg: Tensor, ratio: Tensor, angle: Tensor, dt: float) -> Tensor:
     """The velocity [n, 3] of the second step."""
     vx, vy, yaw_rate = at_cg.unbind(-1)
-    across = torch.stack([vy + car.front_arm * yaw_rate, vy - car.rear_arm * yaw_rate], -1)
+    across = torch.stack([vy + car.front_arm * yaw_rate, vy - car.rear_arm * yaw_rate])
     rolls = _in_front(vx * torch.tan(angle))
     across = rolls + (across - rolls) / ratio
-    turning = (across[..., 0] - across[..., 1]) / car.wheelbase
-    drift = vx.unsqueeze(-1) * (turning.unsqueeze(-1) - yaw_rate.unsqueeze(-1) / ratio)
+    turning = (across[0] - across[1]) / car.wheelbase
+    drift = vx * (turning - yaw_rate / ratio)
     across = across + 0.5 * dt * drift
-    turning = (across[..., 0] - across[..., 1]) / car.wheelbase
-    return torch.stack([vx, across[..., 1] + car.rear_arm * turning, turning], -1)
+    turning = (across[0] - across[1]) / car.wheelbase
+    return torch.stack([vx, across[1] + car.rear_arm * turning, turning], -1)
 
 
-def _side(
-    car: FrictionChange, motion: Motion, drive: Tensor, angle: Tensor, share: Tensor
-) -> Tensor:
-    """Side forces [n, 2] of both axles, means of the second step."""
+def _side(car: FrictionChange, motion: Motion, drive: Tensor, angle: Tensor) -> Tensor:
+    """Side forces [2, n] of both axles, means of the second step."""
     _, ay, yaw = motion.acceleration
     couple = torch.zeros_like(ay)
-    side = share * ay.unsqueeze(-1)
+    side = car.share * ay
     for _ in range(2):
         moment = (car.yaw_inertia / car.mass * yaw + couple) / car.wheelbase
-        side = share * ay.unsqueeze(-1) + torch.stack([moment, -moment], -1)
+        side = car.share * ay + torch.stack([moment, -moment])
         side = side - _in_front(car._drive_side(drive, angle))
-        couple = car._couple(ay, side[..., 0], angle)
+        couple = car._couple(ay, side[0], angle)
     return side

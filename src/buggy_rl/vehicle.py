@@ -53,11 +53,16 @@ def wrap_angle(angle: Tensor) -> Tensor:
     return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
 
 
+def columns(*parts: Tensor) -> Tensor:
+    """Values [*] side by side, [*, k], each of them contiguous in memory: see `kernels.kernel`."""
+    return torch.stack(torch.broadcast_tensors(*parts)).movedim(0, -1)
+
+
 def rotate(xy: Tensor, angle: Tensor) -> Tensor:
     """Turns vectors [*, 2] to the left by `angle` [*] rad: body to world frame for angle = yaw."""
     x, y = xy.unbind(-1)
     cos, sin = torch.cos(angle), torch.sin(angle)
-    return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
+    return columns(cos * x - sin * y, sin * x + cos * y)
 
 
 def integrate_pose(
@@ -76,11 +81,12 @@ def integrate_pose(
     Returns:
         [*, 3] the pose at the end of the step; yaw is not wrapped.
     """
-    mean = 0.5 * (velocity + next_velocity)  # (*, 3)
-    yaw_rate = mean[..., 2]
-    yaw = pose[..., 2]
-    shift = rotate(mean[..., :2], yaw + 0.5 * dt * yaw_rate) * dt  # (*, 2)
-    return torch.cat([pose[..., :2] + shift, (yaw + dt * yaw_rate).unsqueeze(-1)], -1)
+    x, y, yaw = pose.unbind(-1)
+    vx, vy, yaw_rate = (0.5 * (velocity + next_velocity)).unbind(-1)
+    heading = yaw + 0.5 * dt * yaw_rate
+    cos, sin = torch.cos(heading), torch.sin(heading)
+    dx, dy = (cos * vx - sin * vy) * dt, (sin * vx + cos * vy) * dt
+    return columns(x + dx, y + dy, yaw + dt * yaw_rate)
 
 
 def shift_velocity(velocity: Tensor, x: float | Tensor, y: float | Tensor = 0.0) -> Tensor:
@@ -89,7 +95,7 @@ def shift_velocity(velocity: Tensor, x: float | Tensor, y: float | Tensor = 0.0)
     vx' = vx - r y,  vy' = vy + r x,  r' = r.
     """
     vx, vy, yaw_rate = velocity.unbind(-1)
-    return torch.stack([vx - yaw_rate * y, vy + yaw_rate * x, yaw_rate], -1)
+    return columns(vx - yaw_rate * y, vy + yaw_rate * x, yaw_rate)
 
 
 def shift_pose(pose: Tensor, x: float, y: float = 0.0) -> Tensor:

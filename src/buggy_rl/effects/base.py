@@ -216,7 +216,8 @@ class Effect(Transform):
         rows = self._buffers["active_rows"]
         if rows is None:
             return tensor
-        return tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :]).index_select(0, rows)
+        flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
+        return flat.movedim(0, -1).index_select(-1, rows).movedim(-1, 0)
 
     def _scatter(self, tensor: Tensor, part: Tensor, sizes: int = 1) -> Tensor:
         """A copy of `tensor` with its active rows replaced by `part`; inverse of `_gather`."""
@@ -224,7 +225,8 @@ class Effect(Transform):
         if rows is None:
             return part
         flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
-        return flat.index_copy(0, rows, part.to(tensor.dtype)).reshape(tensor.shape)
+        last, part = flat.movedim(0, -1), part.to(tensor.dtype).movedim(0, -1)
+        return last.index_copy(-1, rows, part).movedim(-1, 0).reshape(tensor.shape)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -2,17 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import ACTUATION, ActuatedEngine, moved_on, side_by_side
+from buggy_rl.engines.actuation import ACTUATION, ActuatedEngine, moved_on
 from buggy_rl.engines.longitudinal_force import ONE_WAY_LAW, LongitudinalLaw, resistance
 from buggy_rl.engines.preset import declare
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.realisation import Realisations, Scaled
-from buggy_rl.vehicle import GRAVITY
+from buggy_rl.vehicle import GRAVITY, columns
 
 SLIP_SPEED = 0.3  # [m/s] rolling speed below which slip angles are softened; chosen
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method ROS2, L-stable with it; Verwer et al. 1999
@@ -49,6 +49,30 @@ def rolling_speed(along: Tensor) -> Tensor:
     return torch.where(along.abs() < SLIP_SPEED, slow, along.abs())
 
 
+class Axle(NamedTuple):
+    """Magic formula of an axle: F = -peak sin(C atan(B alpha)); each of shape () or [*]."""
+
+    stiffness: Tensor
+    """B [1/rad]."""
+    shape: Tensor
+    """C."""
+    peak: Tensor
+    """[N]"""
+
+    @classmethod
+    def of(cls, values: Mapping[str, Tensor], name: str, load: Tensor) -> "Axle":
+        """`front` or `rear`, which carries `load` [N]."""
+        stiffness, shape, grip = (values[f"{name}_{f}"] for f in ("stiffness", "shape", "grip"))
+        return cls(stiffness, shape, load * grip)
+
+    def force(self, along: Tensor, across: Tensor) -> tuple[Tensor, Tensor]:
+        """Lateral force [N], and how it damps slip at none [N s/m], at a velocity [*] [m/s]."""
+        rolling = rolling_speed(along)
+        alpha = torch.atan(across / rolling)
+        force = -self.peak * torch.sin(self.shape * torch.atan(self.stiffness * alpha))
+        return force, self.peak * self.shape * self.stiffness / rolling
+
+
 class SingleTrack:
     """The physics of `SingleTrackEngine`.
 
@@ -60,40 +84,36 @@ class SingleTrack:
     def __init__(self, values: Mapping[str, Tensor], law: LongitudinalLaw = ONE_WAY_LAW) -> None:
         self.values = v = values
         self._law = law
-        self._B, self._C, grip = (
-            side_by_side(v[f"front_{factor}"], v[f"rear_{factor}"])
-            for factor in ("stiffness", "shape", "grip")
-        )
-        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
-        arms = side_by_side(v["cg_to_rear_axle"], v["cg_to_front_axle"])
-        load = (v["mass"] * GRAVITY / wheelbase).unsqueeze(-1) * arms  # (*, 2) front, rear
-        self._peak = load * grip
+        load = v["mass"] * GRAVITY / (v["cg_to_front_axle"] + v["cg_to_rear_axle"])  # [N/m]
+        self._front = Axle.of(v, "front", load * v["cg_to_rear_axle"])
+        self._rear = Axle.of(v, "rear", load * v["cg_to_front_axle"])
 
     def substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: Any) -> Tensor:
         """Velocity [*, 3] of the centre of gravity `h` seconds later, with constant actuators."""
+        start = velocity.unbind(-1)
         cos, sin = torch.cos(steering_angle), torch.sin(steering_angle)
         steered = (steering_angle, cos, sin)
-        rate, damping = self._rates(velocity, drive, steered)
-        first = self._damped(rate, damping, cos, sin, GAMMA * h)  # (*, 3)
-        rate, _ = self._rates(velocity + h * first, drive, steered)
-        second = self._damped(rate - 2 * first, damping, cos, sin, GAMMA * h)
-        return velocity + h * (1.5 * first + 0.5 * second)
+        rate, damping = self._rates(start, drive, steered)
+        first = self._damped(rate, damping, cos, sin, GAMMA * h)
+        middle = tuple(v + h * k for v, k in zip(start, first, strict=True))
+        rate, _ = self._rates(middle, drive, steered)
+        rest = tuple(r - 2 * k for r, k in zip(rate, first, strict=True))
+        second = self._damped(rest, damping, cos, sin, GAMMA * h)
+        stages = zip(start, first, second, strict=True)
+        return columns(*(v + h * (1.5 * k + 0.5 * m) for v, k, m in stages))
 
     def _rates(
-        self, velocity: Tensor, drive: Tensor, steered: tuple[Tensor, Tensor, Tensor]
-    ) -> tuple[Tensor, Tensor]:
-        """Rate of change [*, 3] of the velocity, and the tyres' slip damping [*, 2] N s/m."""
+        self, velocity: Sequence[Tensor], drive: Tensor, steered: tuple[Tensor, Tensor, Tensor]
+    ) -> tuple[tuple[Tensor, ...], tuple[Tensor, Tensor]]:
+        """Rate of change of vx, vy and yaw rate; slip damping of both axles' tyres [N s/m]."""
         v = self.values
         angle, cos, sin = steered
-        vx, vy, yaw_rate = velocity.unbind(-1)
+        vx, vy, yaw_rate = velocity
         at_front = vy + v["cg_to_front_axle"] * yaw_rate
         at_rear = vy - v["cg_to_rear_axle"] * yaw_rate
-        along = rolling_speed(torch.stack([cos * vx + sin * at_front, vx], -1))  # (*, 2)
-        across = torch.stack([cos * at_front - sin * vx, at_rear], -1)  # (*, 2)
-
-        alpha = torch.atan(across / along)
-        front, rear = (-self._peak * torch.sin(self._C * torch.atan(self._B * alpha))).unbind(-1)
-        damping = self._peak * self._C * self._B / along
+        along = cos * vx + sin * at_front
+        front, front_damping = self._front.force(along, cos * at_front - sin * vx)
+        rear, rear_damping = self._rear.force(vx, at_rear)
 
         force = self._law.drive(vx, drive, v) - resistance(vx, angle, v)
         front_force = v["front_drive_share"] * force
@@ -105,20 +125,25 @@ class SingleTrack:
         ax = (front_force * cos + force - front_force - front * sin) / v["mass"] + vy * yaw_rate
         ay = (lateral + rear) / v["mass"] - vx * yaw_rate
         yaw = (v["cg_to_front_axle"] * lateral - v["cg_to_rear_axle"] * rear) / v["yaw_inertia"]
-        return torch.stack([ax, ay, yaw], -1), damping
+        return (ax, ay, yaw), (front_damping, rear_damping)
 
     def _damped(
-        self, rate: Tensor, damping: Tensor, cos: Tensor, sin: Tensor, step: float
-    ) -> Tensor:
-        """Solves (1 + step M^-1 N K N^T) k = rate, with K = diag(damping) [*, 2].
+        self,
+        rate: Sequence[Tensor],
+        damping: tuple[Tensor, Tensor],
+        cos: Tensor,
+        sin: Tensor,
+        step: float,
+    ) -> tuple[Tensor, ...]:
+        """Solves (1 + step M^-1 N K N^T) k = rate, with K = diag(damping).
 
         The columns of N turn velocity into the lateral slip of an axle, (-sin, cos, lf cos) and
         (0, 1, -lr), so two unknowns remain (Woodbury identity).
         """
         mass, inertia = self.values["mass"], self.values["yaw_inertia"]
         lf, lr = self.values["cg_to_front_axle"], self.values["cg_to_rear_axle"]
-        x, y, yaw = rate.unbind(-1)
-        front, rear = (step * damping).unbind(-1)
+        x, y, yaw = rate
+        front, rear = (step * d for d in damping)
         # S = N^T M^-1 N, the slip that a unit of lateral force makes
         ff = 1 / mass + (lf * cos).square() / inertia
         fr = cos * (1 / mass - lf * lr / inertia)
@@ -131,7 +156,7 @@ class SingleTrack:
         x = x + sin * force_front / mass
         y = y - (cos * force_front + force_rear) / mass
         yaw = yaw - (lf * cos * force_front - lr * force_rear) / inertia
-        return torch.stack([x, y, yaw], -1)
+        return x, y, yaw
 
 
 class SingleTrackEngine(ActuatedEngine):
@@ -207,9 +232,9 @@ def _moved_on(
 
 def _example(n: int) -> tuple[Tensor, ...]:
     values = {p.name: p.value for p in declare("buggy", (*TYRES, *ACTUATION))}
-    columns = torch.tensor([values[name] for name in VALUES])[:, None].repeat(1, n)
-    pose, velocity = torch.zeros(n, 3), torch.tensor([2.0, 0.01, 0.1]).repeat(n, 1)
-    return columns, torch.tensor(0.005), torch.full((n, 2), 0.1), pose, velocity
+    parameters = torch.tensor([values[name] for name in VALUES])[:, None].repeat(1, n)
+    pose, velocity = torch.zeros(3, n).T, torch.tensor([2.0, 0.01, 0.1])[:, None].repeat(1, n).T
+    return parameters, torch.tensor(0.005), torch.full((2, n), 0.1).T, pose, velocity
 
 
 KERNEL = Kernel(

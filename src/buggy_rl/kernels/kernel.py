@@ -6,6 +6,10 @@ numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and
 it is done once, by `scripts/compile.py`. A package holds for the source and the processor that it
 was made of and no other.
 
+A package has the batch as the last dimension of all arguments, contiguous in memory: only so does
+the compiler make vector instructions of it. `run` brings arguments into this layout; results that
+`vehicle.columns` made have it already, so that kernels one after another copy nothing.
+
 Source: `torch.export` and `torch._inductor.aoti_compile_and_package`, PyTorch documentation.
 """
 
@@ -27,7 +31,7 @@ FOLDER = "BUGGY_RL_KERNELS"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "buggy_rl"
 """Folder of the packages by default."""
 SOURCE = Path(__file__).parents[1]
-MADE_OF = ("engines", "effects", "vehicle.py")
+MADE_OF = ("kernels", "engines", "effects", "vehicle.py")
 """What kernels follow from, whole: a package too many is made anew rather than one too few."""
 
 
@@ -41,8 +45,6 @@ class Kernel:
     """Arguments for a batch of n."""
     batch: tuple[int | None, ...]
     """Of each argument, the dimension of the batch; None where it has none."""
-    up_to: int | None = None
-    """Environments above which PyTorch is faster (`benchmarks/kernels.py`)."""
 
     def fastest(self, row: Tensor) -> Callable[..., Sequence[Tensor]]:
         """The package if it is `ready`, else the function."""
@@ -53,7 +55,7 @@ class Kernel:
         return (
             not torch.compiler.is_compiling()  # traced into another package
             and row.dim() == 1
-            and 1 < len(row) <= (self.up_to or len(row))
+            and len(row) > 1
             and row.dtype == torch.float32
             and row.device.type == "cpu"
             and not torch.is_grad_enabled()
@@ -64,7 +66,13 @@ class Kernel:
         """Runs the package, which must be `ready`, on arguments like those of `example`."""
         package = _package(self, os.environ.get(FOLDER, str(CACHE)))
         assert package is not None
-        return package([argument.contiguous() for argument in arguments])
+        return package(self._batch_last(arguments))
+
+    def _batch_last(self, arguments: Sequence[Tensor]) -> list[Tensor]:
+        return [
+            (a if dim is None or dim == a.dim() - 1 else a.movedim(dim, -1)).contiguous()
+            for a, dim in zip(arguments, self.batch, strict=True)
+        ]
 
     def file(self, folder: Path) -> Path:
         """Its package."""
@@ -78,31 +86,34 @@ class Kernel:
         """
         import torch._inductor.config as inductor
 
-        arguments = self.example(64)
+        arguments = self._batch_last(self.example(64))
         cars = torch.export.Dim("cars", min=2)
-        shapes = tuple(None if dim is None else {dim: cars} for dim in self.batch)
+        batch = zip(self.batch, arguments, strict=True)
+        shapes = tuple(None if dim is None else {a.dim() - 1: cars} for dim, a in batch)
         folder.mkdir(parents=True, exist_ok=True)
         written = self.file(folder).with_suffix(f".{os.getpid()}.pt2")
         # One thread: cases run beside each other, and sums keep their order.
         with torch.no_grad(), inductor.patch({"cpp.threads": 1}), warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of PyTorch, about itself
-            program = torch.export.export(
-                _Module(self.function), arguments, dynamic_shapes=(shapes,)
-            )
+            program = torch.export.export(_Module(self), tuple(arguments), dynamic_shapes=(shapes,))
             torch._inductor.aoti_compile_and_package(program, package_path=str(written))
         os.replace(written, self.file(folder))
         return self.file(folder)
 
 
 class _Module(torch.nn.Module):
-    """A function as `torch.export` takes it."""
+    """The function of a kernel as `torch.export` takes it, of arguments with the batch last."""
 
-    def __init__(self, function: Callable[..., tuple[Tensor, ...]]) -> None:
+    def __init__(self, kernel: Kernel) -> None:
         super().__init__()
-        self.function = function
+        self.kernel = kernel
 
     def forward(self, *arguments: Tensor) -> tuple[Tensor, ...]:
-        return self.function(*arguments)
+        given = (
+            a if dim is None else a.movedim(-1, dim)
+            for a, dim in zip(arguments, self.kernel.batch, strict=True)
+        )
+        return self.kernel.function(*given)
 
 
 @cache

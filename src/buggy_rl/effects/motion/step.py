@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.kernels.kernel import Kernel
-from buggy_rl.vehicle import integrate_pose, rotate, shift_velocity
+from buggy_rl.vehicle import columns, integrate_pose, shift_velocity
 
 
 def centred(numbers: Tensor, start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
@@ -41,9 +41,12 @@ def mean_acceleration(numbers: Tensor, before: Tensor, after: Tensor) -> tuple[T
         [n, 3] ax, ay [m/s^2], yaw acceleration [rad/s^2].
     """
     (dt,) = numbers.unbind(-1)
-    h = 0.25 * dt * (before[..., 2] + after[..., 2])
-    planar = rotate(after[..., :2], h) - rotate(before[..., :2], -h)
-    return (torch.cat([planar, after[..., 2:] - before[..., 2:]], -1) / dt,)
+    (vx, vy, r), (vx_after, vy_after, r_after) = before.unbind(-1), after.unbind(-1)
+    h = 0.25 * dt * (r + r_after)
+    cos, sin = torch.cos(h), torch.sin(h)
+    ax = (cos * vx_after - sin * vy_after) - (cos * vx + sin * vy)
+    ay = (sin * vx_after + cos * vy_after) - (cos * vy - sin * vx)
+    return (columns(ax / dt, ay / dt, (r_after - r) / dt),)
 
 
 def moved(
@@ -64,14 +67,15 @@ def moved(
     """
     arm, dt = numbers.unbind(-1)
     changed = end + shift_velocity(change, arm)
-    # Both poses are computed from x = y = 0: far from there their difference would be rounded.
-    origin = torch.cat([torch.zeros_like(pose[..., :2]), pose[..., 2:]], -1)
+    # Both ways begin at x = y = 0: of poses far from there the difference would be rounded.
+    yaw = pose[..., 2]
+    origin = columns(torch.zeros_like(yaw), torch.zeros_like(yaw), yaw)
     way = integrate_pose(origin, start, changed, dt) - integrate_pose(origin, start, end, dt)
     return next_pose + way, changed
 
 
 def _rows(count: int, n: int) -> tuple[Tensor, ...]:
-    return tuple(torch.tensor([1.0, 0.1, 0.2]).repeat(n, 1) for _ in range(count))
+    return tuple(torch.tensor([1.0, 0.1, 0.2])[:, None].repeat(1, n).T for _ in range(count))
 
 
 CENTRED = Kernel("centred", centred, lambda n: (torch.ones(2), *_rows(2, n)), (None, 0, 0))

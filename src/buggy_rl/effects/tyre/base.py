@@ -91,10 +91,11 @@ class TyreEffect(MotionEffect):
 
     def _change_and_state(self, motion: Motion) -> tuple[Tensor, Tensor]:
         assert motion.state is not None
-        n = motion.turn_rate
-        ratio = torch.stack(torch.broadcast_tensors(*self._ratios(motion), n)[:2], -1)
-        most = self._most(motion).expand_as(n)
+        shape = motion.turn_rate.shape
         seen = (motion.before, motion.after, motion.action, motion.state)
-        friction_change = changed_by(self._axles, self.rest != ONE_WAY_REST).fastest(n)
-        change, spin = friction_change(self._tensor("numbers"), *seen, ratio, most)
-        return change, spin
+        rows = [part.reshape(-1, part.shape[-1]) for part in seen]
+        ratio = torch.stack([r.expand(shape).reshape(-1) for r in self._ratios(motion)])
+        most = self._most(motion).expand(shape).reshape(-1)
+        friction_change = changed_by(self._axles, self.rest != ONE_WAY_REST).fastest(most)
+        change, spin = friction_change(self._tensor("numbers"), *rows, ratio, most)
+        return change.reshape(*shape, 3), spin.reshape(*shape, self.state_size)

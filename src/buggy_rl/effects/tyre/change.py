@@ -1,4 +1,8 @@
-"""The package's algorithm: axle forces read off a step, and what another friction makes of them."""
+"""The package's algorithm: axle forces read off a step, and what another friction makes of them.
+
+Pairs of front and rear axle are the first dimension, [2, n]: the batch is then contiguous, which is
+what a compiler turns into vector instructions.
+"""
 
 from dataclasses import dataclass
 from functools import cache, partial
@@ -12,7 +16,7 @@ from buggy_rl.effects.motion.drive import ASKED
 from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.effects.tyre.spin import DrivenAxles
 from buggy_rl.kernels.kernel import Kernel
-from buggy_rl.vehicle import GRAVITY
+from buggy_rl.vehicle import GRAVITY, columns
 
 SLOWEST = 0.5  # [m/s] speed below which slip settles no faster; engines soften tyres there too
 LEAST_LOAD = 0.05  # [-] least share of the weight on an axle: no car of this height lifts one
@@ -26,7 +30,7 @@ class AxleForces:
     """Forces of the simulated tyres, means of the step, over mass; n rows."""
 
     side: Tensor
-    """[n, 2] side force of front and rear axle [m/s^2]."""
+    """[2, n] side force of front and rear axle [m/s^2]."""
     angle: Tensor
     """[n] road-wheel angle [rad]."""
     couple: Tensor
@@ -37,10 +41,7 @@ class AxleForces:
 
 @dataclass(frozen=True)
 class FrictionChange:
-    """What another friction changes, of a simulator with these tyres; all of its numbers tensors.
-
-    Pairs [2] are front and rear axle.
-    """
+    """What another friction changes, of a simulator with these tyres; its numbers are tensors."""
 
     front_arm: Tensor
     """a [m]."""
@@ -51,11 +52,11 @@ class FrictionChange:
     yaw_inertia: Tensor
     """I [kg m^2]."""
     friction: Tensor
-    """D [2]."""
+    """D [2, 1]."""
     stiffness: Tensor
-    """C [2] [1/rad]."""
+    """C [2, 1] [1/rad]."""
     shape: Tensor
-    """c [2]."""
+    """c [2, 1]."""
     speed_loss: Tensor
     """b0 and b1 [2] [1/s] of the motor."""
     resistance: Tensor
@@ -72,7 +73,8 @@ class FrictionChange:
     def of(cls, numbers: Tensor, axles: slice, two_way: bool = False) -> "FrictionChange":
         """From all the numbers side by side [18] and the axles that are driven."""
         front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
-        friction, stiffness, shape, speed_loss, resistance = numbers[4:14].view(5, 2).unbind()
+        friction, stiffness, shape = numbers[4:10].view(3, 2, 1).unbind()
+        speed_loss, resistance = numbers[10:14].view(2, 2).unbind()
         height, front, combined, dt = numbers[14:].unbind()
         return cls(
             front_arm=front_arm,
@@ -91,6 +93,11 @@ class FrictionChange:
         )
 
     @property
+    def share(self) -> Tensor:
+        """Of the weight, [2, 1]: b / L and a / L."""
+        return torch.stack([self.rear_arm, self.front_arm]).unsqueeze(-1) / self.wheelbase
+
+    @property
     def wheelbase(self) -> Tensor:
         """L [m]."""
         return self.front_arm + self.rear_arm
@@ -100,36 +107,36 @@ class FrictionChange:
 
         Args:
             motion: The simulator's step; its state is z.
-            ratio: Friction over the simulated one, q [n, 2].
+            ratio: Friction over the simulated one, q [2, n].
             most: Largest lateral acceleration that the tyres give, [n] or () [m/s^2].
         """
         felt = motion.acceleration
         ax, ay, _ = felt
-        share = torch.stack([self.rear_arm, self.front_arm]) / self.wheelbase
+        share = self.share
         resists = self._resistance(motion)
-        load = self._load(share, ax + resists)  # (n, 2) over mass
-        circle = load * self.friction  # (n, 2) N D
-        seen = self._axle_forces(motion, felt, share, circle[..., 0], resists)
+        load = self._load(ax + resists)  # (2, n) over mass
+        circle = load * self.friction  # (2, n) N D
+        seen = self._axle_forces(motion, felt, circle[0], resists)
         mean, angle = seen.side, seen.angle
-        hold = share * (motion.turn_rate * motion.after[..., 0]).unsqueeze(-1)
+        hold = share * (motion.turn_rate * motion.after[..., 0])
         hold = hold - _in_front(self._drive_side(seen.drive, angle))
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
         assert motion.state is not None
         along, left, left_now, spin = self.driven.changed(
-            motion.state,
+            motion.state.movedim(-1, 0),
             self.combined * seen.drive,
             lost,
             circle,
             ratio,
             self._slide(motion, angle),
         )
-        turned = torch.stack([torch.cos(angle), torch.ones_like(angle)], -1)
-        side = turned * circle * left  # (n, 2) what friction leaves for the side force
+        turned = torch.stack([torch.cos(angle), torch.ones_like(angle)])
+        side = turned * circle * left  # (2, n) what friction leaves for the side force
         side_now = turned * ratio * circle * left_now
-        pushed = (along * turned).sum(-1)
+        pushed = (along * turned).sum(0)
 
-        speed = motion.after[..., 0].abs().clamp_min(SLOWEST).unsqueeze(-1)
-        rate = self.driven.dt * self.stiffness * load / speed  # (n, 2) K dt at s = 0
+        speed = motion.after[..., 0].abs().clamp_min(SLOWEST)
+        rate = self.driven.dt * self.stiffness * load / speed  # (2, n) K dt at s = 0
         slip = slip_of(mean / side, self.shape)
         start = hold + self._start_of(mean - hold, rate * slope(slip, self.shape))
         slip = slip_of(start / side, self.shape)
@@ -138,40 +145,40 @@ class FrictionChange:
         use = start / side
         gained = torch.zeros_like(ax)
         for _ in range(ITERATIONS):
-            transfer = self._load(share, ax + resists + gained) / load
+            transfer = self._load(ax + resists + gained) / load
             scaled = self._scaled(start, use, side, transfer * side_now, ratio)
-            bounded = scaled.clamp(-most.unsqueeze(-1) * share, most.unsqueeze(-1) * share)
+            bounded = scaled.clamp(-most * share, most * share)
             mean_now = hold + self._mean_of(bounded - hold, rate * stiff_now)
-            gained = pushed - (mean_now - mean)[..., 0] * torch.tan(angle)
+            gained = pushed - (mean_now - mean)[0] * torch.tan(angle)
 
-        front, rear = (mean_now - mean).unbind(-1)
-        front = front + along[..., 0] * torch.sin(angle)
-        couple_now = self._couple(ay + front + rear, mean_now[..., 0], angle)
+        front, rear = (mean_now - mean).unbind()
+        front = front + along[0] * torch.sin(angle)
+        couple_now = self._couple(ay + front + rear, mean_now[0], angle)
         moment = self.front_arm * front - self.rear_arm * rear - (couple_now - seen.couple)
         yaw = self.mass / self.yaw_inertia * moment
-        return self.driven.dt * torch.stack([gained, front + rear, yaw], -1), spin
+        dt = self.driven.dt
+        return columns(dt * gained, dt * (front + rear), dt * yaw), spin.movedim(0, -1)
 
     def _axle_forces(
         self,
         motion: Motion,
         felt: tuple[Tensor, Tensor, Tensor],
-        share: Tensor,
         circle: Tensor,
         resists: Tensor,
     ) -> AxleForces:
         """Steps 3 to 5 of the algorithm; `circle` [n] of the front axle."""
         ax, ay, yaw = felt
         inertia = self.yaw_inertia / self.mass * yaw
-        mean = share * ay.unsqueeze(-1)
+        mean = self.share * ay
         angle = couple = drive = torch.zeros_like(ay)
         for _ in range(ITERATIONS):
             moment = (inertia + couple) / self.wheelbase
-            mean = share * ay.unsqueeze(-1) + torch.stack([moment, -moment], -1)
+            mean = self.share * ay + torch.stack([moment, -moment])
             mean = mean - _in_front(self._drive_side(drive, angle))
-            angle = self._wheel_angle(motion, mean[..., 0] / circle)
-            angle = self._wheel_angle(motion, mean[..., 0] / circle / torch.cos(angle))
-            couple = self._couple(ay, mean[..., 0], angle)
-            drive = self._drive(motion, mean[..., 0], angle, ax + resists)
+            angle = self._wheel_angle(motion, mean[0] / circle)
+            angle = self._wheel_angle(motion, mean[0] / circle / torch.cos(angle))
+            couple = self._couple(ay, mean[0], angle)
+            drive = self._drive(motion, mean[0], angle, ax + resists)
         return AxleForces(mean, angle, couple, drive)
 
     def _drive(self, motion: Motion, front: Tensor, angle: Tensor, pushes: Tensor) -> Tensor:
@@ -190,7 +197,7 @@ class FrictionChange:
     def _scaled(
         self, start: Tensor, use: Tensor, side: Tensor, side_now: Tensor, ratio: Tensor
     ) -> Tensor:
-        """Step 8: forces [n, 2] of the changed axles at the slips of the simulated ones.
+        """Step 8: forces [2, n] of the changed axles at the slips of the simulated ones.
 
         The simulated ones give `start` at these slips, a share `use` of `side`.
         """
@@ -201,10 +208,10 @@ class FrictionChange:
         holds = ((1 - use.abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
         return slides + holds * (start + torch.sign(start) * change - slides)
 
-    def _load(self, share: Tensor, given: Tensor) -> Tensor:
-        """N [n, 2] at longitudinal tyre forces [n] [m/s^2]."""
-        lift = self.height / self.wheelbase * share.new_tensor([-1.0, 1.0])
-        return (GRAVITY * share + lift * given.unsqueeze(-1)).clamp_min(LEAST_LOAD * GRAVITY)
+    def _load(self, given: Tensor) -> Tensor:
+        """N [2, n] at longitudinal tyre forces [n] [m/s^2]."""
+        lift = self.height / self.wheelbase * given
+        return (GRAVITY * self.share + torch.stack([-lift, lift])).clamp_min(LEAST_LOAD * GRAVITY)
 
     def _couple(self, ay: Tensor, front: Tensor, angle: Tensor) -> Tensor:
         """Yaw moment over mass [n] [m^2/s^2] of the outer front wheel, which brakes more."""
@@ -216,11 +223,11 @@ class FrictionChange:
         return self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
 
     def _slide(self, motion: Motion, angle: Tensor) -> Tensor:
-        """Lateral speed w [n, 2] [m/s] of the contact, no less than by the stretch of the tread."""
+        """Lateral speed w [2, n] [m/s] of the contact, no less than by the stretch of the tread."""
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
         front = (vy + self.front_arm * yaw_rate) * torch.cos(angle) - vx * torch.sin(angle)
-        sideways = torch.stack([front, vy - self.rear_arm * yaw_rate], -1)
-        stretch = self.friction / SLIP_STIFFNESS * vx.abs().clamp_min(SLOWEST).unsqueeze(-1)
+        sideways = torch.stack([front, vy - self.rear_arm * yaw_rate])
+        stretch = self.friction / SLIP_STIFFNESS * vx.abs().clamp_min(SLOWEST)
         return (sideways.square() + stretch.square()).sqrt()
 
     def _wheel_angle(self, motion: Motion, use: Tensor) -> Tensor:
@@ -228,7 +235,7 @@ class FrictionChange:
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
         ahead = vx.abs() if self.two_way else vx
         moves = torch.atan2(vy + self.front_arm * yaw_rate, ahead.clamp_min(SLOWEST))
-        c = self.shape[0]
+        c = self.shape[0]  # (1,)
         slip = torch.sign(use) * slip_of(use, c)
         angle = (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(-LOCK, LOCK)
         return torch.where(vx < 0, -angle, angle) if self.two_way else angle
@@ -239,24 +246,24 @@ class FrictionChange:
         return 1 + a * a / i, 1 - a * b / i, 1 + b * b / i
 
     def _start_of(self, mean: Tensor, rate: Tensor) -> Tensor:
-        """Step 7: (1 + M / 2) of a force [n, 2], from its mean over the step to its start."""
+        """Step 7: (1 + M / 2) of a force [2, n], from its mean over the step to its start."""
         ff, fr, rr = self._mobility()
-        front, rear = mean.unbind(-1)
-        slip = torch.stack([ff * front + fr * rear, fr * front + rr * rear], -1)
+        front, rear = mean.unbind()
+        slip = torch.stack([ff * front + fr * rear, fr * front + rr * rear])
         return mean + 0.5 * rate * slip
 
     def _mean_of(self, start: Tensor, rate: Tensor) -> Tensor:
-        """Step 9: (1 + M / 2)^-1 of a force [n, 2], by Cramer's rule."""
+        """Step 9: (1 + M / 2)^-1 of a force [2, n], by Cramer's rule."""
         ff, fr, rr = self._mobility()
-        front, rear = (0.5 * rate).unbind(-1)
+        front, rear = (0.5 * rate).unbind()
         p, q, r, s = 1 + front * ff, front * fr, rear * fr, 1 + rear * rr
-        x, y = start.unbind(-1)
-        return torch.stack([s * x - q * y, p * y - r * x], -1) / (p * s - q * r).unsqueeze(-1)
+        x, y = start.unbind()
+        return torch.stack([s * x - q * y, p * y - r * x]) / (p * s - q * r)
 
 
 def _in_front(force: Tensor) -> Tensor:
-    """[n, 2] of front and rear axle: [n] in front, 0 at the rear."""
-    return torch.stack([force, torch.zeros_like(force)], -1)
+    """[2, n] of front and rear axle: [n] in front, 0 at the rear."""
+    return torch.stack([force, torch.zeros_like(force)])
 
 
 def _changed(axles: slice, two_way: bool, *arguments: Tensor) -> tuple[Tensor, Tensor]:
@@ -269,25 +276,25 @@ def _changed(axles: slice, two_way: bool, *arguments: Tensor) -> tuple[Tensor, T
 
 def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
     numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 1.0, 0.01])
-    before = torch.tensor([1.0, 0.01, 0.1]).repeat(n, 1)
+    before = torch.tensor([1.0, 0.01, 0.1])[:, None].repeat(1, n).T
     ones, state = torch.ones(n, 2), torch.zeros(n, len(range(2)[axles]))
-    return numbers, before, before.clone(), 0.2 * ones, state, 0.8 * ones, torch.full((n,), 9.0)
+    ratio, most = torch.full((2, n), 0.8), torch.full((n,), 9.0)
+    return numbers, before, before.clone(), 0.2 * ones, state, ratio, most
 
 
 @cache
 def changed_by(axles: tuple[int, int], two_way: bool = False) -> Kernel:
     """`FrictionChange` of a car with these driven axles, of the first to before the last.
 
-    Its arguments: numbers [18], velocity before and after the step [n, 3], command [n, 2], z,
-    ratio [n, 2], largest lateral acceleration [n].
+    Its arguments: numbers [18], velocity before and after the step [n, 3], command [n, 2], z
+    [n, 1 or 2], ratio [2, n], largest lateral acceleration [n].
     """
     of = slice(*axles)
     return Kernel(
         f"friction_change_{axles[0]}{axles[1]}" + ("_two_way" if two_way else ""),
         partial(_changed, of, two_way),
         partial(_example, of),
-        (None, 0, 0, 0, 0, 0, 0),
-        up_to=1000,
+        (None, 0, 0, 0, 0, 1, 0),
     )
 
 

@@ -51,8 +51,8 @@ class DrivenAxles:
 
     @property
     def shares(self) -> Tensor:
-        """Share of the drive at each of them."""
-        return torch.stack([self.front, 1 - self.front])[self.axles]
+        """Share of the drive at each of them, [k, 1] of k driven axles."""
+        return torch.stack([self.front, 1 - self.front])[self.axles].unsqueeze(-1)
 
     def changed(
         self, z: Tensor, drive: Tensor, lost: Tensor, circle: Tensor, ratio: Tensor, slide: Tensor
@@ -60,31 +60,34 @@ class DrivenAxles:
         """Drive and side friction as another friction makes them.
 
         Args:
-            z: Before the step, of each driven axle [n, 1] or [n, 2] [m/s].
+            z: Before the step, of each driven axle [k, n] [m/s].
             drive: X, of both axles together [n] [m/s^2].
             lost: b, decrease of the motor's acceleration with the speed [n] [1/s].
-            circle: N D of both simulated axles [n, 2] [m/s^2].
-            ratio: q of both axles [n, 2].
-            slide: w of both axles [n, 2] [m/s].
+            circle: N D of both simulated axles [2, n] [m/s^2].
+            ratio: q of both axles [2, n].
+            slide: w of both axles [2, n] [m/s].
 
         Returns:
-            Change of each axle's longitudinal force [n, 2] [m/s^2], the share of its friction left
-            for the side force, simulated and changed [n, 2] each, and z after the step.
+            Change of each axle's longitudinal force [2, n] [m/s^2], the share of its friction left
+            for the side force, simulated and changed [2, n] each, and z after the step.
         """
-        shares, drive = self.shares, drive.unsqueeze(-1)
+        shares = self.shares
         # As if each axle had all of the drive, and its friction over its share of it.
-        own, now = (c[..., self.axles] / shares for c in (circle, ratio * circle))
-        slide = slide[..., self.axles]
+        own, now = (c[self.axles] / shares for c in (circle, ratio * circle))
+        slide = slide[self.axles]
         spin = spin_of(drive, own, slide)
         given = drive_of(spin, own, slide)  # the drive, at most what friction gives
-        z = self._next_z(z, (spin, given), lost.unsqueeze(-1), now, slide)
+        z = self._next_z(z, (spin, given), lost, now, slide)
         spin_now = spin + z
-        along = torch.zeros_like(circle)
-        side, side_now = torch.ones_like(circle), torch.ones_like(circle)
-        along[..., self.axles] = shares * drive * (drive_of(spin_now, now, slide) / given - 1)
-        side[..., self.axles] = left(spin, slide)
-        side_now[..., self.axles] = left(spin_now, slide)
+        along = self._of_both(shares * drive * (drive_of(spin_now, now, slide) / given - 1), 0.0)
+        side, side_now = (self._of_both(left(s, slide), 1.0) for s in (spin, spin_now))
         return along, side, side_now, z
+
+    def _of_both(self, driven: Tensor, other: float) -> Tensor:
+        """[2, n] of front and rear axle, from [k, n] of the driven ones."""
+        first, last, _ = self.axles.indices(2)
+        rest = torch.full_like(driven[0], other)
+        return torch.stack([*[rest] * first, *driven, *[rest] * (2 - last)])
 
     def _next_z(
         self,

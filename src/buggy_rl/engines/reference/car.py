@@ -1,7 +1,7 @@
 """The reference car: its parts and their forces on one another in one substep."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -105,13 +105,15 @@ class Car:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        kernel = self.kernel is not None and self.kernel.ready(car.vx)
-        step = self._kernel_step if kernel else partial(self._step, self)
+        kernel = self.kernel
+        if kernel is not None and len(commands) == 1 and kernel.ready(car.vx):
+            self._kernel_steps(kernel, car, setting)
+            return
         for index in range(self.substeps):
             if 0 < index < len(commands):
                 setting.throttle, setting.steering = commands[index]
                 setting.duty = self.drivetrain.target_duty(setting.throttle)
-            step(car, setting, self.substep)
+            self._step(self, car, setting, self.substep)
 
     @property
     def kernel(self) -> Kernel | None:
@@ -122,17 +124,17 @@ class Car:
             return KERNEL
         return BRAKED_KERNEL if self.build.command == BRAKED else None
 
-    def _kernel_step(self, car: CarState, setting: Setting, dt: float) -> None:
-        """`step` by the kernel."""
-        kernel = self.kernel
-        assert kernel is not None
+    def _kernel_steps(self, kernel: Kernel, car: CarState, setting: Setting) -> None:
+        """All substeps of a control period by the kernel."""
         if self._side_by_side.shape[1:] != car.vx.shape:
             names = VALUES if kernel is KERNEL else BRAKED_VALUES
             self._side_by_side = torch.stack([self.values[n].expand_as(car.vx) for n in names])
         size = () if kernel is KERNEL else (self.build.numbers(car.vx),)
         given = (setting.steering, setting.duty, setting.voltage)
-        moved = (getattr(car, n) for n in MOVED)
-        state = kernel.run(self._side_by_side, *size, car.vx.new_tensor(dt), *given, *moved)
+        fixed = (self._side_by_side, *size, car.vx.new_tensor(self.substep), *given)
+        state: Sequence[Tensor] = [getattr(car, n) for n in MOVED]
+        for _ in range(self.substeps):
+            state = kernel.run(*fixed, *state)
         for name, value in zip(MOVED, state, strict=True):
             setattr(car, name, value)
         car.rack = car.servo

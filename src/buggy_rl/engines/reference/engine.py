@@ -222,9 +222,9 @@ class ReferenceEngine(Engine):
         return {
             keys.POSE: torch.cat([position, (yaw + car.dyaw).unsqueeze(-1)], -1),
             keys.VELOCITY: shift_velocity(at_cg, ahead),
-            WHEEL_SLIP: (car.tread - self.car.rolling_speed(car)).movedim(0, -1).contiguous(),
-            TYRE_SLIP: car.slip.movedim((0, 1), (-2, -1)).contiguous(),
-            LEAN: lean.movedim((0, 1), (-2, -1)).contiguous(),
+            WHEEL_SLIP: (car.tread - self.car.rolling_speed(car)).movedim(0, -1),
+            TYRE_SLIP: car.slip.movedim((0, 1), (-2, -1)),
+            LEAN: lean.movedim((0, 1), (-2, -1)),
             SERVO: car.servo.unsqueeze(-1),
             DUTY: car.duty.unsqueeze(-1),
             CHARGE: car.charge.unsqueeze(-1),
