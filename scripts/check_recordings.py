@@ -17,6 +17,7 @@ def main() -> int:
     import torch
     from tqdm import tqdm
 
+    from buggy_rl.diagnosis.other_sensors import other_sensors
     from buggy_rl.recordings import load_recordings
 
     torch.set_num_threads(1)
@@ -36,6 +37,8 @@ def main() -> int:
         shown = [n for n in recording.notes if arguments.notes or any(w in n for w in LOSSES)]
         if shown:
             print("\n".join([f"\n{recording.name}", *(f"  {note}" for note in shown)]))
+    for finding in other_sensors(recordings):
+        print(f"measured beside the pose: {finding.line()}")
     for refusal in refusals:
         print(f"refused: {refusal}")
     seconds = sum(recording.duration for recording in recordings)

@@ -13,6 +13,8 @@ OUT_OF_RANGE = "out_of_range"  # [1] bool, a learned engine's input is outside i
 
 TIME = "t"  # [1] s, of a recording's row
 SEGMENT = "segment"  # int, stretch of a recording without a gap; windows never cross segments
+WHEEL_SPEED = "wheel_speed"  # [1] m/s at the tread, of a recording with wheel odometry
+GYRO = "gyro"  # [1] rad/s, yaw rate by a gyroscope, of a recording with an IMU
 RECORDING = "recording"  # int, index of the drive a window was cut from
 ROW = "row"  # int, first row of a window in its drive
 

@@ -53,7 +53,7 @@ def test_columns_units_and_signs_are_found_with_their_evidence(found):
     assert "x: track_x" in text
     assert "yaw: heading" in text
     assert re.search(r"units: \{.*yaw: deg.*yaw_rate: deg/s", text)
-    assert "signs: {yaw_rate: -1}" in text
+    assert "signs: {yaw_rate: -1, gyro: -1}" in text
     assert "steering: servo" in text
     assert "throttle: throttle_pwm" in text
     ends = re.search(r"steering: \{right: ([\d.]+), left: ([\d.]+)\}", text)
@@ -205,7 +205,9 @@ def test_frictionmaps_is_recognised_with_the_gyros_true_unit(frictionmaps_folder
     assert found.commands["throttle"].column == "commandData.V"
     assert found.commands["throttle"].unit == "m/s"
     assert found.commands["steering"].column == "commandData.delta"
-    assert "units: {yaw_rate: deg/s}" in found.proposal  # their documentation says otherwise
+    assert (
+        "units: {yaw_rate: deg/s, gyro: deg/s}" in found.proposal
+    )  # their documentation says otherwise
     assert "accelerations there are in g" in found.proposal
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.recordings import load_recordings
 
 SECONDS = {"DS1": 41.2, "DS2": 127.1, "DS3": 114.5, "DS4": 103.0, "DS5": 106.8}
@@ -35,7 +36,9 @@ def test_the_gyro_agrees_with_the_pose_in_degrees_and_is_refused_as_radians(
     frictionmaps_folder, repository, tmp_path
 ):
     text = (repository / "configs" / "columns" / "frictionmaps.yaml").read_text()
-    (tmp_path / "map.yaml").write_text(text.replace("units: {yaw_rate: deg/s}", ""))
+    (tmp_path / "map.yaml").write_text(
+        text.replace("units: {yaw_rate: deg/s, gyro", "units: {gyro")
+    )
     _, refusals = load_recordings(frictionmaps_folder, tmp_path / "map.yaml", car="frictionmaps")
     assert len(refusals) == 5
     assert all("units: {yaw_rate: deg/s}" in str(refusal) for refusal in refusals)
@@ -52,3 +55,12 @@ def test_without_the_stated_rate_the_slow_drive_is_refused_with_the_right_one(
     assert len(recordings) == 4
     assert "DS5" in str(refusal)
     assert "limits: {slowest_rate: 19}" in str(refusal)
+
+
+def test_the_lidar_pose_comes_after_the_gyroscope_by_the_same_time_in_every_drive(loaded):
+    found = [{f.name: f for f in other_sensors([recording])} for recording in loaded[0]]
+    told = [findings for findings in found if "pose_lateness" in findings]
+    assert len(told) >= 4  # one is driven too gently
+    for findings in told:
+        assert findings["pose_lateness"].value == pytest.approx(0.030, abs=0.006)
+        assert findings["gyro_scale"].value == pytest.approx(1.0, abs=0.03)  # read as deg/s

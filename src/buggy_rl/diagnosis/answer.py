@@ -11,6 +11,7 @@ from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Located
 from buggy_rl.diagnosis.named_effect import NamedEffect
+from buggy_rl.diagnosis.other_sensors import SensorFinding
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.proof import Proof
 from buggy_rl.diagnosis.unexplained import Unexplained
@@ -61,6 +62,8 @@ class Answer:
     """Named effects with what these recordings cannot tell from them."""
     behaviours: list[Behaviour] = field(default_factory=list)
     """Quantities of step tests, as given and repaired."""
+    sensors: list[SensorFinding] = field(default_factory=list)
+    """What sensors beside the tracker say without a simulator."""
     form: list[FormFault] = field(default_factory=list)
     """Where the repaired simulator is wrong to one side, the largest first."""
 
@@ -105,6 +108,7 @@ class Answer:
                 ],
                 "equivalents": [e.to_dict() for e in self.equivalents],
                 "behaviours": [b.to_dict() for b in self.behaviours],
+                "sensors": [s.to_dict() for s in self.sensors],
                 "posterior": _posterior(self.posterior),
                 "unexplained": {
                     "share": self.remaining.share,
@@ -142,6 +146,9 @@ class Answer:
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
         result = [self._headline()]
+        if self.sensors:
+            said = "; ".join(s.line() for s in self.sensors)
+            result.append(f"Measured without a simulator: {said}.")
         open_ = self.verdict in OPEN
         if open_:
             result += self._differing()

@@ -18,6 +18,7 @@ from buggy_rl.diagnosis.joint import Keep, joint_search
 from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.diagnosis.planning import plan_of
 from buggy_rl.diagnosis.posterior import posterior
 from buggy_rl.diagnosis.preflight_recordings import (
@@ -123,7 +124,10 @@ def diagnose(
     if config.car:
         driven = weak(done.case.problem.segments, load_car(config.car).similarity)
         done = replace(done, answer=replace(done.answer, weak=driven))
-    return replace(done, answer=replace(done.answer, notes=notes, verdict=verdict))
+    measured = other_sensors(recordings)
+    return replace(
+        done, answer=replace(done.answer, notes=notes, verdict=verdict, sensors=measured)
+    )
 
 
 def opened(

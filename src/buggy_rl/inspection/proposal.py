@@ -1,5 +1,6 @@
 """A column map as text, each line with the evidence it was guessed from."""
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
@@ -13,6 +14,13 @@ HEAD = (
     "# the evidence of each. Check and edit it; nothing reads it by itself. Then:",
     "#   python scripts/check_recordings.py FOLDER columns=THIS_FILE",
 )
+
+
+BESIDE = {
+    "gyro": ("yaw_rate", re.compile(r"gyro|imu|angular", re.IGNORECASE), "how late the pose is"),
+    "wheel_speed": ("vx", re.compile(r"wheel|enc|rpm|odom", re.IGNORECASE), "how wheels slip"),
+}
+"""Sensor beside the tracker -> the rate it measures, names of its columns, what it tells."""
 
 
 def chosen_commands(drives: Sequence[DriveFacts]) -> dict[str, Guess]:
@@ -63,6 +71,7 @@ def _tables(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
         return []
     used = [drive.pose.table, *(guess.column.partition(".")[0] for guess in commands.values())]
     used += [guess.column.partition(".")[0] for guess in drive.rates.get("yaw_rate", [])[:1]]
+    used += [guess.column.partition(".")[0] for guess in _beside(drive).values()]
     lines = ["", "tables:  # rows are those of the first"]
     for table in dict.fromkeys(used):
         clock = drive.clocks[table]
@@ -94,7 +103,18 @@ def _names(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
         lines.append(f"  yaw_rate: {_quoted(guess.column)}  # {guess.evidence}")
     for guess in [g for g in drive.rates.get("vx", []) if g.column != "vx"][:1]:
         lines.append(f"  # vx: {_quoted(guess.column)}  # {guess.evidence}; needs vy beside it")
+    for channel, guess in _beside(drive).items():
+        lines.append(f"  {channel}: {_quoted(guess.column)}  # tells {BESIDE[channel][2]}")
     return lines
+
+
+def _beside(drive: DriveFacts) -> dict[str, Guess]:
+    """Sensors beside the tracker, by their columns' names and what they go with."""
+    found = {
+        channel: [g for g in drive.rates.get(rate, []) if named.search(g.column)]
+        for channel, (rate, named, _) in BESIDE.items()
+    }
+    return {channel: guesses[0] for channel, guesses in found.items() if guesses}
 
 
 def _units(drive: DriveFacts) -> list[str]:
@@ -108,11 +128,12 @@ def _units(drive: DriveFacts) -> list[str]:
         units["x"] = units["y"] = drive.pose.unit
     if drive.pose.degrees:
         units["yaw"] = "deg"
-    for guess in drive.rates.get("yaw_rate", [])[:1]:
-        if guess.unit != "rad/s":
-            units["yaw_rate"] = guess.unit
+    measured = [("yaw_rate", guess) for guess in drive.rates.get("yaw_rate", [])[:1]]
+    for channel, guess in [*measured, *_beside(drive).items()]:
+        if guess.unit not in ("rad/s", "m/s"):
+            units[channel] = guess.unit
         if guess.sign < 0:
-            signs["yaw_rate"] = -1
+            signs[channel] = -1
     lines = []
     for name, values in (("units", units), ("signs", signs)):
         if values:

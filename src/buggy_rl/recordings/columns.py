@@ -18,6 +18,8 @@ CHANNELS = (
     *("vx", "vy", "yaw_rate", "throttle", "steering"),
 )
 """Channels of a recording, by their columns in the standard table."""
+BESIDE = "wheel_speed", "gyro"
+"""Channels of sensors beside the tracker, by their keys; a recording may have them."""
 COMMANDS = "throttle", "steering", "throttle factor"
 """Channels that hold their value until the next one; a factor belongs to the throttle."""
 
@@ -34,6 +36,7 @@ UNITS: dict[str, dict[str, float]] = {
 QUANTITY = {
     **{"t": "t", "x": "length", "y": "length", "yaw": "angle"},
     **{"vx": "speed", "vy": "speed", "yaw_rate": "rate"},
+    **{"wheel_speed": "speed", "gyro": "rate"},
 }
 """Quantity of each channel that has a unit."""
 
@@ -152,7 +155,7 @@ class ColumnMap:
 
     def __post_init__(self) -> None:
         for name in ("names", "units", "signs"):
-            _refuse_unknown(getattr(self, name), CHANNELS, name)
+            _refuse_unknown(getattr(self, name), (*CHANNELS, *BESIDE), name)
         for channel, unit in self.units.items():
             known = UNITS.get(QUANTITY.get(channel, ""), {})
             _refuse_unknown([unit], known, f"unit of {channel}")

@@ -14,7 +14,7 @@ from buggy_rl import keys
 from buggy_rl.car_file import load_car
 from buggy_rl.longitudinal import ONE_WAY
 from buggy_rl.recordings.checks import CHECKS
-from buggy_rl.recordings.columns import ColumnMap, load_columns
+from buggy_rl.recordings.columns import BESIDE, ColumnMap, load_columns
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.mapping import map_columns
 from buggy_rl.recordings.readers import is_recording, read, recordings_below
@@ -132,7 +132,7 @@ def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
     arrays = resample(raw, columns, dt)
     if not arrays:
         raise raw.error(0, "t", f"no segment is long enough ({raw.notes[-1]}); record again")
-    single = (keys.POSE, keys.VELOCITY, keys.ACTION)
+    single = (keys.POSE, keys.VELOCITY, keys.ACTION, *BESIDE)
     tensors = {
         key: torch.from_numpy(values.astype(np.float32) if key in single else values)
         for key, values in arrays.items()

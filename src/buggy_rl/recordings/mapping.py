@@ -7,7 +7,7 @@ from numpy import ndarray
 
 from buggy_rl.recordings.checks.cells import QUATERNION, check_cells, check_quaternions
 from buggy_rl.recordings.checks.commands import clip_commands
-from buggy_rl.recordings.columns import CHANNELS, QUANTITY, UNITS, ColumnMap
+from buggy_rl.recordings.columns import BESIDE, CHANNELS, QUANTITY, UNITS, ColumnMap
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.raw_recording import RawRecording, rotate
 from buggy_rl.recordings.readers import Table
@@ -26,6 +26,7 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
             is outside its range.
     """
     names = _present(table, columns)
+    beside = {channel: names.pop(channel) for channel in BESIDE if channel in names}
     labels = {channel: table.label(name) for channel, name in names.items()}
     dropped = _leading_rows(table, columns)
     values = {channel: table.numbers(name)[dropped:] for channel, name in names.items()}
@@ -45,6 +46,7 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
         row=row,
         labels=labels | ({} if "yaw" in si else {"yaw": ", ".join(labels[q] for q in QUATERNION)}),
         notes=list(table.notes),
+        beside={c: _si(c, table.numbers(name)[dropped:], columns) for c, name in beside.items()},
         reverse=columns.command.two_way,
     )
     _note_reading(raw, dropped, columns, si)
@@ -59,7 +61,7 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
 def _present(table: Table, columns: ColumnMap) -> dict[str, str]:
     """Channel -> column, of the channels in the file."""
     ignored = set(columns.ignore)
-    names = {channel: columns.names.get(channel, channel) for channel in CHANNELS}
+    names = {channel: columns.names.get(channel, channel) for channel in (*CHANNELS, *BESIDE)}
     there = {c: n for c, n in names.items() if n in table.columns and n not in ignored}
     stated = [names[c] for c in columns.names if c not in there and names[c] not in ignored]
     missing = [names[c] for c in NEEDED if c not in there]

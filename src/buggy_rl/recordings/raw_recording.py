@@ -1,5 +1,6 @@
 """A recording before resampling: numpy arrays at the file's rate, SI units, with excluded rows."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +29,8 @@ class RawRecording:
     labels: dict[str, str]
     """Channel -> column of the file, e.g. `yaw` -> `vicon yaw`."""
     notes: list[str] = field(default_factory=list)
+    beside: Mapping[str, ndarray] = field(default_factory=dict)
+    """Channel -> [T] of sensors beside the tracker, in SI units; NaN where there is no value."""
     reverse: bool = False
     """Whether the command has reverse, so that driving backward is no fault."""
     keep: ndarray = field(init=False)

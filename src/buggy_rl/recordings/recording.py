@@ -20,6 +20,8 @@ class Recording:
     - `velocity` [T, 3] float32: vx, vy [m/s], yaw_rate [rad/s], body frame.
     - `action` [T, 2] float32: throttle, steering in [-1, 1].
     - `segment` [T] int64: 0, 1, ...; every gap or cut starts a new one.
+    - `wheel_speed` [T, 1] float32, where recorded: m/s at the tread; NaN where there is no value.
+    - `gyro` [T, 1] float32, where recorded: yaw rate by a gyroscope [rad/s]; likewise.
     """
 
     name: str

@@ -12,11 +12,15 @@ from buggy_rl.recordings.columns import ColumnMap
 from buggy_rl.recordings.raw_recording import RawRecording, rotate
 
 SNAP = 1e-6  # [s] a stamp this close to the grid is on it; CSV files round to microseconds
+BRIDGED = 0.1  # [s] longest gap over which a sensor beside the tracker is read: 10 Hz; chosen
 ORDER = 3  # of the Savitzky-Golay polynomial: follows a changing acceleration
 LEAST_ROWS = 5  # of the file, spanned by the Savitzky-Golay window: 2 more than its order
 
 Arrays = dict[str, ndarray]
-"""`t` [N, 1], `pose` [N, 3], `velocity` [N, 3], `action` [N, 2], `segment` [N] on the grid."""
+"""`t` [N, 1], `pose` [N, 3], `velocity` [N, 3], `action` [N, 2], `segment` [N] on the grid.
+
+Sensors beside the tracker, where there are any, are [N, 1] each.
+"""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,24 @@ def _resampled(
             velocity[:, axis] = np.interp(t, stamps, raw.linear[segment, axis])
     if raw.yaw_rate is not None and not columns.derive_velocity:
         velocity[:, 2] = np.interp(t, stamps, raw.yaw_rate[segment])
-    return {"t": t[:, None], "pose": pose, "velocity": velocity}, final
+    beside = {key: _beside(raw, values, t)[:, None] for key, values in raw.beside.items()}
+    return {"t": t[:, None], "pose": pose, "velocity": velocity, **beside}, final
+
+
+def _beside(raw: RawRecording, values: ndarray, t: ndarray) -> ndarray:
+    """A sensor beside the tracker [N], linear; NaN in gaps longer than `BRIDGED`.
+
+    It keeps its values where the tracker has lost the car.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(len(t), np.nan)
+    stamps = raw.t[known]
+    left = np.clip(np.searchsorted(stamps, t + SNAP, side="right") - 1, 0, len(stamps) - 1)
+    right = np.clip(np.searchsorted(stamps, t - SNAP), 0, len(stamps) - 1)
+    inside = (stamps[left] <= t + SNAP) & (stamps[right] >= t - SNAP)
+    bridged = inside & (stamps[right] - stamps[left] <= BRIDGED)
+    return np.where(bridged, np.interp(t, stamps, values[known]), np.nan)
 
 
 def _snapped(grid: ndarray, stamps: ndarray) -> ndarray:

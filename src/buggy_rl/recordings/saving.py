@@ -9,6 +9,7 @@ import yaml
 from buggy_rl import keys
 from buggy_rl.files import replacing, write_atomically
 from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.recordings.columns import BESIDE
 from buggy_rl.recordings.recording import Recording
 
 COLUMNS = {
@@ -32,7 +33,8 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     if path.suffix not in (".csv", ".parquet"):
         raise ValueError(f"{path}: cannot write {path.suffix!r}; use .csv or .parquet")
     frame = pd.DataFrame({"t": recording.data[keys.TIME][:, 0].cpu().numpy()})
-    for key, names in COLUMNS.items():
+    beside = {key: (key,) for key in BESIDE if key in recording.data.keys()}  # noqa: SIM118
+    for key, names in {**COLUMNS, **beside}.items():
         frame[list(names)] = recording.data[key].cpu().numpy()
     with replacing(path) as partial:
         if path.suffix == ".csv":

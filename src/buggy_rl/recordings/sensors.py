@@ -39,6 +39,10 @@ class SensorErrors:
     """Times a minute that rows are missing,"""
     hole: tuple[float, float] = (0.1, 0.6)
     """[s] for so long."""
+    gyro: float = 0.02
+    """Noise of a gyroscope beside it [rad/s]; 0.02: of a small car's MEMS, with its vibration."""
+    wheel: float = 0.03
+    """Noise of a wheel speed beside it [m/s]; chosen."""
 
     def __post_init__(self) -> None:
         for name in ("jitter", "leaps", "freezes", "holes"):
@@ -91,7 +95,8 @@ def observed(
         seed: Of all that is drawn.
 
     Returns:
-        t, x, y, yaw, vx, vy, yaw_rate, throttle, steering, [T'] each, in SI units.
+        t, x, y, yaw, vx, vy, yaw_rate, throttle, steering, gyro, wheel_speed, [T'] each, in SI
+        units; wheels do not slip.
     """
     random = np.random.default_rng(seed)
     period, end = 1.0 / errors.rate, (len(motion) - 1) * dt
@@ -111,8 +116,17 @@ def observed(
     names = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "throttle", "steering")
     values = np.concatenate([pose, velocity, action], -1)
     kept = _arrived(t, errors, random)
-    columns = zip(names, values.T, strict=True)
-    return {"t": t[kept]} | {name: column[kept] for name, column in columns}
+    columns = dict(zip(names, values.T, strict=True)) | _beside(seen[1].numpy(), errors, seed)
+    return {"t": t[kept]} | {name: column[kept] for name, column in columns.items()}
+
+
+def _beside(velocity: ndarray, errors: SensorErrors, seed: int) -> dict[str, ndarray]:
+    """Gyroscope and wheel speed [T] of a true velocity [T, 3], each with a noise of its own."""
+    noise = np.random.default_rng([seed, 1]).standard_normal((2, len(velocity)))
+    return {
+        keys.GYRO: velocity[:, 2] + errors.gyro * noise[0],
+        keys.WHEEL_SPEED: velocity[:, 0] + errors.wheel * noise[1],
+    }
 
 
 def _interpolated(t: ndarray, true: ndarray, values: ndarray) -> ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.columns import COMMANDS, UNITS, ColumnMap, SourceTable
+from buggy_rl.recordings.columns import BESIDE, COMMANDS, UNITS, ColumnMap, SourceTable
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.csv_parquet import read_csv, read_parquet
 from buggy_rl.recordings.readers.table import Table
@@ -49,6 +49,10 @@ def read_several(folder: Path, columns: ColumnMap) -> Table:
         values = parts[stem].numbers(column)
         if stem == first:
             merged[name] = values
+            continue
+        if channel in BESIDE:
+            there = _near(stamps[stem], at, hold, False)
+            merged[name] = np.where(there, np.interp(at, stamps[stem], values), np.nan)
             continue
         last = channel in COMMANDS
         merged[name] = (
