@@ -338,6 +338,8 @@ def test_small_shares_are_not_rounded_to_none():
     assert wording.percent(0.0) == "0%"
     assert wording.percent(0.001) == "under 1%"
     assert wording.percent(0.314) == "31%"
+    assert wording.confidence(0.997) == "99%"
+    assert wording.confidence(0.314) == "31%"
 
 
 def test_bars_stay_in_their_track():

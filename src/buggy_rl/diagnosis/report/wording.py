@@ -5,6 +5,7 @@ import math
 from buggy_rl.diagnosis.answer import Verdict
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region
+from buggy_rl.diagnosis.named_effect import SUREST
 from buggy_rl.estimation.hypothesis import OWN
 
 MEANINGS: dict[Verdict, str] = {
@@ -85,6 +86,11 @@ def percent(share: float) -> str:
     return "under 1%" if 0 < share < 0.005 else f"{share:.0%}"
 
 
+def confidence(probability: float) -> str:
+    """A confidence, as sure at most as the sentences say it."""
+    return percent(min(probability, SUREST))
+
+
 def sentence(fault: FormFault) -> str:
     """A fault of the form, as a list item."""
     return f"{capital(fault.line()).replace('^2', '²')}."
@@ -132,5 +138,17 @@ def distance(square: float | None, median: float | None) -> str:
 
 FILTERS = {
     f.__name__: f
-    for f in (effect, plain, capital, number, quantity, neutral, percent, width, region, sentence)
+    for f in (
+        effect,
+        plain,
+        capital,
+        number,
+        quantity,
+        neutral,
+        percent,
+        confidence,
+        width,
+        region,
+        sentence,
+    )
 } | {"channel": CHANNELS.__getitem__}
