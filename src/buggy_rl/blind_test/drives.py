@@ -95,11 +95,7 @@ def moved(cases: Sequence[Case]) -> list[Motion]:
 
 
 def driver_of(case: Case, seed: int) -> RoomAtScale | ManoeuvringDriver | RoomDriver:
-    """Who drives the car of a case.
-
-    Raises:
-        ValueError: The case's driving is one that such a car has no driver for.
-    """
+    """Who drives the car of a case."""
     scale = case.car.similarity
     driver = _driver_of(case, seed, case.every * CONTROL_PERIOD / scale.time)
     return driver if case.scale == BUGGY else RoomAtScale(driver, scale)
@@ -107,11 +103,10 @@ def driver_of(case: Case, seed: int) -> RoomAtScale | ManoeuvringDriver | RoomDr
 
 def _driver_of(case: Case, seed: int, dt: float) -> ManoeuvringDriver | RoomDriver:
     """The buggy's driver, with a command every `dt` [s] of the buggy's time."""
+    forward = DRIVERS[case.driving](seed=seed, dt=dt)
     if case.longitudinal == ONE_WAY:
-        return DRIVERS[case.driving](seed=seed, dt=dt)
-    if case.driving != "rich":
-        raise ValueError(f"case {case.id}: only rich driving brakes and reverses: driving=[rich]")
-    return ManoeuvringDriver(seed=seed, command=case.longitudinal, dt=dt)
+        return forward
+    return ManoeuvringDriver(seed=seed, command=case.longitudinal, dt=dt, forward=forward)
 
 
 def plant_of(

@@ -4,6 +4,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from buggy_rl.blind_test.hands import TimidDriver, WildDriver
+from buggy_rl.blind_test.steady_driver import SteadyDriver
 from buggy_rl.engines import make_engine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
@@ -48,3 +50,15 @@ def test_each_driver_refuses_the_other_s_cars():
     engine = make_engine("reference", 1, command="current")
     with pytest.raises(ValueError, match="reference takes current: driver=manoeuvring"):
         make_driver(RecordConfig("unused"), engine)
+
+
+@pytest.mark.parametrize("kind", [SteadyDriver, TimidDriver, WildDriver])
+def test_every_driver_about_the_room_can_be_the_one_that_drives_forward(kind):
+    engine = make_engine("reference", 3, command=COMMANDS[0])
+    driver = ManoeuvringDriver(seed=2, forward=kind(seed=2))
+    motion = TensorDict.stack(list(driven(engine, driver, 800)), 1)
+    vx = motion["velocity"][..., 0]
+    assert motion["pose"][..., :2].abs().max() < 6.0  # the wild one spins through a wall
+    assert vx.max() > 0.8
+    assert (vx < -0.2).any()
+    assert ((vx > 0.5) & (motion["action"][..., 0] < -0.05)).any()

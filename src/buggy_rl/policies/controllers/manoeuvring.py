@@ -45,6 +45,7 @@ class ManoeuvringDriver(TensorDictModuleBase):
         command: What its first command is; one-way speed setpoints are braked, but not reversed.
         full_speed: Setpoint of a full command [m/s], of a speed command.
         dt: Between two of its commands [s].
+        forward: Who drives forward; by default the room driver, with this room, seed and dt.
 
     Raises:
         ValueError: The command is a one-way throttle, which has no brake.
@@ -57,13 +58,14 @@ class ManoeuvringDriver(TensorDictModuleBase):
         command: LongitudinalCommand | None = None,
         full_speed: float = 5.0,
         dt: float = CONTROL_PERIOD,
+        forward: RoomDriver | None = None,
     ) -> None:
         super().__init__()
         self.command = command or LongitudinalCommand("throttle_brake_reverse")
         if self.command.kind == "throttle":
             raise ValueError("driver=manoeuvring: a one-way throttle has no brake: driver=room")
         self.in_keys, self.out_keys = [keys.POSE, keys.VELOCITY], [keys.ACTION]
-        self.room, self.full_speed = RoomDriver(config, seed, dt), full_speed
+        self.room, self.full_speed = forward or RoomDriver(config, seed, dt), full_speed
         self.dt = dt
         self._generator = torch.Generator().manual_seed(seed + 1)
         self._phase = self._left = self._size = torch.empty(0)
