@@ -16,6 +16,7 @@ from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region, locate
 from buggy_rl.diagnosis.named_effect import NamedEffect, Value
+from buggy_rl.diagnosis.other_sensors import LATE, SensorFinding
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, wording
@@ -322,6 +323,13 @@ def test_a_simulator_that_is_not_finite_is_drawn_as_far_as_it_is(diagnosis):
     assert "–" in text
     assert "too few to hold some out" in text
     assert "the simulator broke <off>" in text
+
+
+def test_what_other_sensors_say_is_on_the_page(diagnosis):
+    case, found, said = diagnosis
+    late = SensorFinding("pose_lateness", LATE, "s", 0.03, 0.029, 0.032)
+    assert late.line() in text_of(case, found, replace(said, sensors=[late]))
+    assert "Sensors beside the pose" not in text_of(case, found, said)
 
 
 def test_the_same_case_makes_the_same_page(diagnosis, page):

@@ -103,14 +103,18 @@ def test_several_tables_of_a_drive_are_one_drive_and_become_tables_of_the_map(dr
         pose.to_csv(folder / "pose.csv", index=False)
         command = {**stamp, "V": 2 * (drive.throttle + 1), "delta": 0.4 * drive.steering}
         pd.DataFrame(command).to_csv(folder / "command.csv", index=False)
+        wheels = {**stamp, "encoder": drive.vx, "imu_z": drive.yaw_rate}
+        pd.DataFrame(wheels).to_csv(folder / "wheels.csv", index=False)
     assert [name for name, _ in find_drives(tmp_path / "drives")] == ["one", "two"]
     text = inspect_folder(tmp_path / "drives").proposal
     assert "{file: pose.csv, time: {s: s, ns: ns}}" in text
     assert "steering: command.delta" in text
     (tmp_path / "map.yaml").write_text(text)
     assert [table.file for table in load_columns(tmp_path / "map.yaml").tables] == [
-        *("pose.csv", "command.csv"),
+        *("pose.csv", "command.csv", "wheels.csv"),
     ]
+    assert "wheel_speed: wheels.encoder" in text
+    assert "gyro: wheels.imu_z" in text
 
 
 def test_a_speed_setpoint_is_told_from_a_throttle(drive):

@@ -14,11 +14,11 @@ looks like slip that falls with the speed, tau ax / vx: where no gyroscope tells
 too. 95 % intervals are of a jackknife over ten blocks of rows.
 
 Source: slip ratio, Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.2.1; delay by the
-least squared residual, Carter 1993, Coherence and Time Delay Estimation, ch. 1.
+least squared residual, Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,17 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import savgol_filter
 
 from buggy_rl import keys
+from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.recordings import Recording
+from buggy_rl.recordings.columns import ColumnMap
+from buggy_rl.recordings.resampling import ORDER
 
 EARLIEST, LATEST = -0.3, 0.3  # [s] lateness that is looked for
 STEPS = 4  # lags tried in a control period, between which a parabola is laid
-WINDOW, ORDER = 0.15, 3  # [s], - of the Savitzky-Golay filter; as velocities are derived
+WINDOW = ColumnMap().smoothing_window  # [s] of the Savitzky-Golay filter
 BLOCKS = 10  # of the jackknife
-NORMAL = 1.96  # [standard deviations] of a 95 % interval
 FOLLOWS = 0.8  # [-] least share of the pose's yaw rate that a gyroscope explains; chosen
-ROLLING = 0.3  # [-] share of the 90 % quantile of the speed from which slip is taken
+ROLLING = 0.3  # [-] share of the 90 % quantile of the speed from which slip is taken; chosen
 LATE = "the pose comes after the gyroscope by"
 EARLY = "the gyroscope comes after the pose (as may commands that the same computer stamps) by"
 METRES = 0.5, 2.0  # [-] scale within which a wheel speed is in m/s; chosen
@@ -55,17 +57,15 @@ class SensorFinding:
     """Bounds of the 95 % interval."""
 
     def line(self) -> str:
-        """In words; of a pose that comes before the gyroscope with the two exchanged."""
-        if self.words == LATE and self.value < 0:
-            exchanged = replace(
-                self, words=EARLY, value=-self.value, low=-self.high, high=-self.low
-            )
-            return exchanged.line()
+        """In words; a pose that comes before the gyroscope has the two exchanged."""
+        words, ends = self.words, (self.value, self.low, self.high)
+        if self.name == "pose_lateness" and self.value < 0:
+            words, ends = EARLY, (-self.value, -self.high, -self.low)
         factor, unit, digits = {"s": (1000, "ms", 0), "-": (100, "%", 1)}.get(
             self.unit, (1, self.unit, 4)
         )
-        value, low, high = (f"{factor * v:.{digits}f}" for v in (self.value, self.low, self.high))
-        return f"{self.words} {value} {unit} ({low} to {high})"
+        value, low, high = (f"{factor * end:.{digits}f}" for end in ends)
+        return f"{words} {value} {unit} ({low} to {high})"
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -96,13 +96,9 @@ def _of_gyroscope(recordings: Sequence[Recording]) -> list[SensorFinding]:
             block = min(count // each, BLOCKS - 1)
             sums[block] += _moments(pose_rate[rows], gyro_rate, rows[:, None] - lags / dt)
             count += len(rows)
-    values, spread = _jackknife(sums, lambda total: _lateness(total, lags))
-    if not np.isfinite(values).all():
+    late, scale, bias = _jackknife(sums, lambda total: _lateness(total, lags))
+    if not np.isfinite([late, scale, bias]).all():
         return []
-    late, scale, bias = (
-        (v, v - NORMAL * s, v + NORMAL * s)
-        for v, s in zip(values.tolist(), spread.tolist(), strict=True)
-    )
     return [
         SensorFinding("pose_lateness", LATE, "s", *late),
         SensorFinding("gyro_scale", "the gyroscope shows, of the pose's yaw rate,", "-", *scale),
@@ -150,11 +146,7 @@ def _of_wheels(recordings: Sequence[Recording], late: float | None) -> list[Sens
         k, slope, *_ = np.linalg.lstsq(total[:, :-1], total[:, -1], rcond=None)[0]
         return np.array([k, slope / k * hard])
 
-    values, spread = _jackknife(sums, fitted)
-    scale, slip = (
-        (v, v - NORMAL * s, v + NORMAL * s)
-        for v, s in zip(values.tolist(), spread.tolist(), strict=True)
-    )
+    scale, slip = _jackknife(sums, fitted)
     words = f"at {hard:.1f} m/s^2 the measured wheels turn faster than the car moves by"
     found = [SensorFinding("wheel_slip", words, "-", *slip)]
     if not METRES[0] < scale[0] < METRES[1]:  # in another unit, in which slip is the same
@@ -163,12 +155,15 @@ def _of_wheels(recordings: Sequence[Recording], late: float | None) -> list[Sens
     return [SensorFinding("wheel_scale", coasting, "-", *scale), *found]
 
 
-def _jackknife(sums: ndarray, estimate: Callable[[ndarray], ndarray]) -> tuple[ndarray, ndarray]:
-    """Estimates [K] from sums [B, ...] over blocks, and their standard deviations [K]."""
+def _jackknife(
+    sums: ndarray, estimate: Callable[[ndarray], ndarray]
+) -> list[tuple[float, float, float]]:
+    """Estimates from sums [B, ...] over blocks, each with the ends of its 95 % interval."""
     total = sums.sum(0)
     without = np.stack([estimate(total - block) for block in sums])
-    count = len(sums)
-    return estimate(total), without.std(0) * np.sqrt(count - 1)
+    spread = NORMAL * without.std(0) * np.sqrt(len(sums) - 1)
+    ends = zip(estimate(total).tolist(), spread.tolist(), strict=True)
+    return [(value, value - s, value + s) for value, s in ends]
 
 
 def _rates(recordings: Sequence[Recording]) -> Iterator[tuple[ndarray, ndarray]]:

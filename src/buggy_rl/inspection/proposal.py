@@ -16,7 +16,7 @@ HEAD = (
 )
 
 
-BESIDE = {
+TELLING = {
     "gyro": ("yaw_rate", re.compile(r"gyro|imu|angular", re.IGNORECASE), "how late the pose is"),
     "wheel_speed": ("vx", re.compile(r"wheel|enc|rpm|odom", re.IGNORECASE), "how wheels slip"),
 }
@@ -104,7 +104,7 @@ def _names(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
     for guess in [g for g in drive.rates.get("vx", []) if g.column != "vx"][:1]:
         lines.append(f"  # vx: {_quoted(guess.column)}  # {guess.evidence}; needs vy beside it")
     for channel, guess in _beside(drive).items():
-        lines.append(f"  {channel}: {_quoted(guess.column)}  # tells {BESIDE[channel][2]}")
+        lines.append(f"  {channel}: {_quoted(guess.column)}  # tells {TELLING[channel][2]}")
     return lines
 
 
@@ -112,7 +112,7 @@ def _beside(drive: DriveFacts) -> dict[str, Guess]:
     """Sensors beside the tracker, by their columns' names and what they go with."""
     found = {
         channel: [g for g in drive.rates.get(rate, []) if named.search(g.column)]
-        for channel, (rate, named, _) in BESIDE.items()
+        for channel, (rate, named, _) in TELLING.items()
     }
     return {channel: guesses[0] for channel, guesses in found.items() if guesses}
 

@@ -40,7 +40,7 @@ class SensorErrors:
     hole: tuple[float, float] = (0.1, 0.6)
     """[s] for so long."""
     gyro: float = 0.02
-    """Noise of a gyroscope beside it [rad/s]; 0.02: of a small car's MEMS, with its vibration."""
+    """Noise of a gyroscope beside it [rad/s]; chosen."""
     wheel: float = 0.03
     """Noise of a wheel speed beside it [m/s]; chosen."""
 
