@@ -34,9 +34,8 @@ def main() -> None:
         if candidate.name == "hold last":
             continue
         driven = Driven.of(segments, declared_by(candidate.make(1)).rest)
-        vectors = neutral.vector.unsqueeze(0)
-        simulation = Simulation(candidate.make)
-        [row] = step_tests(simulation, library, neutral, vectors, driven, segments.dt).tolist()
+        simulation, given = Simulation(candidate.make), [(neutral, neutral.vector)]
+        [row] = step_tests(simulation, library, given, driven, segments.dt).tolist()
         named = zip(driven.quantities, row, strict=True)
         rows[candidate.name] = {f"{q.words} [{q.unit}]": value for q, value in named}
     table = pd.DataFrame(rows)

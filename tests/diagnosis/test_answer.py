@@ -312,3 +312,17 @@ def test_a_better_proof_leaves_less_in_noise_units_and_in_metres():
     assert left(2.0, 0.1).better_than(left(3.0, 0.2))
     assert not left(2.0, 0.3).better_than(left(3.0, 0.2))
     assert not left(3.0, 0.1).better_than(left(2.0, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("median", "mean_square", "expected"),
+    [(0.03, 0.004, True), (0.03, 0.02, False), (0.06, 0.004, False), (0.05, 0.01, False)],
+)
+def test_fitted_parameters_are_preferred_where_both_of_their_errors_are_smaller(
+    median, mean_square, expected
+):
+    after, tuned = {1.0: 0.01}, {1.0: mean_square}
+    of = {"after": {1.0: 0.05}, "retuned": {1.0: median}}
+    proof = Proof({1.0: 0.1}, after, tuned, {}, {}, 5.0, 1.0, True, of)
+    assert proof.prefers_retuning is expected
+    assert not replace(proof, median={}).prefers_retuning  # nothing was told at that horizon

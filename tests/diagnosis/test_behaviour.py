@@ -25,9 +25,26 @@ def quantities(effects=(), vector=(), **parameters):
 
     library = Library(["steering_dead_time", "sensor_latency", "throttle_dead_time"])
     hypothesis = library.hypothesis(effects, vector)
-    vectors = hypothesis.vector.unsqueeze(0)
-    [row] = step_tests(Simulation(make), library, hypothesis, vectors, DRIVEN, 0.01).tolist()
+    rows = [(hypothesis, hypothesis.vector)]
+    [row] = step_tests(Simulation(make), library, rows, DRIVEN, 0.01).tolist()
     return dict(zip(NAMES, row, strict=True))
+
+
+def test_several_hypotheses_in_one_rollout_are_what_each_is_alone():
+    library = Library(["steering_gain", "steering_dead_time"])
+    rows = [
+        (h, h.vector)
+        for h in (
+            library.hypothesis(()),
+            library.hypothesis(["steering_gain"], [0.5, 1.0]),
+            library.hypothesis(["steering_dead_time"], [0.7, 0.0]),
+        )
+    ]
+    simulation = Simulation(lambda cars: make_engine("single_track", cars))
+    together = step_tests(simulation, library, rows, DRIVEN, 0.01)
+    alone = [step_tests(simulation, library, [row], DRIVEN, 0.01)[0] for row in rows]
+    assert torch.allclose(together, torch.stack(alone), rtol=1e-5, equal_nan=True)
+    assert float((together[1] - together[0])[0].abs()) > 1e-3
 
 
 def coordinate(effect, value):

@@ -38,6 +38,24 @@ def test_one_that_cannot_end_in_time_gets_the_least_and_is_told_how_long_it_take
     assert "minutes are expected, more than minutes=10" in plan.notes[-1]
 
 
+def test_the_least_has_no_second_look_and_no_longer_errors_and_says_so():
+    plan = planned(QUESTION, replace(BATCHED, fixed=0.2), 10.0, spent=500.0)
+    assert (plan.budget.rounds, plan.budget.refitted, plan.budget.longer) == (0, 0, False)
+    assert "0 of 5 rounds, no errors beyond 1 s" in plan.notes[0]
+    assert not any(r.rows > QUESTION.rows for r in plan.rollouts)
+
+
+def test_time_that_has_passed_is_not_planned_with():
+    early, late = (planned(QUESTION, BATCHED, 10.0, spent).seconds for spent in (0.0, 300.0))
+    assert late < 300 < early
+
+
+def test_by_two_processes_an_answer_is_proved_in_half_of_the_rollouts():
+    alone, beside = ([*rollouts(QUESTION, FULL, n)] for n in (1, 2))
+    times = [sum(r.times for r in each if r.stage == "answer") for each in (alone, beside)]
+    assert times == [4 + 10 + 2, 4 + 5 + 1]
+
+
 def test_a_slow_reset_is_told_with_its_price_in_steps():
     assert planned(QUESTION, replace(FAST, reset=1e-3), 10.0).notes == ()
     [note] = planned(QUESTION, replace(FAST, reset=2.0), 0.0).notes

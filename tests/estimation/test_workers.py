@@ -41,6 +41,33 @@ def settings(sets, count=0):
     return Settings({"steering_gain": {"gain": gain}}, {} if count else {"mass": mass}, offset)
 
 
+def mean_of(simulation, segments, value):
+    """A chain of two rollouts, at module level so that a worker finds it."""
+    rolled = [simulation.readings(segments, settings(sets)).mean() for sets in (1, 2)]
+    return value, float(sum(rolled))
+
+
+def test_chains_of_rollouts_beside_each_other_give_what_they_give_in_turn_and_are_all_told(
+    segments, workers
+):
+    told = []
+    one = Simulation(Maker("single_track"), rolled=lambda *rollout: told.append(rollout))
+    tasks = [(segments, 1), (segments[torch.arange(2)], 2), (segments, 3)]
+    beside = replace(one, workers=workers).apart(mean_of, tasks)
+    many, few, rows = len(segments), 2, segments.pose.shape[1] - 1
+    expected = [(sets * count, rows) for count in (many, few, many) for sets in (1, 2)]
+    assert sorted(told) == sorted(expected)
+    assert beside == one.apart(mean_of, tasks)
+    assert [value for value, _ in beside] == [1, 2, 3]
+
+
+def test_no_process_is_started_for_what_is_done_before_it_would_be_ready():
+    with Workers(2) as both:
+        rows = [(torch.ones(1),), (torch.zeros(1),)]
+        assert both.results(torch.neg, rows, seconds=0.1) == [-row[0] for row in rows]
+        assert both._others == []
+
+
 @pytest.mark.parametrize("simulator", ["single_track", "mujoco"])
 def test_two_processes_give_what_one_gives_to_the_last_bit(segments, workers, simulator):
     one = Simulation(Maker(simulator))

@@ -65,9 +65,6 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
     problem, simulation, library = case.problem, case.given, case.as_given
     driven = Driven.of(problem.segments, declared_by(simulation.make(1)).rest)
 
-    def tested(hypothesis: Hypothesis, vectors: Tensor) -> Tensor:
-        return step_tests(simulation, library, hypothesis, vectors, driven, problem.segments.dt)
-
     def whole(fit: Hypothesis) -> Hypothesis:
         return fit if case.retuned_from is None else with_own(case, fit)
 
@@ -75,19 +72,20 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
     covariance = found.best.cross_validated.covariance
     if case.retuned_from is not None:
         covariance = _joint(covariance, tuned)
-    [given] = tested(neutral, neutral.vector.unsqueeze(0)).tolist()
-    repaired = tested(best, _sampled(best, covariance))
     others = [whole(found.tried[key].fit) for key in leading(found) if key != found.best.key]
-    rivals = [tested(h, h.vector.unsqueeze(0))[0] for h in others]
+    samples = [(best, vector) for vector in _sampled(best, covariance)]
+    rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
+    tested = step_tests(simulation, library, rows, driven, problem.segments.dt)
+    given, repaired, rivals = tested.split([1, len(samples), len(others)])
     values = repaired[0]
     spread = torch.stack([_spread(column) for column in repaired[1:].unbind(-1)])
-    if rivals:  # an interval that holds whichever of them is true
-        apart = torch.stack([(rival - values).abs() for rival in rivals]).amax(0)
+    if others:  # an interval that holds whichever of them is true
+        apart = (rivals - values).abs().amax(0)
         spread = spread + apart.nan_to_num(math.inf) / NORMAL
-    rows = zip(driven.quantities, given, values.tolist(), spread.tolist(), strict=True)
+    columns = (given[0].tolist(), values.tolist(), spread.tolist())
     return [
         _compared(*row)
-        for row in rows
+        for row in zip(driven.quantities, *columns, strict=True)
         if row[0].name in driven.shown and math.isfinite(row[1]) and math.isfinite(row[2])
     ]
 

@@ -19,10 +19,14 @@ class Budget:
     """Times that the leading set is looked at anew, at most."""
     iterations: int = 10
     """Gauss-Newton iterations of a fit."""
+    refitted: int = 12
+    """Hypotheses that are fitted on at the end: those of the first round stopped early."""
     sizes: tuple[float, ...] = TRIAL_SIZES
     """[prior scales] at which each effect is rolled out before anything is fitted."""
     share: float = 1.0
     """Of the segments."""
+    longer: bool = True
+    """Whether errors are told at horizons beyond the segments too."""
 
     @property
     def sets(self) -> int:
@@ -44,6 +48,8 @@ class Budget:
             f"{self.iterations} of {full.iterations} iterations",
             f"{self.rounds} of {full.rounds} rounds",
         ]
+        if not self.longer:
+            parts.append("no errors beyond 1 s")
         if self.sizes != full.sizes:
             parts.append(f"{len(self.sizes)} of {len(full.sizes)} trial sizes")
         surely = "pairs are found less surely" if self.sets > 6 else "pairs are hardly found"
@@ -52,7 +58,11 @@ class Budget:
 
 LEAST_SEGMENTS = 16  # two blocks of 8 s: with fewer there is nothing to hold out; chosen
 FULL = Budget()
-FEWER = ({}, *({"rounds": r, "iterations": i} for r, i in ((2, 4), (1, 4), (1, 3), (1, 2), (1, 1))))
+FEWER = (
+    {},
+    *({"rounds": r, "iterations": i} for r, i in ((2, 4), (1, 4), (1, 3), (1, 2))),
+    *({"rounds": r, "iterations": 1, "refitted": 0, "longer": False} for r in (1, 0)),
+)
 """Fewer rollouts, one after the other: for a simulator whose step takes long whatever the batch."""
 THINNER = (
     {},

@@ -39,7 +39,6 @@ from buggy_rl.estimation.sparse import Proposal, Secants, proposals
 
 LOOKED_AT = 24  # segments, spread evenly, on which sets about the leading one are proposed
 MOST = 4  # effects of a set
-REFITTED = 12  # hypotheses that are fitted on at the end
 Keep = Callable[[str, Callable[[], Any]], Any]
 """A name and how its result is computed -> the result."""
 
@@ -186,17 +185,20 @@ def _settled(
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
         now = kept(f"round_{number}", partial(_round, state, best, criteria, budget))
         state = now.state(state.problem)
-    return kept("refitted", lambda: _Tried.of(_refitted(state, criteria))).state(state.problem)
+    if not budget.refitted:
+        return state
+    last = kept("refitted", lambda: _Tried.of(_refitted(state, criteria, budget.refitted)))
+    return last.state(state.problem)
 
 
-def _refitted(state: State, criteria: Criteria) -> State:
+def _refitted(state: State, criteria: Criteria, count: int) -> State:
     """The most promising hypotheses fitted on, under the noise and dispersion of the end.
 
     Those of the first round were fitted while much was left, and stopped where it did not matter.
     """
     state = state.dispersed(leading(state).typical)
     ranked = sorted(state.tried.values(), key=partial(_priced, state))
-    return tried_too(state, [c.fit for c in ranked[:REFITTED]], criteria)[0]
+    return tried_too(state, [c.fit for c in ranked[:count]], criteria)[0]
 
 
 def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:

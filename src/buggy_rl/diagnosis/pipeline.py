@@ -1,5 +1,6 @@
 """From recordings and a simulator to the answer, stage by stage."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -93,6 +94,7 @@ def diagnose(
         ValueError: The recordings cannot be used, or the simulator breaks its contract; the
             message says which and what to do.
     """
+    begun = time.perf_counter()
     stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
@@ -103,7 +105,7 @@ def diagnose(
         )
         simulation, library, more = _measured(config, simulation, own=not baseline)
         plan = stages.done(
-            "plan", lambda: plan_of(config, simulation, library, recordings, baseline)
+            "plan", lambda: plan_of(config, simulation, library, recordings, baseline, begun)
         )
         meter.begin(plan)
         case, correction = _case(
@@ -114,8 +116,8 @@ def diagnose(
         notes += _checked(case, config.simulator)
         done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step={**_own(config), **step.options})
-        unknown = done.found.posterior.says == "unknown"
-        if case.problem.library.parameters and not baseline and unknown:
+        off = done.found.posterior.says == "unknown" or done.answer.proof.prefers_retuning
+        if case.problem.library.parameters and not baseline and off:
             done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
@@ -230,8 +232,8 @@ def _case(
 
 def _checked(case: Case, name: str) -> list[str]:
     simulation, segments = case.problem.simulation, case.problem.segments
-    residuals, instants = simulation.residuals(segments)[0], simulation.instants(segments)
-    return check_residuals(residuals, segments, instants, case.names, name)
+    instants = simulation.instants(segments)
+    return check_residuals(case.residuals, segments, instants, case.names, name)
 
 
 def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:

@@ -11,9 +11,10 @@ Stage = Literal["prepare", "search", "answer"]
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
 NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
 USUAL = 6  # iterations after which a fit has ended, most often
-MEASURED = 700  # steps of a few environments in which effects measure a simulator
 CORRECTED = 20  # rollouts in which a correction is learned from a baseline
-PROVED = 12  # rollouts of half the segments in which an answer is proved
+LOOKED = 4  # rollouts in which the error is located, steps are tested and a network learns
+PROVED = 10  # rollouts of half the segments in which an answer is proved, by two processes half
+TOLD = 2  # rollouts of longer segments, likewise
 SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
 HELD = 0.85  # [-] of the time that is allowed, which a plan may fill; its error is larger
 
@@ -82,25 +83,26 @@ class Plan:
         return rollout.times * one
 
 
-def planned(question: Question, cost: Cost, minutes: float) -> Plan:
+def planned(question: Question, cost: Cost, minutes: float, spent: float = 0.0) -> Plan:
     """The largest budget that is expected to end in time; the smallest where none is.
 
     Args:
         question: The size of the diagnosis.
         cost: Of the simulator's rollouts.
         minutes: That are allowed; 0 for as many as it takes.
+        spent: Seconds of them that have passed.
     """
-    plans = (Plan(b, cost, tuple(rollouts(question, b))) for b in smaller())
+    plans = (Plan(b, cost, tuple(rollouts(question, b, cost.workers))) for b in smaller())
     plan = next(plans)
-    while minutes and plan.seconds > HELD * 60 * minutes:
+    while minutes and plan.seconds > HELD * (60 * minutes - spent):
         less = next(plans, None)
         if less is None:
             break
         plan = less
-    return replace(plan, notes=tuple(_notes(question, plan, minutes)))
+    return replace(plan, notes=tuple(_notes(question, plan, minutes, spent)))
 
 
-def _notes(question: Question, plan: Plan, minutes: float) -> Iterator[str]:
+def _notes(question: Question, plan: Plan, minutes: float, spent: float) -> Iterator[str]:
     loss = plan.budget.loss(question.segments)
     if loss:
         yield f"the simulator makes {plan.cost.rate:,.0f} environment steps a second: {loss}"
@@ -110,19 +112,20 @@ def _notes(question: Question, plan: Plan, minutes: float) -> Iterator[str]:
             f"a reset of the simulator takes {plan.cost.reset:.2g} s, as long as "
             f"{plan.cost.reset / step:.0f} of its steps: every rollout waits for it"
         )
-    if minutes and plan.seconds > 60 * minutes:
+    expected = (plan.seconds + spent) / 60
+    if minutes and expected > minutes:
         yield (
-            f"about {plan.seconds / 60:.0f} minutes are expected, more than minutes={minutes:g}: "
+            f"about {expected:.0f} minutes are expected, more than minutes={minutes:g}: "
             "a smaller library by effects=[...] takes less, and so does a simulator that steps "
             "many environments at once"
         )
 
 
-def rollouts(question: Question, budget: Budget) -> Iterator[Rollout]:
-    """What is rolled out, as far as it can be known before."""
+def rollouts(question: Question, budget: Budget, workers: int = 1) -> Iterator[Rollout]:
+    """What is rolled out after a simulator was measured, as far as it can be known before."""
+    beside = min(2, workers)
     rows, count = question.rows, budget.segments(question.segments)
     trials = len(budget.sizes) * question.trials
-    yield Rollout("prepare", 50, MEASURED)
     yield Rollout("prepare", 4 * count, rows, times=4)
     if question.baseline:
         yield Rollout("prepare", budget.segments(question.baseline), rows, times=CORRECTED)
@@ -133,9 +136,12 @@ def rollouts(question: Question, budget: Budget) -> Iterator[Rollout]:
         yield Rollout("search", 7 * count, rows, 0.1)
         yield from _rolled_trials(trials * count, rows)
         yield from _fits(2 + 3 * budget.around, count, rows, budget.iterations)
-    yield Rollout("answer", 2 * count, rows, 0.1, PROVED)
-    if question.longer:
-        yield Rollout("answer", min(question.longer, count), 3 * rows, 0.1, 3)
+    if budget.refitted:
+        yield from _fits(budget.refitted, count, rows, budget.iterations)
+    yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
+    yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
+    if question.longer and budget.longer:
+        yield Rollout("answer", 3 * min(question.longer, count), 3 * rows, 0.1, TOLD // beside)
 
 
 def _rolled_trials(environments: int, rows: int) -> Iterator[Rollout]:

@@ -1,5 +1,6 @@
 """Measures a simulator and plans a diagnosis with it."""
 
+import time
 from collections.abc import Sequence
 
 from buggy_rl.diagnosis.case import segments_of
@@ -20,6 +21,7 @@ def plan_of(
     library: Library,
     recordings: Sequence[Recording],
     baseline: Sequence[Recording] = (),
+    begun: float | None = None,
 ) -> Plan:
     """The plan of a diagnosis in the time that it may take.
 
@@ -29,6 +31,7 @@ def plan_of(
         library: Effects to choose from.
         recordings: To be compared.
         baseline: Recordings on which the simulator was right.
+        begun: When that time began (`time.perf_counter`); None for now.
     """
     segments = segments_of(recordings, config)
     cost = measured_cost(
@@ -42,7 +45,8 @@ def plan_of(
         baseline=len(segments_of(baseline, config)) if baseline else 0,
         longer=_longer(recordings),
     )
-    return planned(question, cost, config.minutes)
+    spent = 0.0 if begun is None else time.perf_counter() - begun
+    return planned(question, cost, config.minutes, spent)
 
 
 def _longer(recordings: Sequence[Recording]) -> int:

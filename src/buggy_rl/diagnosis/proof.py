@@ -32,6 +32,14 @@ class Proof:
         own, its = (max(p.median.get("after", {}).items(), default=(0, 0.0)) for p in (self, other))
         return self.misfit_after < other.misfit_after and own[1] <= its[1]
 
+    @property
+    def prefers_retuning(self) -> bool:
+        """Whether parameters fitted alone predict what was held out better than what is named."""
+        tuned, after = (self.median.get(name, {}).get(SAID) for name in ("retuned", "after"))
+        if tuned is None or after is None:
+            return False
+        return tuned < after and self.retuned[SAID] < self.after[SAID]
+
     def lines(self) -> list[str]:
         """The error before and after the repair, and what simpler repairs come to."""
         if SAID not in self.before or SAID not in self.after:

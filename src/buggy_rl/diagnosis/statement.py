@@ -235,7 +235,7 @@ def _proof(case: Case, found: SearchResult, given: Tensor) -> Proof:
         simulation = replace(problem.simulation, make=case.given.make)
         problem, best = replace(problem, simulation=simulation), with_own(case, best)
     problem = replace(problem, library=case.as_given, dispersion=1.0)
-    errors = validated(problem, best, case.recordings)
+    errors = validated(problem, best, case.recordings, case.budget)
     floor = 2 * float(problem.noise.sd[:2].square().sum())
     before, none = errors["before"].mean_square, Errors()
     return Proof(

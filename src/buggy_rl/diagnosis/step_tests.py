@@ -5,6 +5,7 @@ drive), so that each is uncertain while what they do together is not. Each numbe
 driver could measure: half-response times, curvatures, accelerations.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -13,7 +14,7 @@ from torch import Tensor
 
 from buggy_rl import keys
 from buggy_rl.estimation.hypothesis import Hypothesis, Library
-from buggy_rl.estimation.rollout import Settings, Simulation, sensed
+from buggy_rl.estimation.rollout import Simulation, sensed
 from buggy_rl.estimation.segments import Segments
 
 HELD = 0.5  # [s] of a steady command before a step
@@ -135,29 +136,27 @@ def _shown(throttle: Tensor, steering: Tensor, rest: float) -> frozenset[str]:
 def step_tests(
     simulation: Simulation,
     library: Library,
-    hypothesis: Hypothesis,
-    vectors: Tensor,
+    rows: Sequence[tuple[Hypothesis, Tensor]],
     driven: Driven,
     dt: float,
 ) -> Tensor:
-    """Quantities [S, Q] of a simulator with a hypothesis at S vectors [S, P].
+    """Quantities [S, Q] of a simulator with S hypotheses, each at its vector [P]; in one rollout.
 
     Times count from the stamp of the command, so they hold the clock's offset. A quantity that a
     test does not show, since the car stops in it, is nan.
     """
     actions, speeds = _tests(driven, dt)
-    samples, count = len(vectors), len(actions)
-    each = vectors.repeat_interleave(count, 0)  # (S * B, P)
+    samples, count = len(rows), len(actions)
+    cars = samples * count
     start = TensorDict(
-        {keys.POSE: torch.zeros(len(each), 3), keys.VELOCITY: torch.zeros(len(each), 3)},
-        [len(each)],
+        {keys.POSE: torch.zeros(cars, 3), keys.VELOCITY: torch.zeros(cars, 3)}, [cars]
     )
     start[keys.VELOCITY][:, 0] = speeds.repeat(samples)
-    settings: Settings = library.settings([(hypothesis, each)])
+    settings = library.settings(rows)
     states = simulation.drive(actions.repeat(samples, 1, 1), settings, start)
     read = torch.stack([sensed(state)[:, 3:] for state in states], 1)  # (S * B, T, 3)
-    late = settings.clock_offset.flatten().view(samples, count)[:, 0]  # (S,)
-    return _measured(read.view(samples, count, -1, 3).double(), late.double(), dt)
+    late = settings.clock_offset.double()  # (S,)
+    return _measured(read.view(samples, count, -1, 3).double(), late, dt)
 
 
 def _tests(d: Driven, dt: float) -> tuple[Tensor, Tensor]:

@@ -1,18 +1,24 @@
 """Validation: how far rollouts are from recordings that nothing was fitted to."""
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import torch
+from tensordict import TensorDict
 from torch import Tensor
 
+from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.effects import effect_class
+from buggy_rl.effects.base import Effect
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.estimation.cross_validation import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.residual_network import lacking_acceleration, trained
-from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments, cut_segments
 from buggy_rl.recordings import Recording
 
@@ -48,7 +54,10 @@ class Errors:
 
 
 def validated(
-    problem: Problem, best: Hypothesis, recordings: Sequence[Recording]
+    problem: Problem,
+    best: Hypothesis,
+    recordings: Sequence[Recording],
+    budget: Budget = FULL,
 ) -> dict[str, Errors]:
     """Errors of rollouts over recordings, or blocks of them, that nothing was fitted to.
 
@@ -56,6 +65,7 @@ def validated(
         problem: What `best` was fitted to.
         best: The hypothesis; fitted anew for each fold that is held out.
         recordings: That the segments were cut from.
+        budget: Whether horizons beyond the segments count too, and iterations of a fit.
 
     Returns:
         `before`: as given. `after`: with the effects. `retuned`: with the simulator's own
@@ -68,29 +78,38 @@ def validated(
     own = _retunable(problem.library)
     if own:
         starts["retuned"] = problem.library.at(own, best.named())
-    sets = {"before": [problem.library.hypothesis(())] * len(aside)}
-    sets |= _refits(problem, starts, aside)
+    begun = time.perf_counter()
     networks = _networks(problem, aside)
-    result = {name: Errors() for name in (*sets, "black_box")}
-    for part in _lengths(problem.segments, recordings):
-        owner, fitted_to = _owners(part, problem.segments, fold), part is problem.segments
+    apart = partial(problem.simulation.apart, seconds=time.perf_counter() - begun)
+    sets = {"before": [problem.library.hypothesis(())] * len(aside)}
+    iterations = min(ITERATIONS, budget.iterations)
+    sets |= _refits(problem, starts, aside, iterations, apart)
+    parts, tasks = [], []
+    for part in _lengths(problem.segments, recordings if budget.longer else ()):
+        owner = _owners(part, problem.segments, fold)
         part, owner = part[owner >= 0], owner[owner >= 0]
-        instants = problem.simulation.instants(part)
         # Each segment at the vector of the fit that it was held out of.
         rows = [(fits[0], torch.stack([f.vector for f in fits])[owner]) for fits in sets.values()]
-        residuals = problem.simulation.residuals(part, problem.library.settings(rows))
-        for name, residual in zip(sets, residuals, strict=True):
-            result[name].add(_distance(residual), instants, part.dt)
-            if fitted_to:
+        parts.append(part)
+        tasks += [(part, problem.library.settings(rows), ()), (part, AS_GIVEN, networks(owner))]
+    rolled = iter(apart(_residuals, tasks))
+    result = {name: Errors() for name in (*sets, "black_box")}
+    for number, part in enumerate(parts):
+        instants = problem.simulation.instants(part)
+        for name, residual in zip(result, (*next(rolled), *next(rolled)), strict=True):
+            result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
+            if number == 0 and name in sets:  # what is fitted to
                 whitened = problem.noise.whiten(residual.unsqueeze(0))[0]
                 result[name].square = whitened.square().mean(-1)
-        held_out = [
-            _distance(network.residuals(part[owner == n])[0])
-            for n, network in enumerate(networks)
-            if bool((owner == n).any())
-        ]
-        result["black_box"].add(torch.cat(held_out), instants, part.dt)
     return result
+
+
+def _residuals(
+    simulation: Simulation, part: Segments, settings: Settings, standing: Sequence[Effect]
+) -> Tensor:
+    """Residuals [C, N, K, 6], with further effects."""
+    beside = (*simulation.standing, *standing)
+    return replace(simulation, standing=beside).residuals(part, settings)
 
 
 def folds(segments: Segments) -> Tensor:
@@ -102,20 +121,15 @@ def folds(segments: Segments) -> Tensor:
     return blocks(segments) % FOLDS
 
 
-def _distance(residuals: Tensor) -> Tensor:
-    """Squared distances [N, K] of residuals [N, K, 6]."""
-    return residuals[..., :2].square().sum(-1)
-
-
 def _retunable(library: Library) -> tuple[str, ...]:
     own = tuple(OWN + name for name in library.parameters if library.own)
     return own or tuple(n for n in TRIMS if n in library.effects and effect_class(n).declared)
 
 
 def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segments]:
-    """The segments, and longer ones, no more of them, for the horizons beyond them."""
+    """The segments, and of recordings longer ones, no more of them, for horizons beyond them."""
     result = [segments]
-    for seconds in HORIZONS:
+    for seconds in HORIZONS if recordings else ():
         if seconds > segments.horizon * segments.dt:
             try:
                 longer = cut_segments(recordings, seconds, seconds)
@@ -126,27 +140,53 @@ def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segmen
 
 
 def _refits(
-    problem: Problem, starts: Mapping[str, Hypothesis], aside: Sequence[Tensor]
+    problem: Problem,
+    starts: Mapping[str, Hypothesis],
+    aside: Sequence[Tensor],
+    iterations: int,
+    apart: Callable[..., list[Any]],
 ) -> dict[str, list[Hypothesis]]:
     """Hypotheses fitted anew to all that is not held out, for each fold that is."""
-    by_fold = [
-        fitted(problem[_rest(problem.segments, rows)], list(starts.values()), ITERATIONS)
-        for rows in aside
-    ]
+    alone = replace(problem, simulation=problem.simulation.alone)
+    first = partial(_refit, alone, list(starts.values()), iterations)
+    by_fold = apart(first, [(_rest(problem.segments, rows),) for rows in aside])
     return {name: [fits[k] for fits in by_fold] for k, name in enumerate(starts)}
 
 
-def _networks(problem: Problem, aside: Sequence[Tensor]) -> list[Simulation]:
-    """For each fold that is held out, the simulator with a network that learned from the rest."""
-    simulation = problem.simulation
-    inputs, lacking = lacking_acceleration(simulation, problem.segments)
-    result = []
-    for rows in aside:
-        rest = _rest(problem.segments, rows)
-        network, dt = trained(inputs[rest], lacking[rest], 0), problem.segments.dt
-        effect = ResidualAcceleration(model=network, strength=1.0, dt=dt)
-        result.append(replace(simulation, standing=(*simulation.standing, effect)))
-    return result
+def _refit(
+    problem: Problem,
+    starts: Sequence[Hypothesis],
+    iterations: int,
+    simulation: Simulation,
+    rows: Tensor,
+) -> list[Hypothesis]:
+    """Hypotheses fitted to some of the segments."""
+    part = replace(problem, simulation=simulation)[rows]
+    return [fit.at(fit.vector) for fit in fitted(part, starts, iterations)]
+
+
+def _networks(
+    problem: Problem, aside: Sequence[Tensor]
+) -> Callable[[Tensor], list[ResidualAcceleration]]:
+    """A network for each fold that is held out, which learned from the rest.
+
+    Returns:
+        Gives for folds [N] effects of which each environment has that of its fold.
+    """
+    inputs, lacking = lacking_acceleration(problem.simulation, problem.segments)
+    dt = problem.segments.dt
+    rests = [_rest(problem.segments, rows) for rows in aside]
+    learned = [trained(inputs[rest], lacking[rest], 0) for rest in rests]
+
+    def of_folds(owner: Tensor) -> list[ResidualAcceleration]:
+        return [
+            ResidualAcceleration(model=network, dt=dt).with_parameters(
+                TensorDict({"strength": (owner == n).float()}, [len(owner)])
+            )
+            for n, network in enumerate(learned)
+        ]
+
+    return of_folds
 
 
 def _rest(segments: Segments, aside: Tensor) -> Tensor:

@@ -75,9 +75,9 @@ def _flat(residuals: Tensor) -> Tensor:
 
 def sensed_covariance(simulation: Simulation, segments: Segments) -> Tensor:
     """[D, D] mean over segments of the sensor's noise and of the propagated start error."""
-    slopes, readings = start_sensitivity(simulation, segments, start_noise(segments))
+    slopes, about = start_sensitivity(simulation, segments, start_noise(segments))
     sd = sensor_noise(segments).double()
-    return (slopes @ slopes.mT).mean(0) + torch.diag(sd.square().repeat(readings))
+    return (slopes @ slopes.mT).mean(0) + torch.diag(sd.square().repeat(about.shape[1]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ STEP = 0.02  # [prior scales] finite difference
 LONGEST = 2.0  # [prior scales] step of an iteration, in each coordinate
 TRIED = 2  # iterations with all dampings; then hypotheses that gain little are no longer fitted:
 HOPELESS = 0.3  # [-] less than this share of what the best one has gained
+SMALL = 1000  # [environments] of a batch that takes hardly longer than one of a few
 DAMPINGS = (1e-6, 0.1, 10.0)  # [-] of the curvature's diagonal; the first follows a ridge
 CONVERGED = (1e-3, 0.5)  # [-] relative, [nats] absolute decrease below both of which a fit ends
 
@@ -136,10 +137,12 @@ def _best(
 ) -> dict[int, Fit]:
     """Of each fit the best of its steps; the fit itself where none is better.
 
-    The first, which most often is the best, comes with its derivatives.
+    The first, which most often is the best, comes with its derivatives; in a small batch all do.
     """
     owners = [i for i, own in steps.items() for _ in own]
-    linear = [number == 0 for own in steps.values() for number in range(len(own))]
+    sets = sum(1 + len(trial.coordinates) for own in steps.values() for trial in own)
+    small = sets * len(problem.segments) <= SMALL
+    linear = [small or number == 0 for own in steps.values() for number in range(len(own))]
     trials = [trial for own in steps.values() for trial in own]
     best = dict(fits)
     for i, other in zip(owners, problem.rolled_out(trials, linear), strict=True):

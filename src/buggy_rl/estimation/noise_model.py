@@ -31,6 +31,8 @@ class NoiseModel:
     """[6] standard deviation of a reading."""
     extra: Tensor | None = None
     """[D, D] E."""
+    about: Tensor | None = None
+    """[N, K, 6] residuals about which the effect of a start error was computed."""
 
     @property
     def dimension(self) -> int:
@@ -38,7 +40,8 @@ class NoiseModel:
         return self.whitening.shape[-1]
 
     def __getitem__(self, index: Tensor) -> "NoiseModel":
-        return NoiseModel(self.whitening[index], self.sd, self.extra)
+        about = None if self.about is None else self.about[index]
+        return NoiseModel(self.whitening[index], self.sd, self.extra, about)
 
     def whiten(self, residuals: Tensor) -> Tensor:
         """W e [C, N, D] of residuals [C, N, K, 6]; what is not finite becomes large."""
@@ -76,21 +79,23 @@ def noise_model(
         noise_from: Segments that tell how noisy the sensor is; None for `segments` itself.
     """
     seen = segments if noise_from is None else noise_from
-    slopes, readings = start_sensitivity(simulation, segments, start_noise(seen), settings)
+    slopes, about = start_sensitivity(simulation, segments, start_noise(seen), settings)
     sd = sensor_noise(seen)
-    covariance = torch.diag(sd.double().square().repeat(readings)) + slopes @ slopes.mT
+    covariance = torch.diag(sd.double().square().repeat(about.shape[1])) + slopes @ slopes.mT
     if extra is not None:
         covariance = covariance + extra
     factor = torch.linalg.cholesky(covariance)
     eye = torch.eye(covariance.shape[-1], dtype=torch.float64).expand_as(covariance)
-    return NoiseModel(torch.linalg.solve_triangular(factor, eye, upper=False), sd, extra)
+    return NoiseModel(torch.linalg.solve_triangular(factor, eye, upper=False), sd, extra, about)
 
 
 def start_sensitivity(
     simulation: Simulation, segments: Segments, start_sd: Tensor, settings: Settings = AS_GIVEN
-) -> tuple[Tensor, int]:
-    """A sqrt(S) [N, D, 6], by one rollout a channel of the start; and the number of readings K."""
+) -> tuple[Tensor, Tensor]:
+    """A sqrt(S) [N, D, 6], by one rollout a channel of the start; and the residuals [N, K, 6]."""
     error = torch.cat([torch.zeros(1, 6), torch.diag(start_sd)])
-    residuals = simulation.residuals(segments, settings, error).double()  # (7, N, K, 6)
-    slopes = (residuals[1:] - residuals[:1]).flatten(2).movedim(0, -1)  # (N, D, 6)
-    return slopes.nan_to_num(0.0).clamp(-STEEPEST, STEEPEST), residuals.shape[2]
+    residuals = simulation.residuals(segments, settings, error)  # (7, N, K, 6)
+    slopes = (
+        (residuals[1:].double() - residuals[:1].double()).flatten(2).movedim(0, -1)
+    )  # (N, D, 6)
+    return slopes.nan_to_num(0.0).clamp(-STEEPEST, STEEPEST), residuals[0]

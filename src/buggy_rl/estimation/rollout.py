@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -15,7 +16,7 @@ from buggy_rl import keys
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import Effect
 from buggy_rl.estimation.segments import LATEST, Segments
-from buggy_rl.estimation.workers import Workers
+from buggy_rl.estimation.workers import Result, Workers
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
 from buggy_rl.vehicle import rotate
@@ -74,6 +75,35 @@ class Simulation:
     rolled: Callable[[int, int], None] = tell_nobody
     """Told of every rollout when it has ended: environments and steps."""
 
+    @property
+    def alone(self) -> "Simulation":
+        """The same in one process that tells nobody, which can be pickled."""
+        return replace(self, workers=ALONE, rolled=tell_nobody)
+
+    def apart(
+        self,
+        function: Callable[..., Result],
+        tasks: Sequence[tuple[Any, ...]],
+        seconds: float = math.inf,
+    ) -> list[Result]:
+        """Results of a function of a simulation, this one, for tasks that do not need each other.
+
+        A chain of rollouts of few environments takes a process as long as one of many: such chains
+        are rolled out beside each other.
+
+        Args:
+            function: Of a simulation and a task; can be pickled.
+            tasks: Its other arguments, one tuple a call; can be pickled.
+            seconds: That one of them is expected to take; for little, no process is started.
+        """
+        results = []
+        counted = partial(_counted, function, self.alone)
+        for result, rolled in self.workers.results(counted, tasks, seconds):
+            results.append(result)
+            for environments, rows in rolled:
+                self.rolled(environments, rows)
+        return results
+
     def instants(self, segments: Segments) -> Tensor:
         """Rows [K] after the start that are read."""
         every = self.every or max(1, round(EVERY / segments.dt))
@@ -105,8 +135,7 @@ class Simulation:
         sets = len(settings) if start_error is None else len(start_error)
         settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
         each = [_part(settings, start_error, r) for r in self._shares(sets, len(segments))]
-        here = replace(self, workers=ALONE, rolled=tell_nobody)
-        read = torch.cat(self.workers.results(partial(here._readings, segments), each))
+        read = torch.cat(self.workers.results(partial(self.alone._readings, segments), each))
         self.rolled(sets * len(segments), segments.pose.shape[1] - 1)
         return read
 
@@ -171,10 +200,10 @@ class Simulation:
 
         Args:
             actions: Commands.
-            settings: One parameter set.
+            settings: C parameter sets, each of B / C environments that follow one another.
             start: `pose` and `velocity` [B, 3].
         """
-        env, _ = self._environment(settings, len(actions))
+        env, _ = self._environment(settings, len(actions) // len(settings))
         states = trajectory(
             env,
             env.reset(start),
@@ -200,6 +229,15 @@ class Simulation:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)
         return state
+
+
+def _counted(
+    function: Callable[..., Result], simulation: Simulation, *task: Any
+) -> tuple[Result, list[tuple[int, int]]]:
+    """The result, and environments and steps of each rollout that it took."""
+    rolled: list[tuple[int, int]] = []
+    told = replace(simulation, rolled=lambda *rollout: rolled.append(rollout))
+    return function(told, *task), rolled
 
 
 def _part(

@@ -1,5 +1,6 @@
 """Processes beside this one, each of which rolls a share of the parameter sets out."""
 
+import math
 import os
 import pickle
 import subprocess
@@ -7,14 +8,14 @@ import sys
 from collections.abc import Callable, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any, Self
-
-from torch import Tensor
+from typing import Any, Self, TypeVar
 
 from buggy_rl.jobs import ONE_THREAD, cores, end
 
 ROLL_OUT, SETTING, FAILED = "roll out", "setting", "failed"
 LEAST = 3000  # [environments] the reference car: 7040 take 1.2 s, 3520 0.9 s, 88 0.5 s of one core
+Result = TypeVar("Result")
+START = 5.0  # [s] that a start takes about
 STARTING = 120.0  # [s] in which a worker must be ready: it imports PyTorch and TorchRL, 3 to 10 s
 
 
@@ -63,22 +64,27 @@ class Workers:
         return 1 if self._closed else max(1, min(self.count, environments // self.least))
 
     def results(
-        self, function: Callable[..., Tensor], arguments: Sequence[tuple[Any, ...]]
-    ) -> list[Tensor]:
+        self,
+        function: Callable[..., Result],
+        arguments: Sequence[tuple[Any, ...]],
+        seconds: float = math.inf,
+    ) -> list[Result]:
         """Results of a function for each tuple of arguments, in their order.
 
         Args:
             function: Can be pickled; the same one is sent once.
             arguments: Dealt to the processes in turn, this one first; can be pickled.
+            seconds: That one of them is expected to take; for little, no process is started.
 
         Raises:
             ValueError: A worker has died, or cannot do what this process can.
         """
-        if self._closed or self.count < 2 or len(arguments) < 2:
+        short = not self._others and seconds < START
+        if self._closed or self.count < 2 or len(arguments) < 2 or short:
             return [function(*each) for each in arguments]
         self.start()
         setting = pickle.dumps(function)
-        found: list[Tensor] = []
+        found: list[Result] = []
         try:
             # One question a worker at a time: two that wait to write to each other wait for ever.
             for first in range(0, len(arguments), self.count):
@@ -123,7 +129,7 @@ class _Worker:
         except OSError:
             raise self._dead() from None
 
-    def answer(self, function: Callable[..., Tensor], arguments: tuple[Any, ...]) -> Tensor:
+    def answer(self, function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         """The result; where the worker failed, the error as this process meets it."""
         try:
             kind, result = pickle.loads(self._connection.recv_bytes())
@@ -167,7 +173,7 @@ class _Worker:
 def serve(connection: Connection) -> None:
     """Answers until the other side is gone."""
     connection.send_bytes(b"ready")
-    function: Callable[..., Tensor] | Exception = ValueError("it was given no function")
+    function: Callable[..., Any] | Exception = ValueError("it was given no function")
     while True:
         kind, content = pickle.loads(connection.recv_bytes())
         if kind == SETTING:
@@ -176,14 +182,14 @@ def serve(connection: Connection) -> None:
         connection.send_bytes(pickle.dumps(_result(function, content)))
 
 
-def _loaded(setting: bytes) -> Callable[..., Tensor] | Exception:
+def _loaded(setting: bytes) -> Callable[..., Any] | Exception:
     try:
         return pickle.loads(setting)
     except Exception as error:  # told with the next result
         return error
 
 
-def _result(function: Callable[..., Tensor] | Exception, arguments: tuple[Any, ...]) -> Any:
+def _result(function: Callable[..., Any] | Exception, arguments: tuple[Any, ...]) -> Any:
     if isinstance(function, Exception):
         return FAILED, f"{type(function).__name__}: {function}"
     try:

@@ -128,8 +128,8 @@ class RolloutResiduals:
         start_sd = torch.cat([torch.zeros(3), noise.clamp_min(LEAST_NOISE)])
         segments = replace(segments, smooth_velocity=segments.velocity)
         settings = scaled_settings(self.parameters, scaled[None])
-        slopes, readings = start_sensitivity(self.simulation, segments, start_sd, settings)
-        slopes = slopes / self.scales.double().repeat(readings).unsqueeze(-1)
+        slopes, about = start_sensitivity(self.simulation, segments, start_sd, settings)
+        slopes = slopes / self.scales.double().repeat(about.shape[1]).unsqueeze(-1)
         eye = torch.eye(slopes.shape[1], dtype=torch.float64)
         covariance = max(scatter, 1e-3) ** 2 * eye + slopes @ slopes.mT
         whitening = torch.linalg.inv(torch.linalg.cholesky(covariance))

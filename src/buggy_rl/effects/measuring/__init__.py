@@ -4,8 +4,9 @@ A simulator may be a black box, but its motion can be imposed: held at a velocit
 have settled, its next step shows the forces.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from typing import Any
 
 from buggy_rl.effects import effect_class, offered
@@ -41,7 +42,15 @@ def measured_options(
         dimensions = VehicleDimensions(**(dimensions or {}))
     car, names = _dimensions(make, dimensions), offered(declared_by(make(1)))
     options: Options = {}
-    parts = (_drive(make), _servo(make), _body(car), _tyres(make, car), measured_command(make))
+    drive = measured_drive(make)
+    parts = (
+        drive,
+        {"onset": measured_onset(make)},
+        {"lag": measured_steering_lag(make)},
+        _body(car),
+        _tyres(make, car, drive["coasting"]),
+        measured_command(make),
+    )
     for measured in parts:
         _assign(options, names, measured)
     return options
@@ -59,11 +68,12 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
     except ValueError as error:
         failures.append(f"axles cannot be measured ({error}): those of the buggy are assumed")
         car = VehicleDimensions()
+    driven = cache(lambda: measured_drive(make))
     parts = {
-        "drive": lambda: _drive(make),
-        "servo": lambda: _servo(make),
+        "drive": lambda: driven() | {"onset": measured_onset(make)},
+        "servo": lambda: {"lag": measured_steering_lag(make)},
         "body": lambda: _body(car),
-        "tyres": lambda: _tyres(make, car),
+        "tyres": lambda: _tyres(make, car, driven()["coasting"]),
         "command": lambda: measured_command(make),
     }
     options: Options = {
@@ -95,14 +105,6 @@ def _assign(options: Options, names: list[str], measured: Mapping[str, Any]) -> 
             options.setdefault(name, {}).update(own)
 
 
-def _drive(make: Make) -> dict[str, Any]:
-    return measured_drive(make) | {"onset": measured_onset(make)}
-
-
-def _servo(make: Make) -> dict[str, Any]:
-    return {"lag": measured_steering_lag(make)}
-
-
 def _dimensions(make: Make, typical: VehicleDimensions) -> VehicleDimensions:
     """Of the simulator: as it says itself, or else as its steps show."""
     says = getattr(make(1), "vehicle", None)
@@ -115,8 +117,8 @@ def _body(car: VehicleDimensions) -> dict[str, Any]:
     return {"dimensions": other} if other else {}
 
 
-def _tyres(make: Make, car: VehicleDimensions) -> dict[str, Any]:
+def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float]) -> dict[str, Any]:
     declared = getattr(make(1), "values", {}).get("front_drive_share")
     front = 0.0 if declared is None else round(float(declared.mean()), 6)
-    tyres = measured_tyres(make, car, front)
+    tyres = measured_tyres(make, car, front, coasting)
     return tyres | ({"front_drive_share": front} if front else {})

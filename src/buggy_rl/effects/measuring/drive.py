@@ -25,17 +25,16 @@ def measured_drive(make: Make) -> dict[str, Any]:
     Raises:
         ValueError: A velocity of the simulator is not finite.
     """
-    speeds, dt, rest = torch.linspace(*SPEEDS, 6), period(make), resting(make)
-    held = torch.stack([speeds, torch.zeros(6), torch.zeros(6)], -1)
-
-    def line(drive: float) -> tuple[float, float]:
-        """Slope [1/s] and level [m/s^2] of the acceleration over the speed."""
-        acceleration = (next_velocity(make, held, command_of(drive, rest))[:, 0] - speeds) / dt
-        slope, level = np.polyfit(speeds.numpy(), acceleration.numpy(), 1)
-        return float(slope), float(level)
-
-    rolling, level = line(0.0)
-    lost = [rolling - line(drive)[0] for drive in DRIVES]
+    speeds, drives = torch.linspace(*SPEEDS, 6), torch.tensor([0.0, *DRIVES])
+    held = torch.zeros(len(drives), len(speeds), 3)
+    held[..., 0] = speeds
+    throttle = command_of(drives, resting(make)).repeat_interleave(len(speeds))
+    after = next_velocity(make, held.flatten(0, 1), throttle)[:, 0].view(len(drives), -1)
+    acceleration = (after - speeds) / period(make)
+    # Slope [1/s] and level [m/s^2] over the speed, of each drive.
+    slopes, levels = np.polyfit(speeds.numpy(), acceleration.T.numpy(), 1)
+    (rolling, *driven), level = slopes.tolist(), float(levels[0])
+    lost = [rolling - slope for slope in driven]
     growth, standing = np.polyfit(DRIVES, lost, 1)
     return {
         "coasting": [round(max(-level, 0.0), 4), round(max(-rolling, 0.0), 4)],
@@ -53,11 +52,14 @@ def measured_onset(make: Make) -> float:
         ValueError: A velocity of the simulator is not finite, or the motor gives no force.
     """
     drives, rest = torch.linspace(*ONSETS, 25), resting(make)
+    held = torch.zeros(len(ONSET_SPEEDS), len(drives), 3)
+    held[..., 0] = torch.tensor(ONSET_SPEEDS).unsqueeze(-1)
+    throttle = command_of(drives, rest).repeat(len(ONSET_SPEEDS))
+    after = next_velocity(make, held.flatten(0, 1), throttle).view_as(held)
     found = []
-    for speed in ONSET_SPEEDS:
-        held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(drives), 3)
-        after = next_velocity(make, held, command_of(drives, rest))[:, 0]
-        acceleration = (after - speed) / period(make)
+    for speed, acceleration in zip(
+        ONSET_SPEEDS, (after - held)[..., 0] / period(make), strict=True
+    ):
         pull = (acceleration - acceleration[0]).double()
         top = float(pull.max())
         if top < LEAST_PULL:

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period, throttle_for
+from buggy_rl.effects.measuring.holding import Make, next_velocity, period, throttle_sweeps
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 SPEEDS = (2.5, 4.0)  # [m/s] of the experiment; chosen within what a 1:10 car drives
@@ -78,7 +78,7 @@ def measured_dimensions(make: Make, typical: VehicleDimensions) -> VehicleDimens
 def _steps(make: Make, typical: VehicleDimensions) -> Steps:
     grids = [_grid(speed, typical) for speed in SPEEDS]
     held, mirror = torch.cat(grids), torch.tensor([1.0, -1.0, -1.0])
-    freely = torch.tensor([throttle_for(make, speed, 0.0) for speed in SPEEDS])
+    freely = torch.tensor([sweep.throttle_for(0.0) for sweep in throttle_sweeps(make, SPEEDS)])
     throttle = freely.repeat_interleave(len(grids[0])).repeat(2)
     after = next_velocity(make, torch.cat([held, mirror * held]), throttle).view(2, -1, 3)
     mean = 0.5 * (after[0] + mirror * after[1])  # a steering trim turns both alike

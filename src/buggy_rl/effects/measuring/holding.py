@@ -1,6 +1,7 @@
 """A simulator held at a velocity until its delays have settled; then its next steps."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import torch
@@ -36,13 +37,30 @@ def next_velocity(make: Make, held: Tensor, throttle: float | Tensor) -> Tensor:
     return next_velocities(make, held, throttle, 0.0, 0)[0]
 
 
-def throttle_for(make: Make, speed: float, acceleration: float) -> float:
-    """Throttle at which the simulator, rolling straight, comes closest to an acceleration."""
+@dataclass(frozen=True)
+class ThrottleSweep:
+    """Acceleration of a simulator that rolls straight ahead, over its throttle."""
+
+    throttle: Tensor
+    """[n]"""
+    acceleration: Tensor
+    """[n] [m/s^2]"""
+
+    def throttle_for(self, acceleration: float) -> float:
+        """Throttle at which it comes closest to an acceleration [m/s^2]."""
+        return float(self.throttle[int((self.acceleration - acceleration).abs().argmin())])
+
+
+def throttle_sweeps(make: Make, speeds: Sequence[float]) -> list[ThrottleSweep]:
+    """Sweeps of the throttle at speeds [m/s], all in one batch."""
     searched = THROTTLES if resting(make) == ONE_WAY_REST else DRIVES
-    throttles = torch.linspace(*searched, 21)
-    held = torch.tensor([[speed, 0.0, 0.0]]).expand(len(throttles), 3)
-    after = next_velocity(make, held, throttles)[:, 0]
-    return float(throttles[int((after - speed - acceleration * period(make)).abs().argmin())])
+    throttle, count = torch.linspace(*searched, 21), len(speeds)
+    held = torch.zeros(count, len(throttle), 3)
+    held[..., 0] = torch.tensor(speeds).unsqueeze(-1)
+    held = held.flatten(0, 1)
+    after = next_velocity(make, held, throttle.repeat(count))
+    gained = (after - held)[:, 0].view(count, -1) / period(make)
+    return [ThrottleSweep(throttle, own) for own in gained]
 
 
 def next_velocities(

@@ -1,13 +1,22 @@
 """Identification of the tyre law of a simulator's axles."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from scipy.optimize import least_squares
+from torch import Tensor
 
 from buggy_rl.effects.measuring.drive import measured_drive
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period, resting, throttle_for
+from buggy_rl.effects.measuring.holding import (
+    Make,
+    ThrottleSweep,
+    next_velocity,
+    period,
+    resting,
+    throttle_sweeps,
+)
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
@@ -26,7 +35,10 @@ TYRE_BOUNDS = ([0.05, 0.5, 0.5], [5.0, 100.0, 1.6])
 
 
 def measured_tyres(
-    make: Make, dimensions: VehicleDimensions, front_drive_share: float = 0.0
+    make: Make,
+    dimensions: VehicleDimensions,
+    front_drive_share: float = 0.0,
+    coasting: Sequence[float] | None = None,
 ) -> dict[str, Any]:
     """Fits F = N D sin(c atan(C alpha / (c D))) to the side forces of both axles.
 
@@ -37,6 +49,7 @@ def measured_tyres(
         make: Builds the simulator for a number of environments.
         dimensions: Of its car.
         front_drive_share: Share of its drive at the front axle.
+        coasting: As `measured_drive` finds it; None to measure it.
 
     Returns:
         `friction` D [-], `stiffness` C [1/rad] and `shape` c [-], each of front and rear,
@@ -47,12 +60,14 @@ def measured_tyres(
     """
     d, dt = dimensions, period(make)
     share = np.array([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
-    coasting = np.array(measured_drive(make)["coasting"])
-    lost = float(coasting @ [1.0, CORNERING_SPEED])
-    borne, height, combined = _drive_in_a_slide(make, d, share, 1 - front_drive_share, lost)
-    resistance = borne * coasting
-    freely = throttle_for(make, CORNERING_SPEED, -float(resistance @ [1.0, CORNERING_SPEED]))
-    slip, use, _ = _sliding(make, d, freely)
+    rolling = np.array(coasting or measured_drive(make)["coasting"])
+    lost = float(rolling @ [1.0, CORNERING_SPEED])
+    [sweep] = throttle_sweeps(make, [CORNERING_SPEED])
+    driven = 1 - front_drive_share
+    borne, height, combined = _drive_in_a_slide(make, d, sweep, share, driven, lost)
+    resistance = borne * rolling
+    freely = sweep.throttle_for(-float(resistance @ [1.0, CORNERING_SPEED]))
+    [(slip, use, _)] = _sliding(make, d, [freely])
     a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
     mobility = np.array([[1 + a * a / i, 1 - a * b / i], [1 - a * b / i, 1 + b * b / i]])
     settling = 0.5 * dt * GRAVITY / CORNERING_SPEED * mobility * share
@@ -73,15 +88,30 @@ def measured_tyres(
 
 
 def _sliding(
-    make: Make, d: VehicleDimensions, throttle: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Slip angles [20] [rad], side force over load of the axles [20, 2], acceleration [m/s^2]."""
+    make: Make, d: VehicleDimensions, throttles: Sequence[float]
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Slides at throttles, all in one batch.
+
+    Returns:
+        For each: slip angles [20] [rad], side force over load of the axles [20, 2], acceleration
+        [m/s^2].
+    """
     angle = torch.linspace(-SLIPS, SLIPS, 41)
     at_cg = torch.stack([torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)], -1)
     at_cg[:, :2] *= CORNERING_SPEED
-    held = shift_velocity(at_cg, d.sensor_to_cg)
-    after = shift_velocity(next_velocity(make, held, throttle), -d.sensor_to_cg)
-    motion = Motion(torch.zeros_like(held), at_cg, after, torch.zeros(len(held), 2), period(make))
+    count = len(throttles)
+    held = shift_velocity(at_cg, d.sensor_to_cg).repeat(count, 1)
+    drive = torch.tensor(throttles).repeat_interleave(len(angle))
+    after = shift_velocity(next_velocity(make, held, drive), -d.sensor_to_cg)
+    return [_side_forces(d, angle, at_cg, own, period(make)) for own in after.chunk(count)]
+
+
+def _side_forces(
+    d: VehicleDimensions, angle: Tensor, at_cg: Tensor, after: Tensor, dt: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Of one slide, velocities [41, 3] of the centre of gravity before and after a step."""
+    nothing = torch.zeros_like(at_cg)
+    motion = Motion(nothing, at_cg, after, nothing[:, :2], dt)
     ax, ay, yaw = motion.acceleration
     share = torch.tensor([d.cg_to_rear_axle, d.cg_to_front_axle]) / d.wheelbase
     spin = d.yaw_inertia / d.mass / d.wheelbase * yaw
@@ -92,7 +122,12 @@ def _sliding(
 
 
 def _drive_in_a_slide(
-    make: Make, d: VehicleDimensions, share: np.ndarray, driven: float, lost: float
+    make: Make,
+    d: VehicleDimensions,
+    sweep: ThrottleSweep,
+    share: np.ndarray,
+    driven: float,
+    lost: float,
 ) -> tuple[float, float, float]:
     """What a second throttle in the slide shows: resistance at the body, h, and combined slip.
 
@@ -103,6 +138,7 @@ def _drive_in_a_slide(
     Args:
         make: Builds the simulator.
         d: Dimensions of the car.
+        sweep: Its throttle at `CORNERING_SPEED`.
         share: Of the weight [2] on front and rear axle.
         driven: Share of the drive at the rear axle.
         lost: Deceleration of the coasting car [m/s^2].
@@ -112,10 +148,9 @@ def _drive_in_a_slide(
         simulator whose drive takes nothing from the side force; 0, 0 and 1 where the second
         throttle has no effect.
     """
-    kept = throttle_for(make, CORNERING_SPEED, 0.0)
-    _, use, gained = _sliding(make, d, kept)
+    kept = sweep.throttle_for(0.0)
     push = PUSH if resting(make) == ONE_WAY_REST else 0.5 * PUSH  # the same drive
-    _, pushed, more = _sliding(make, d, kept + push)
+    (_, use, gained), (_, pushed, more) = _sliding(make, d, [kept, kept + push])
     if not more - gained > LEAST_GAIN or lost <= 0.0:
         return 0.0, 0.0, 1.0
     front, rear = pushed[-SLIDES:].mean(0) / use[-SLIDES:].mean(0)
