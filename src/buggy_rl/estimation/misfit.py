@@ -32,6 +32,7 @@ class BaselineMisfit:
     """Excess misfit of a simulator on recordings on which it counts as right."""
 
     mean: float = 0.0
+    """Below 0 where the sensor is less noisy than it is taken for."""
     error: float = 0.0
     """Standard error of the mean over as many blocks as the new recordings have."""
 
@@ -55,7 +56,7 @@ def baseline_misfit(square: Tensor, group: Tensor, others: int) -> BaselineMisfi
     root = square.clamp_max(CAP).sqrt()
     means = torch.stack([root[group == g].mean() for g in group.unique()])
     spread = float(means.std()) if len(means) > 1 else 0.0
-    return BaselineMisfit(max(0.0, float(means.mean()) - 1), spread / others**0.5)
+    return BaselineMisfit(float(means.mean()) - 1, spread / others**0.5)
 
 
 def typical(square: Tensor) -> float:
