@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -45,6 +47,19 @@ def test_held_out_blocks_are_rolled_out_at_the_vector_fitted_without_them(late):
         [whitened] = problem.whitened([(right, right.vector + move)])
         expected = whitened.square().sum(-1)[rows]
         torch.testing.assert_close(found[rows], expected, rtol=1e-4, atol=1e-4)
+
+
+def test_to_first_order_what_is_held_out_is_nearly_what_a_rollout_shows_and_takes_none(late):
+    problem, (right, _) = late
+    group, rolled = blocks(problem.segments), []
+    told = replace(problem.simulation, rolled=lambda *rollout: rolled.append(rollout))
+    [linear] = cross_validated(replace(problem, simulation=told), [right], group, anew=False)
+    anew = validated(problem, right)
+    assert rolled == []
+    torch.testing.assert_close(linear.covariance, anew.covariance)
+    assert not torch.equal(linear.whitened, anew.whitened)
+    moved = (anew.whitened - right.whitened).norm()
+    assert float((linear.whitened - anew.whitened).norm()) < 0.3 * float(moved)
 
 
 def test_the_covariance_covers_the_truth_and_is_positive_definite(late):

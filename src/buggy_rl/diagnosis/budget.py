@@ -25,6 +25,8 @@ class Budget:
     """[prior scales] at which each effect is rolled out before anything is fitted."""
     share: float = 1.0
     """Of the segments."""
+    anew: bool = True
+    """Whether what is held out is rolled out anew; predicted to first order otherwise."""
     longer: bool = True
     """Whether errors are told at horizons beyond the segments too."""
 
@@ -48,6 +50,8 @@ class Budget:
             f"{self.iterations} of {full.iterations} iterations",
             f"{self.rounds} of {full.rounds} rounds",
         ]
+        if not self.anew:
+            parts.append("held-out residuals to first order")
         if not self.longer:
             parts.append("no errors beyond 1 s")
         if self.sizes != full.sizes:
@@ -61,7 +65,8 @@ FULL = Budget()
 FEWER = (
     {},
     *({"rounds": r, "iterations": i} for r, i in ((2, 4), (1, 4), (1, 3), (1, 2))),
-    *({"rounds": r, "iterations": 1, "refitted": 0, "longer": False} for r in (1, 0)),
+    {"rounds": 1, "iterations": 1, "refitted": 0, "longer": False},
+    {"rounds": 0, "iterations": 1, "refitted": 0, "longer": False, "anew": False},
 )
 """Fewer rollouts, one after the other: for a simulator whose step takes long whatever the batch."""
 THINNER = (

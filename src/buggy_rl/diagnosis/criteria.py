@@ -19,3 +19,5 @@ class Criteria:
     baseline: Problem | None = None
     """On segments on which the simulator counts as right."""
     rules: SearchConfig = DEFAULTS
+    anew: bool = True
+    """Whether what is held out is rolled out anew; predicted to first order otherwise."""

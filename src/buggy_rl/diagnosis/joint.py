@@ -112,7 +112,7 @@ def joint_search(
     """
     rules = criteria.rules
     rules = replace(rules, iterations=min(budget.iterations, rules.iterations))
-    criteria = replace(criteria, rules=rules)
+    criteria = replace(criteria, rules=rules, anew=budget.anew)
     begun = kept("begun", lambda: _begun(problem, criteria, also, progress, budget))
     null, rolled, proposed = begun.null, begun.rolled, begun.proposed
     state = _settled(begun.fitted.state(problem), criteria, progress, budget, kept)

@@ -131,13 +131,13 @@ def rollouts(question: Question, budget: Budget, workers: int = 1) -> Iterator[R
         yield Rollout("prepare", budget.segments(question.baseline), rows, times=CORRECTED)
     yield Rollout("search", 4 * count, rows, times=4)
     yield from _rolled_trials(trials * count, rows)
-    yield from _fits(budget.sets, count, rows, budget.iterations)
+    yield from _fits(budget.sets, count, rows, budget)
     for _ in range(min(2, budget.rounds)):  # most searches end before the last of them
         yield Rollout("search", 7 * count, rows, 0.1)
         yield from _rolled_trials(trials * count, rows)
-        yield from _fits(2 + 3 * budget.around, count, rows, budget.iterations)
+        yield from _fits(2 + 3 * budget.around, count, rows, budget)
     if budget.refitted:
-        yield from _fits(budget.refitted, count, rows, budget.iterations)
+        yield from _fits(budget.refitted, count, rows, budget)
     yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
     yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
     if question.longer and budget.longer:
@@ -148,10 +148,11 @@ def _rolled_trials(environments: int, rows: int) -> Iterator[Rollout]:
     yield Rollout("search", environments, rows, 1.0)
 
 
-def _fits(sets: int, count: int, rows: int, iterations: int) -> Iterator[Rollout]:
+def _fits(sets: int, count: int, rows: int, budget: Budget) -> Iterator[Rollout]:
     """Of one batch: start, steps, derivatives where a damped one was best, held out."""
-    many, times = sets * count, min(USUAL, iterations)
+    many, times = sets * count, min(USUAL, budget.iterations)
     yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5)
     yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times)
     yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2)
-    yield Rollout("search", many, rows, 0.5)
+    if budget.anew:
+        yield Rollout("search", many, rows, 0.5)

@@ -57,7 +57,8 @@ def tried_too(
     reference = None if base is None else problem.cost(base.fit)
     fits = fitted(problem, starts, criteria.rules.iterations, reference)
     tried, results = dict(state.tried), []
-    for fit, known in zip(fits, cross_validated(problem, fits, criteria.group), strict=True):
+    every = cross_validated(problem, fits, criteria.group, criteria.anew)
+    for fit, known in zip(fits, every, strict=True):
         candidate = Candidate(fit, known)
         before = tried.get(candidate.key)
         if before is None or state.loss(candidate) < state.loss(before):

@@ -35,16 +35,33 @@ def blocks(segments: Segments, seconds: float = BLOCK) -> Tensor:
     return number
 
 
-def cross_validated(problem: Problem, fits: Sequence[Fit], group: Tensor) -> list[CrossValidated]:
-    """Holds out one block [N] at a time; residuals there are those of a rollout anew."""
+def cross_validated(
+    problem: Problem, fits: Sequence[Fit], group: Tensor, anew: bool = True
+) -> list[CrossValidated]:
+    """Holds out one block at a time.
+
+    Args:
+        problem: What was fitted to.
+        fits: With their derivatives.
+        group: [N] int, blocks.
+        anew: Whether residuals of what is held out are those of a rollout anew; to first order
+            otherwise, which takes no rollout.
+    """
     parts = [_without_each(problem, fit, group) for fit in fits]
     rows = [
         (fit, fit.bounded(fit.vector + moves)) for fit, (moves, _) in zip(fits, parts, strict=True)
     ]
+    found = problem.whitened(rows) if anew else [_to_first_order(*row) for row in rows]
     return [
         CrossValidated(whitened, covariance)
-        for whitened, (_, covariance) in zip(problem.whitened(rows), parts, strict=True)
+        for whitened, (_, covariance) in zip(found, parts, strict=True)
     ]
+
+
+def _to_first_order(fit: Fit, vectors: Tensor) -> Tensor:
+    """Whitened residuals [N, D] of a fit at vectors [N, P], along its derivatives."""
+    assert fit.jacobian is not None
+    return fit.whitened + torch.einsum("ndp,np->nd", fit.jacobian, vectors - fit.vector)
 
 
 def rewhitened(
