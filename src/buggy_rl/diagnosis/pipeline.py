@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.evidence_features import varying
 from buggy_rl.diagnosis.excitation import weak
+from buggy_rl.diagnosis.experiments import decided
 from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.joint import Keep, joint_search
 from buggy_rl.diagnosis.maker import Maker
@@ -116,7 +117,9 @@ def diagnose(
         notes += _checked(case, config.simulator)
         done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step={**_own(config), **step.options})
-        off = done.found.posterior.says == "unknown" or done.answer.proof.prefers_retuning
+        sure = decided(done.found.posterior, done.found.best.effects)
+        off = done.found.posterior.says == "unknown"
+        off = off or (not sure and done.answer.proof.prefers_retuning)
         if case.problem.library.parameters and not baseline and off:
             done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
