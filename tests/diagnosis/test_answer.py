@@ -11,6 +11,8 @@ from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Interval, Located, Region
 from buggy_rl.diagnosis.named_effect import NamedEffect, Value, sentence
+from buggy_rl.diagnosis.pipeline import left_open
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.unexplained import Unexplained
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.
@@ -326,3 +328,21 @@ def test_fitted_parameters_are_preferred_where_both_of_their_errors_are_smaller(
     proof = Proof({1.0: 0.1}, after, tuned, {}, {}, 5.0, 1.0, True, of)
     assert proof.prefers_retuning is expected
     assert not replace(proof, median={}).prefers_retuning  # nothing was told at that horizon
+
+
+@pytest.mark.parametrize(
+    ("sets", "unknown", "tuned_better", "expected"),
+    [
+        ({(): 0.01, ("payload",): 0.58}, 0.41, True, True),
+        ({(): 0.01, ("payload",): 0.58}, 0.41, False, False),
+        ({(): 0.01, ("payload",): 0.95}, 0.04, True, False),  # sure enough
+        ({(): 0.01, ("payload",): 0.19}, 0.80, False, True),
+    ],
+)
+def test_a_second_search_where_unknown_or_unsure_and_parameters_alone_do_better(
+    sets, unknown, tuned_better, expected
+):
+    tuned = 0.03 if tuned_better else 0.06
+    of = {"after": {1.0: 0.05}, "retuned": {1.0: tuned}}
+    proof = Proof({1.0: 0.1}, {1.0: 0.01}, {1.0: tuned**2}, {}, {}, 5.0, 1.0, True, of)
+    assert left_open(Posterior(sets, unknown), ("payload",), proof) is expected

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis import retuning
+from buggy_rl.diagnosis.budget import FULL
 from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import DEFAULTS
@@ -96,6 +97,14 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
     errors = validated(problem, best, case.recordings)
     assert errors["after"].median[1.0] < 0.1 * errors["before"].median[1.0]
     assert misfit(errors["after"].square) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_small_budget_tells_no_errors_beyond_its_segments(case):
+    best = case.problem.library.hypothesis(["steering_gain"], [0.5, 0.0])
+    less = replace(FULL, longer=False, iterations=1)
+    errors = validated(case.problem, best, case.recordings, less)
+    assert {name: max(e.median) for name, e in errors.items()} == dict.fromkeys(errors, 1.0)
+    assert len(errors["after"].square) == len(case.problem.segments)
 
 
 def sides(left, right, covariance):

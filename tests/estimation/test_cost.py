@@ -70,6 +70,11 @@ def test_effects_in_the_stack_cost_time(simulated, short):
     )
 
 
+def test_of_a_slow_simulator_what_effects_cost_is_not_timed(simulated, short, monkeypatch):
+    monkeypatch.setattr(cost, "LONGEST", 0.0)
+    assert measured_cost(simulated, short, NAMES).effects == 0
+
+
 def test_what_a_rollout_takes_is_foretold(simulated, short):
     measured = measured_cost(simulated, short, NAMES)
     rows = short.pose.shape[1] - 1

@@ -50,6 +50,8 @@ class Budget:
             f"{self.iterations} of {full.iterations} iterations",
             f"{self.rounds} of {full.rounds} rounds",
         ]
+        if self.refitted != full.refitted:
+            parts.append(f"{self.refitted} of {full.refitted} sets fitted on at the end")
         if not self.anew:
             parts.append("held-out residuals to first order")
         if not self.longer:

@@ -30,12 +30,6 @@ class Case:
     """How much the search may roll out."""
 
     @property
-    def residuals(self) -> Tensor:
-        """Readings [N, K, 6] of the simulator as given, minus measurements."""
-        assert self.problem.noise.about is not None
-        return self.problem.noise.about
-
-    @property
     def names(self) -> list[str]:
         """Of the recordings."""
         return [recording.name for recording in self.recordings]

@@ -10,6 +10,7 @@ from typing import Any
 from buggy_rl.car_file import load_car
 from buggy_rl.diagnosis.answer import Answer
 from buggy_rl.diagnosis.budget import FULL, Budget
+from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.evidence_features import varying
@@ -22,7 +23,7 @@ from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.diagnosis.planning import plan_of
-from buggy_rl.diagnosis.posterior import posterior
+from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
     check_clock,
@@ -31,6 +32,7 @@ from buggy_rl.diagnosis.preflight_recordings import (
     check_residuals,
 )
 from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
+from buggy_rl.diagnosis.proof import Proof
 from buggy_rl.diagnosis.retuning import Retuned, retuned
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.stages import Stages
@@ -117,10 +119,8 @@ def diagnose(
         notes += _checked(case, config.simulator)
         done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step={**_own(config), **step.options})
-        sure = decided(done.found.posterior, done.found.best.effects)
-        off = done.found.posterior.says == "unknown"
-        off = off or (not sure and done.answer.proof.prefers_retuning)
-        if case.problem.library.parameters and not baseline and off:
+        again = left_open(done.found.posterior, done.found.best.effects, done.answer.proof)
+        if case.problem.library.parameters and not baseline and again:
             done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
@@ -234,9 +234,10 @@ def _case(
 
 
 def _checked(case: Case, name: str) -> list[str]:
-    simulation, segments = case.problem.simulation, case.problem.segments
-    instants = simulation.instants(segments)
-    return check_residuals(case.residuals, segments, instants, case.names, name)
+    problem, residuals = case.problem, case.problem.noise.about
+    assert residuals is not None  # nothing has been searched: they are of the simulator as given
+    instants = problem.simulation.instants(problem.segments)
+    return check_residuals(residuals, problem.segments, instants, case.names, name)
 
 
 def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
@@ -266,6 +267,12 @@ def _diagnosed(
     meter.stage("answer")
     said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, tuned))
     return Diagnosis(case, found, said)
+
+
+def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
+    """Whether parameters of the simulator may be off: it is re-tuned then, and searched again."""
+    unsure = not decided(posterior, named) and proof.prefers_retuning
+    return posterior.says == "unknown" or unsure
 
 
 def _retuned_first(

@@ -15,7 +15,7 @@ STEP = 0.02  # [prior scales] finite difference
 LONGEST = 2.0  # [prior scales] step of an iteration, in each coordinate
 TRIED = 2  # iterations with all dampings; then hypotheses that gain little are no longer fitted:
 HOPELESS = 0.3  # [-] less than this share of what the best one has gained
-SMALL = 1000  # [environments] of a batch that takes hardly longer than one of a few
+SMALL = 1000  # [environments] of a batch that takes hardly longer than one of a few; chosen
 DAMPINGS = (1e-6, 0.1, 10.0)  # [-] of the curvature's diagonal; the first follows a ridge
 CONVERGED = (1e-3, 0.5)  # [-] relative, [nats] absolute decrease below both of which a fit ends
 

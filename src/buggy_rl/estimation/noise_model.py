@@ -95,7 +95,6 @@ def start_sensitivity(
     """A sqrt(S) [N, D, 6], by one rollout a channel of the start; and the residuals [N, K, 6]."""
     error = torch.cat([torch.zeros(1, 6), torch.diag(start_sd)])
     residuals = simulation.residuals(segments, settings, error)  # (7, N, K, 6)
-    slopes = (
-        (residuals[1:].double() - residuals[:1].double()).flatten(2).movedim(0, -1)
-    )  # (N, D, 6)
+    moved = residuals[1:].double() - residuals[:1].double()
+    slopes = moved.flatten(2).movedim(0, -1)  # (N, D, 6)
     return slopes.nan_to_num(0.0).clamp(-STEEPEST, STEEPEST), residuals[0]
