@@ -106,7 +106,8 @@ def diagnose(
         simulation = Simulation(
             maker(config, options=step.options), workers=workers, rolled=meter.rolled
         )
-        simulation, library, more = _measured(config, simulation, own=not baseline)
+        spent = time.perf_counter() - begun  # a chain of its measurement has about as many steps
+        simulation, library, more = _measured(config, simulation, not baseline, spent)
         plan = stages.done(
             "plan", lambda: plan_of(config, simulation, library, recordings, baseline, begun)
         )
@@ -142,7 +143,7 @@ def opened(
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
-    simulation, library, _ = _measured(config, simulation, own=not baseline)
+    simulation, library, _ = _measured(config, simulation, not baseline)
     stages, drives = Stages(None, config, ()), (recordings, baseline)
     return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
@@ -184,10 +185,10 @@ def _preflight(
 
 
 def _measured(
-    config: DiagnosisConfig, simulation: Simulation, own: bool
+    config: DiagnosisConfig, simulation: Simulation, own: bool, seconds: float = 0.0
 ) -> tuple[Simulation, Library, list[str]]:
     """With what effects must know of the simulator, what it may lack, and notes."""
-    make = simulation.make
+    make, apart = simulation.make, partial(simulation.workers.results, seconds=seconds)
     own = own if config.parameters is None else config.parameters
     inside = [effect.name for effect in effects_of(make(1))]
     black_box = config.parameters is False
@@ -196,7 +197,7 @@ def _measured(
     names = config.effects or offered(declared_by(make(1)))
     scale = _similarity(config, make)
     library = Library([e for e in names if e not in inside], declared, own, realises, scale)
-    options, notes = measurable_options(make)
+    options, notes = measurable_options(make, apart)
     return replace(simulation, options=options), library, notes
 
 

@@ -19,6 +19,7 @@ CARS = 5  # that are tried out: one for each of these commands, full drive to bo
 # Drive and steering: half, full and none, which with brakes is full brake; both locks.
 DRIVES = ((0.5, 0.0), (1.0, 0.0), (0.0, 0.0), (0.5, 1.0), (0.5, -1.0))
 BACKWARD = 2  # of them
+OTHER = (0.8, 0.5)  # [-] command in place of the first of them
 GENTLE = 0.25  # [-] drive that keeps a car rolling
 TRIAL = 1.0  # [s] of them
 SPEED = 1.5  # [m/s] at which they are set down
@@ -50,7 +51,7 @@ def check_simulator(
     env = _built(make, name, dt)
     state = _set_down(env, name)
     _check_step(env, name, state, dt)
-    return [*_odd(env, name, state), *_check_commands(env, name, state, dt)]
+    return [*_coarse(env, name, make, state), *_check_commands(env, name, state, dt)]
 
 
 @contextmanager
@@ -84,8 +85,9 @@ def _commands(env: EnvBase) -> Tensor:
 
 
 def _gentle(env: EnvBase) -> Tensor:
-    """A little drive [CARS, 2], wheels straight."""
-    return torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0]).expand(CARS, 2)
+    """A little drive [B, 2], wheels straight."""
+    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0])
+    return gentle.expand(*env.batch_size, 2)
 
 
 def _words(error: BaseException) -> str:
@@ -168,34 +170,17 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> No
     _check_period(name, (state, one), dt)
 
 
-def _odd(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
-    """What can be lived with: one environment at a time, coarse numbers, a batch that mixes.
-
-    Raises:
-        ValueError: What one environment does depends on another's command.
-    """
-    gentle = _gentle(env)
-    other = gentle.clone()
-    other[0] = torch.tensor([0.8, 0.5])
-    ends = []
-    for action in (gentle, other):
-        now = state
-        for _ in range(TOGETHER):
-            now = _step(env, name, now, action)
-        ends.append(now[keys.VELOCITY])
-    mixed = float((ends[0] - ends[1])[1:].nan_to_num().abs().max())
-    if mixed > MIXED:
-        raise ValueError(
-            f"simulator {name}: another command for one environment moved the others by "
-            f"{mixed:.2g}; step every environment of a batch by itself"
-        )
+def _coarse(
+    env: EnvBase, name: str, make: Callable[[int], EnvBase], state: TensorDictBase
+) -> list[str]:
+    """What can be lived with: one environment at a time, coarse numbers."""
     notes = []
     if getattr(env, "one_at_a_time", False):
         notes.append(
             f"simulator {name} has one environment, which is stepped for each in turn: a batch "
             "would take a small part of the time"
         )
-    coarse = _resolution(env, name, state, gentle)
+    coarse = _resolution(make, name, state)
     if coarse > COARSE:
         notes.append(
             f"simulator {name} rounds its velocities by {coarse:.1g} m/s: what is smaller "
@@ -204,17 +189,16 @@ def _odd(env: EnvBase, name: str, state: TensorDictBase) -> list[str]:
     return notes
 
 
-def _resolution(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> float:
+def _resolution(make: Callable[[int], EnvBase], name: str, state: TensorDictBase) -> float:
     """How far vx a step later [m/s] is from a straight line over small edits of it."""
     edits = SMALL * torch.arange(-10.0, 11.0)
-    after = []
-    for edit in edits:
-        edited = state.clone()
-        edited[keys.VELOCITY] = state[keys.VELOCITY] + edit * torch.eye(3)[0]
-        after.append(_step(env, name, edited, action)[keys.VELOCITY][:, 0].double())
-    felt = torch.stack(after) - torch.stack(after).mean(0)  # (21, CARS)
-    line = edits.double().unsqueeze(1)
-    rest = felt - line * (line * felt).sum(0) / line.square().sum()
+    env = make(len(edits))
+    motion = {key: state[key][:1].expand(len(edits), 3) for key in (keys.POSE, keys.VELOCITY)}
+    edited = _reset(env, name, TensorDict(motion, [len(edits)]))
+    edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * torch.eye(3)[0]
+    after = _step(env, name, edited, _gentle(env))[keys.VELOCITY][:, 0].double()
+    felt, line = after - after.mean(), edits.double()
+    rest = felt - line * (line @ felt) / line.square().sum()
     return float(rest.nan_to_num().abs().max())
 
 
@@ -252,9 +236,11 @@ def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expect
 
 def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> list[str]:
     """A second of each command: numbers, no running away, and different motions."""
-    action = _commands(env)
-    for row in range(round(TRIAL / dt)):
+    action, start, early = _commands(env), state, state[keys.VELOCITY]
+    rows = round(TRIAL / dt)
+    for row in range(rows):
         state = _step(env, name, state, action)
+        early = state[keys.VELOCITY] if row < TOGETHER else early
         rate = state[keys.VELOCITY]
         fine = (rate.abs() < FASTEST).all(-1) & torch.isfinite(state[keys.POSE]).all(-1)
         if not bool(fine.all()):
@@ -272,11 +258,34 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -
             f"simulator {name} moves alike whatever the commands: neither 'action' changes its "
             "velocity within a second; a simulator that ignores its actions cannot be diagnosed"
         )
+    _check_apart(env, name, start, early, min(TOGETHER, rows))
     return [
         f"simulator {name} moves alike whatever the {command}: effects on it cannot be told"
         for command, same in zip(("throttle", "steering"), alike, strict=True)
         if same
     ]
+
+
+def _check_apart(env: EnvBase, name: str, state: TensorDictBase, early: Tensor, rows: int) -> None:
+    """The same commands but for that of one environment: the others move as before.
+
+    Args:
+        env: The simulator.
+        name: What the user calls it.
+        state: Where the trial commands began.
+        early: Velocities [CARS, 3] after so many rows of them.
+        rows: Steps.
+    """
+    action = _commands(env)
+    action[0] = torch.tensor(OTHER)
+    for _ in range(rows):
+        state = _step(env, name, state, action)
+    mixed = float((state[keys.VELOCITY] - early)[1:].nan_to_num().abs().max())
+    if mixed > MIXED:
+        raise ValueError(
+            f"simulator {name}: another command for one environment moved the others by "
+            f"{mixed:.2g}; step every environment of a batch by itself"
+        )
 
 
 def _reset(env: EnvBase, name: str, given: TensorDictBase) -> TensorDictBase:

@@ -4,14 +4,14 @@ A simulator may be a black box, but its motion can be imposed: held at a velocit
 have settled, its next step shows the forces.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
+from functools import partial
 from typing import Any
 
 from buggy_rl.effects import effect_class, offered
 from buggy_rl.effects.measuring.commands import measured_command
-from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
+from buggy_rl.effects.measuring.drive import measured_motor
 from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.holding import Make
 from buggy_rl.effects.measuring.servo import measured_steering_lag
@@ -23,6 +23,14 @@ TYPICAL_STIFFNESS = (6.1, 9.4)  # [1/rad] over load, front and rear: B C D of DA
 
 Options = dict[str, dict[str, Any]]
 """Options by the effect's name, as `make_effect` takes them."""
+
+Apart = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
+"""Calls a function with each of several tuples of arguments."""
+
+
+def in_turn(function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """Results of a function for each tuple of arguments, one after the other."""
+    return [function(*each) for each in arguments]
 
 
 def measured_options(
@@ -42,25 +50,23 @@ def measured_options(
         dimensions = VehicleDimensions(**(dimensions or {}))
     car, names = _dimensions(make, dimensions), offered(declared_by(make(1)))
     options: Options = {}
-    drive = measured_drive(make)
-    parts = (
-        drive,
-        {"onset": measured_onset(make)},
-        {"lag": measured_steering_lag(make)},
-        _body(car),
-        _tyres(make, car, drive["coasting"]),
-        measured_command(make),
-    )
-    for measured in parts:
-        _assign(options, names, measured)
+    for chain in CHAINS:
+        known: dict[str, Any] = {}
+        for part in chain:
+            known |= _PARTS[part](make, car, known)
+        _assign(options, names, known)
     return options
 
 
-def measurable_options(make: Make) -> tuple[Options, list[str]]:
+def measurable_options(make: Make, apart: Apart = in_turn) -> tuple[Options, list[str]]:
     """Options as far as the simulator shows them, and in words what it does not show.
 
     A simulator whose data hold no slides, such as a learned one, shows no tyre law; its effects
     keep the defaults of their classes, and yaw damping by tyres is that of `TYPICAL_STIFFNESS`.
+
+    Args:
+        make: Builds the simulator for a number of environments.
+        apart: Calls a function with each of several arguments; beside each other where it can.
     """
     failures, names = [], offered(declared_by(make(1)))
     try:
@@ -68,25 +74,35 @@ def measurable_options(make: Make) -> tuple[Options, list[str]]:
     except ValueError as error:
         failures.append(f"axles cannot be measured ({error}): those of the buggy are assumed")
         car = VehicleDimensions()
-    driven = cache(lambda: measured_drive(make))
-    parts = {
-        "drive": lambda: driven() | {"onset": measured_onset(make)},
-        "servo": lambda: {"lag": measured_steering_lag(make)},
-        "body": lambda: _body(car),
-        "tyres": lambda: _tyres(make, car, driven()["coasting"]),
-        "command": lambda: measured_command(make),
-    }
     options: Options = {
         name: {"stiffness": [*TYPICAL_STIFFNESS]}
         for name in names
         if "stiffness" in _taken(name) and "friction" not in _taken(name)
     }
-    for part, measured in parts.items():
-        try:
-            _assign(options, names, measured())
-        except ValueError as error:
-            failures.append(f"{part} cannot be measured ({error}): what is typical is assumed")
+    measured = apart(partial(_tried, make, car), [(chain,) for chain in CHAINS])
+    for part, found in [each for chain in measured for each in chain]:
+        if isinstance(found, str):
+            failures.append(f"{part} cannot be measured ({found}): what is typical is assumed")
+        else:
+            _assign(options, names, found)
     return options, failures
+
+
+def _tried(
+    make: Make, car: VehicleDimensions, chain: Sequence[str]
+) -> list[tuple[str, dict[str, Any] | str]]:
+    """What each part of a chain measures, or why it cannot."""
+    results: list[tuple[str, dict[str, Any] | str]] = []
+    known: dict[str, Any] = {}
+    for part in chain:
+        try:
+            found = _PARTS[part](make, car, known)
+        except ValueError as error:
+            results.append((part, str(error)))
+        else:
+            known |= found
+            results.append((part, found))
+    return results
 
 
 def _taken(name: str) -> set[str]:
@@ -117,8 +133,21 @@ def _body(car: VehicleDimensions) -> dict[str, Any]:
     return {"dimensions": other} if other else {}
 
 
-def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float]) -> dict[str, Any]:
+def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float] | None) -> dict[str, Any]:
     declared = getattr(make(1), "values", {}).get("front_drive_share")
     front = 0.0 if declared is None else round(float(declared.mean()), 6)
     tyres = measured_tyres(make, car, front, coasting)
     return tyres | ({"front_drive_share": front} if front else {})
+
+
+_PARTS: dict[str, Callable[[Make, VehicleDimensions, Mapping[str, Any]], dict[str, Any]]] = {
+    "drive": lambda make, car, known: measured_motor(make),
+    "tyres": lambda make, car, known: _tyres(make, car, known.get("coasting")),
+    "servo": lambda make, car, known: {"lag": measured_steering_lag(make)},
+    "body": lambda make, car, known: _body(car),
+    "command": lambda make, car, known: measured_command(make),
+}
+"""What a simulator shows, each of its car and of what the parts before it in the chain showed."""
+
+CHAINS = (("drive", "tyres"), ("servo", "body", "command"))
+"""Of parts. Those of one follow each other: tyres need the drive's coasting."""

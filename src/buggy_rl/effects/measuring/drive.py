@@ -4,16 +4,32 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from buggy_rl.effects.measuring.holding import Make, next_velocity, period, resting
 from buggy_rl.longitudinal import command_of
 
 SPEEDS = (1.0, 3.0)  # [m/s] range of the fit of acceleration over speed
+ROLLING = 6  # speeds in that range
 DRIVES = (0.4, 0.55)  # [-] drives of that fit: above deadbands up to 0.3, below wheel spin
 ONSET_SPEEDS = (0.5, 1.0)  # [m/s] speeds from which the onset is extrapolated to rest
 ONSETS = (0.0, 0.6)  # [-] range of drives searched for the onset
+SETTING_OFF = 25  # drives in that range
 LEAST_PULL = 0.2  # [m/s^2] least acceleration of a motor at over half its drive
 RISING = (0.1, 0.6)  # [-] shares of the largest acceleration between which a line is fitted
+
+
+def measured_motor(make: Make) -> dict[str, Any]:
+    """What `measured_drive` and `measured_onset` find, of one batch.
+
+    Raises:
+        ValueError: A velocity of the simulator is not finite, or the motor gives no force.
+    """
+    trials = (_rolling(make), _setting_off(make))
+    held, throttle = (torch.cat(parts) for parts in zip(*trials, strict=True))
+    after = next_velocity(make, held, throttle)
+    rolled, set_off = after.split([len(own) for own, _ in trials])
+    return _losses(rolled, period(make)) | {"onset": _onset(set_off, period(make))}
 
 
 def measured_drive(make: Make) -> dict[str, Any]:
@@ -25,21 +41,7 @@ def measured_drive(make: Make) -> dict[str, Any]:
     Raises:
         ValueError: A velocity of the simulator is not finite.
     """
-    speeds, drives = torch.linspace(*SPEEDS, 6), torch.tensor([0.0, *DRIVES])
-    held = torch.zeros(len(drives), len(speeds), 3)
-    held[..., 0] = speeds
-    throttle = command_of(drives, resting(make)).repeat_interleave(len(speeds))
-    after = next_velocity(make, held.flatten(0, 1), throttle)[:, 0].view(len(drives), -1)
-    acceleration = (after - speeds) / period(make)
-    # Slope [1/s] and level [m/s^2] over the speed, of each drive.
-    slopes, levels = np.polyfit(speeds.numpy(), acceleration.T.numpy(), 1)
-    (rolling, *driven), level = slopes.tolist(), float(levels[0])
-    lost = [rolling - slope for slope in driven]
-    growth, standing = np.polyfit(DRIVES, lost, 1)
-    return {
-        "coasting": [round(max(-level, 0.0), 4), round(max(-rolling, 0.0), 4)],
-        "speed_loss": [round(float(standing), 4), round(float(growth), 4)],
-    }
+    return _losses(next_velocity(make, *_rolling(make)), period(make))
 
 
 def measured_onset(make: Make) -> float:
@@ -51,15 +53,45 @@ def measured_onset(make: Make) -> float:
     Raises:
         ValueError: A velocity of the simulator is not finite, or the motor gives no force.
     """
-    drives, rest = torch.linspace(*ONSETS, 25), resting(make)
+    return _onset(next_velocity(make, *_setting_off(make)), period(make))
+
+
+def _rolling(make: Make) -> tuple[Tensor, Tensor]:
+    """Velocities [n, 3] that are held, and throttles [n]: without drive and with some."""
+    speeds, drives = torch.linspace(*SPEEDS, ROLLING), torch.tensor([0.0, *DRIVES])
+    held = torch.zeros(len(drives), len(speeds), 3)
+    held[..., 0] = speeds
+    throttle = command_of(drives, resting(make)).repeat_interleave(len(speeds))
+    return held.flatten(0, 1), throttle
+
+
+def _losses(after: Tensor, dt: float) -> dict[str, Any]:
+    speeds = torch.linspace(*SPEEDS, ROLLING)
+    acceleration = (after[:, 0].view(-1, len(speeds)) - speeds) / dt
+    # Slope [1/s] and level [m/s^2] over the speed, of each drive.
+    slopes, levels = np.polyfit(speeds.numpy(), acceleration.T.numpy(), 1)
+    (rolling, *driven), level = slopes.tolist(), float(levels[0])
+    lost = [rolling - slope for slope in driven]
+    growth, standing = np.polyfit(DRIVES, lost, 1)
+    return {
+        "coasting": [round(max(-level, 0.0), 4), round(max(-rolling, 0.0), 4)],
+        "speed_loss": [round(float(standing), 4), round(float(growth), 4)],
+    }
+
+
+def _setting_off(make: Make) -> tuple[Tensor, Tensor]:
+    """Velocities [n, 3] that are held, and throttles [n]: every drive at two low speeds."""
+    drives = torch.linspace(*ONSETS, SETTING_OFF)
     held = torch.zeros(len(ONSET_SPEEDS), len(drives), 3)
     held[..., 0] = torch.tensor(ONSET_SPEEDS).unsqueeze(-1)
-    throttle = command_of(drives, rest).repeat(len(ONSET_SPEEDS))
-    after = next_velocity(make, held.flatten(0, 1), throttle).view_as(held)
-    found = []
-    for speed, acceleration in zip(
-        ONSET_SPEEDS, (after - held)[..., 0] / period(make), strict=True
-    ):
+    return held.flatten(0, 1), command_of(drives, resting(make)).repeat(len(ONSET_SPEEDS))
+
+
+def _onset(after: Tensor, dt: float) -> float:
+    drives, found = torch.linspace(*ONSETS, SETTING_OFF), []
+    gained = after[:, 0].view(len(ONSET_SPEEDS), -1)
+    for speed, velocity in zip(ONSET_SPEEDS, gained, strict=True):
+        acceleration = (velocity - speed) / dt
         pull = (acceleration - acceleration[0]).double()
         top = float(pull.max())
         if top < LEAST_PULL:
