@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.effects import make_effect
-from buggy_rl.effects.measuring.drive import measured_drive, measured_onset
+from buggy_rl.effects.measuring.drive import measured_drive, measured_motor, measured_onset
 from buggy_rl.engines import make_engine
 from tests.effects.faults import follow, over, start
 
@@ -50,6 +50,14 @@ def test_the_drive_is_measured_for_what_it_is():
 def test_a_motors_onset_is_its_deadband(engine, deadband):
     onset = measured_onset(lambda n: make_engine(engine, n))
     assert onset == pytest.approx(deadband, abs=0.003)
+
+
+@pytest.mark.parametrize("engine", ["reference", "single_track"])
+def test_one_batch_shows_what_two_do(engine):
+    def make(count):
+        return make_engine(engine, count)
+
+    assert measured_motor(make) == measured_drive(make) | {"onset": measured_onset(make)}
 
 
 def test_a_simulator_without_a_motor_has_no_onset():

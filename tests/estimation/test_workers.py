@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.maker import Maker
+from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
 from buggy_rl.estimation.rollout import Settings, Simulation
 from buggy_rl.estimation.segments import cut_segments
@@ -45,6 +46,11 @@ def mean_of(simulation, segments, value):
     """A chain of two rollouts, at module level so that a worker finds it."""
     rolled = [simulation.readings(segments, settings(sets)).mean() for sets in (1, 2)]
     return value, float(sum(rolled))
+
+
+def test_a_simulator_is_measured_beside_itself_as_in_turn(workers):
+    make = Maker("single_track")
+    assert measurable_options(make, workers.results) == measurable_options(make)
 
 
 def test_chains_of_rollouts_beside_each_other_give_what_they_give_in_turn_and_are_all_told(
