@@ -107,7 +107,7 @@ def diagnose(
             maker(config, options=step.options), workers=workers, rolled=meter.rolled
         )
         spent = time.perf_counter() - begun  # a chain of its measurement has about as many steps
-        simulation, library, more = _measured(config, simulation, not baseline, spent)
+        simulation, library, more = _measured(config, simulation, own=not baseline, seconds=spent)
         plan = stages.done(
             "plan", lambda: plan_of(config, simulation, library, recordings, baseline, begun)
         )
@@ -143,7 +143,7 @@ def opened(
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
-    simulation, library, _ = _measured(config, simulation, not baseline)
+    simulation, library, _ = _measured(config, simulation, own=not baseline)
     stages, drives = Stages(None, config, ()), (recordings, baseline)
     return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 

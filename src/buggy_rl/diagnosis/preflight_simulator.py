@@ -19,9 +19,9 @@ CARS = 5  # that are tried out: one for each of these commands, full drive to bo
 # Drive and steering: half, full and none, which with brakes is full brake; both locks.
 DRIVES = ((0.5, 0.0), (1.0, 0.0), (0.0, 0.0), (0.5, 1.0), (0.5, -1.0))
 BACKWARD = 2  # of them
-OTHER = (0.8, 0.5)  # [-] command in place of the first of them
+OTHER = (0.8, 0.5)  # [-] trial command in place of the first, to see whether others move
 GENTLE = 0.25  # [-] drive that keeps a car rolling
-TRIAL = 1.0  # [s] of them
+TRIAL = 1.0  # [s] of the trial commands
 SPEED = 1.5  # [m/s] at which they are set down
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
@@ -51,7 +51,7 @@ def check_simulator(
     env = _built(make, name, dt)
     state = _set_down(env, name)
     _check_step(env, name, state, dt)
-    return [*_coarse(env, name, make, state), *_check_commands(env, name, state, dt)]
+    return [*_odd(make, env, name, state), *_check_commands(env, name, state, dt)]
 
 
 @contextmanager
@@ -170,8 +170,8 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> No
     _check_period(name, (state, one), dt)
 
 
-def _coarse(
-    env: EnvBase, name: str, make: Callable[[int], EnvBase], state: TensorDictBase
+def _odd(
+    make: Callable[[int], EnvBase], env: EnvBase, name: str, state: TensorDictBase
 ) -> list[str]:
     """What can be lived with: one environment at a time, coarse numbers."""
     notes = []
@@ -235,7 +235,7 @@ def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expect
 
 
 def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> list[str]:
-    """A second of each command: numbers, no running away, and different motions."""
+    """A second of each command: numbers, no running away, different and independent motions."""
     action, start, early = _commands(env), state, state[keys.VELOCITY]
     rows = round(TRIAL / dt)
     for row in range(rows):
