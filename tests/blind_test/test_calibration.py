@@ -93,8 +93,8 @@ def test_features_that_tell_can_be_taken_out(cases):
     assert "left" not in calibration.hypothesis
     assert "left" not in calibration.unknown
     assert "share" not in calibration.unknown
-    fits = ["left", "share", "first", "nats", "blocks", "evidence"]  # how well one does
-    fits += ["weakest", "weakest_blocks"]
+    fits = ["left", "share", "first", "ratio", "blocks", "evidence"]  # how well one does
+    fits += ["weakest", "weakest_blocks", "typical", "gained", "channel"]
     assert left_out(cases, 1.0, fits)[1] < left_out(cases, 1.0)[1] - 0.1
     with pytest.raises(ValueError, match="no feature wight; there are at_bound, baseline, "):
         table(cases, ["wight"])

@@ -68,10 +68,8 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):
 
 def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights():
     text = (DOCS / "evidence.md").read_text()
-    fresh, earlier = (
-        entries(LEDGERS[1]),
-        load_calibration(DOCS / "development" / "weights_329.yaml"),
-    )
+    fresh = [e for e in entries(LEDGERS[1]) if "failed" not in e]
+    earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
     assert earlier.cases < shipped().cases
     found = [posterior(e, earlier) for e in fresh]
     for line in (

@@ -11,6 +11,8 @@ def hypothesis(effects, held_out, excess, **other):
         "held_out": list(held_out),
         "penalty": 0.0,
         "excess": excess,
+        "typical": 1.0 + excess,
+        "channel": [1 / 6] * 6,  # shares
         "unclosed": excess,
         "at_bound": [],
         "varies": {effect: ["vx", 0.0, 0.0] for effect in effects},

@@ -19,18 +19,17 @@ NOTHING = hypothesis((), [50.0, 60.0], 1.0)
 DRAG = hypothesis(("viscous_drag",), [20.0, 25.0], 0.02)
 BOTH = hypothesis(("gyro_bias", "viscous_drag"), [19.5, 25.0], 0.02)
 OTHER = hypothesis(("wind",), [22.0, 26.0], 0.05)
-BY_LOSS = Calibration({"nats": 10.0, "effects": 3.0}, {"one": -40.0})
+BY_LOSS = Calibration({"ratio": 20.0, "effects": 3.0}, {"one": -40.0})
 
 
 def test_probabilities_are_a_softmax_of_weighted_features_and_sum_to_one():
     found = posterior(case([NOTHING, DRAG, BOTH, OTHER]), BY_LOSS)
     assert sum(found.sets.values()) + found.unknown == pytest.approx(1.0)
-    # Losses 45, 44.5 and 48 nats: 10 ln(1 + d / 4) of what they are above the least, and 3 more
-    # for each effect.
+    # Losses 45, 44.5 and 48 nats: 20 ln(loss + 4) of each, and 3 more for each effect.
     odds = found.sets["viscous_drag",] / found.sets["gyro_bias", "viscous_drag"]
-    assert odds == pytest.approx(math.exp(3.0) / 1.125**10)
+    assert odds == pytest.approx(math.exp(3.0) * (48.5 / 49) ** 20)
     odds = found.sets["viscous_drag",] / found.sets["wind",]
-    assert odds == pytest.approx((1.875 / 1.125) ** 10)
+    assert odds == pytest.approx((52 / 49) ** 20)
     assert found.best == ("viscous_drag",)
     assert found.says == "effects"
 
@@ -69,9 +68,10 @@ def test_what_was_asked_for_is_no_answer():
 
 def test_features_speak_for_the_hypothesis_that_predicts_better():
     nothing, drag, both, other = of_hypotheses(case([NOTHING, DRAG, BOTH, OTHER]))
-    assert drag["nats"] == pytest.approx(-math.log(1.125))
-    assert both["nats"] == 0
+    assert drag["ratio"] == pytest.approx(-math.log(49 / 48.5))
+    assert both["ratio"] == 0
     assert drag["left"] > other["left"] > nothing["left"]
+    assert drag["typical"] > other["typical"] > nothing["typical"]
     assert drag["blocks"] == 0  # the leading one is no worse than itself
     assert other["blocks"] < 0
     assert nothing["blocks"] < other["blocks"]
@@ -133,13 +133,24 @@ def test_what_the_best_leaves_speaks_for_unknown_physics():
     assert left["first"] == closed["first"]
 
 
+def test_what_remains_in_one_channel_and_what_was_gained_are_of_the_case():
+    even = of_case(case([NOTHING, DRAG]))
+    one = of_case(case([NOTHING, DRAG | {"channel": [0.0, 0.0, 0.0, 0.0, 0.1, 0.9]}]))
+    assert even["channel"] == pytest.approx(1 / 6)
+    assert one["channel"] == 0.9
+    assert even["gained"] == one["gained"] == pytest.approx(math.log1p(65 / 4))
+    # Nothing leads and nothing is left.
+    none = of_case(case([NOTHING | {"channel": [0.0] * 6}]))
+    assert (none["gained"], none["channel"]) == (0, 0)
+
+
 def test_a_calibration_is_read_from_its_file(tmp_path):
     file = tmp_path / "calibration.yaml"
     file.write_text(
-        "hypothesis: {nats: 1.0}\nunknown: {one: -2.0}\nform_error: {always: 0.1, remains: 0.2}\n"
+        "hypothesis: {ratio: 1.0}\nunknown: {one: -2.0}\nform_error: {always: 0.1, remains: 0.2}\n"
         "made_from: {cases: 3}\n"
     )
-    expected = Calibration({"nats": 1.0}, {"one": -2.0}, FormError(0.1, 0.2), 3)
+    expected = Calibration({"ratio": 1.0}, {"one": -2.0}, FormError(0.1, 0.2), 3)
     assert load_calibration(file) == expected
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from buggy_rl.config import build
+from buggy_rl.jobs.job import Job
 from buggy_rl.policies.sweep import VALIDATED, Ended, Sweep, curve
 from buggy_rl.policies.sweep_config import Range, SweepConfig
 from buggy_rl.viz.sweep import sweep_figure
@@ -95,6 +96,21 @@ def test_a_journal_of_other_settings_is_refused(tmp_path):
     Sweep(config(tmp_path, trials=99, workers=7), Path("train_policy.py"))  # more is no other
     with pytest.raises(ValueError, match="begun with other settings"):
         Sweep(config(tmp_path, steps=5), Path("train_policy.py"))
+
+
+def test_the_best_settings_are_confirmed_by_trainings_of_their_own_length(tmp_path):
+    def confirmed(**more) -> list[Job]:
+        sweep = Sweep(config(tmp_path, best=1, seeds=[1], **more), Path("train_policy.py"))
+        if not sweep.ended():
+            [trial] = sweep._asked(0)[:1]
+            trial.report(3.0, 0)
+            sweep.study.tell(trial, 3.0)
+        return [job for jobs in sweep.confirmations().values() for job in jobs]
+
+    short, whole = confirmed(steps=500), confirmed(steps=500, confirm_steps=2000)
+    assert [job.work for job in (*short, *whole)] == [500, 500, 2000, 2000]
+    assert all("ppo.steps=2000" in job.command for job in whole)
+    assert not {job.folder for job in short} & {job.folder for job in whole}
 
 
 def test_a_missing_optuna_is_named(tmp_path, monkeypatch):

@@ -56,7 +56,7 @@ def of_hypotheses(case: Observed) -> list[dict[str, float]]:
         _common(case, h, best)
         | _weakest(hypotheses, h)
         | {
-            "nats": -_scaled(loss(h) - least),
+            "ratio": -math.log((loss(h) + SCALE) / (least + SCALE)),
             "evidence": -_scaled(evident - h["evidence"]["log_evidence"]),
             "nothing": float(not h["effects"]),
             "first": 0.0 if h["effects"] else -math.log(first + LEFT),
@@ -72,6 +72,7 @@ def _common(case: Observed, h: Observed, best: Observed) -> dict[str, float]:
     return {
         "blocks": -_scaled(_by_blocks(h["held_out"], best["held_out"])),
         "left": -math.log(left + LEFT),
+        "typical": -math.log(max(0.0, h["typical"] - 1) + LEFT),
         "effects": -float(len(effects)),
         "numbers": float(1 + len(effects) - len(h["z"])),
         "at_bound": -float(len(h["at_bound"])),
@@ -153,5 +154,7 @@ def of_case(case: Observed) -> dict[str, float]:
         "varies": _varies(case, best),
         "dispersion": math.log(case["dispersion"]),
         "effects": float(len(best["effects"])),
+        "gained": _scaled(loss_of_null(case) - loss(best)),
+        "channel": max(best["channel"]),
         "baseline": 1.0 - alone,
     }

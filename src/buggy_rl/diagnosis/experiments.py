@@ -21,7 +21,7 @@ from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
 from buggy_rl.diagnosis.posterior import LISTED, Posterior, posterior
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
-from buggy_rl.estimation.misfit import misfit
+from buggy_rl.estimation.misfit import misfit, typical
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.segments import cut_segments
 
@@ -222,11 +222,13 @@ def _with(
     loss = problem.noise.loss(square, problem.dispersion)
     blocks = torch.stack([loss[:, manoeuvre.drive == d].sum(-1) for d in range(HEADINGS)]).flatten()
     segments, more = observed["segments"], square.numel()
-    excess = misfit(square.flatten() / problem.noise.dimension) - 1
+    standardised = square.flatten() / problem.noise.dimension
+    excess, median = misfit(standardised) - 1, typical(standardised)
     evidence = hypothesis["evidence"]
     return {
         **hypothesis,
         "held_out": [*hypothesis["held_out"], *blocks.tolist()],
         "excess": (segments * hypothesis["excess"] + more * excess) / (segments + more),
+        "typical": (segments * hypothesis["typical"] + more * median) / (segments + more),
         "evidence": {**evidence, "log_evidence": evidence["log_evidence"] - float(loss.sum())},
     }

@@ -98,9 +98,13 @@ class Sweep:
         complete = [trial for trial in self.ended() if trial.state == "complete"]
         best = sorted(complete, key=lambda trial: -max(trial.curve))[: self.config.best]
         settings = {DEFAULT: {}, **{f"trial_{t.number:04d}": t.values for t in best}}
-        place = self.config.folder / "confirmed"
+        steps = self.config.confirm_steps or self.config.steps
+        place = self.config.folder / f"confirmed_{steps}"
         return {
-            name: [self._training(place / name / f"seed_{s}", values, s) for s in self.config.seeds]
+            name: [
+                self._training(place / name / f"seed_{s}", values, s, steps)
+                for s in self.config.seeds
+            ]
             for name, values in settings.items()
         }
 
@@ -175,13 +179,15 @@ class Sweep:
     def _job(self, number: int, values: Mapping[str, Any]) -> Job:
         folder = self.config.folder / "trials" / f"{number:04d}"
         # Settings that make a training fail are an outcome of the search.
-        return self._training(folder, values, self.config.seed, final=True)
+        return self._training(folder, values, self.config.seed, self.config.steps, final=True)
 
-    def _training(self, folder: Path, values: Mapping[str, Any], seed: int, final=False) -> Job:
+    def _training(
+        self, folder: Path, values: Mapping[str, Any], seed: int, steps: int, final: bool = False
+    ) -> Job:
         config = self.config
         options = (
             *config.policy,
-            f"ppo.steps={config.steps}",
+            f"ppo.steps={steps}",
             f"validations={config.validations}",
             "checkpoint_batches=1",  # a validation is seen when it is logged, at a checkpoint
             *(f"{name}={value}" for name, value in values.items()),
@@ -194,9 +200,9 @@ class Sweep:
             folder,
             (str(self._script), *options),
             final=final,
-            work=config.steps,
+            work=steps,
             checkpoint=CHECKPOINT,
-            share=partial(share_trained, folder, config.steps),
+            share=partial(share_trained, folder, steps),
         )
 
 

@@ -68,6 +68,9 @@ class SweepConfig(Launching):
     """Settings that are trained again with further seeds."""
     seeds: list[int] = field(default_factory=lambda: [1, 2, 3, 4, 5])
     """Those seeds."""
+    confirm_steps: int = 0
+    """PPO steps of each of them; 0: as many as a trial. What learns fastest in a short trial need
+    not be the best of a whole training."""
     seed: int = 0
     """Of the search, and of every trial's training."""
     workers: int = 2
