@@ -16,7 +16,7 @@ LEFT = 0.01  # [noise] excess misfit that counts as none: added before a logarit
 STEADY = 0.02  # [noise], and [-] of what a set closes: variation of its numbers that counts as none
 SPREAD = 2.0  # [nats] standard deviation of a block's loss difference, at least
 PRICE = 12.0  # [nats] of an effect more, by which the leading hypothesis is chosen
-SCALE = 4.0  # [nats] from which differences count by their logarithm
+SCALE = 4.0  # [nats] from which differences count by their logarithm; a loss of none, in a ratio
 
 
 def fitted(case: Observed) -> list[Observed]:

@@ -225,6 +225,7 @@ def _with(
     standardised = square.flatten() / problem.noise.dimension
     excess, median = misfit(standardised) - 1, typical(standardised)
     evidence = hypothesis["evidence"]
+    # Of the two medians, by their segments: those of the recordings are not among what is observed.
     return {
         **hypothesis,
         "held_out": [*hypothesis["held_out"], *blocks.tolist()],
