@@ -23,8 +23,10 @@ class Config:
 
     device: str = "cuda"
     """cuda, or cpu to try the benchmark itself."""
-    engines: list[str] = field(default_factory=lambda: ["kinematic", "single_track", "reference"])
-    """PyTorch engines, or learned models as .pt; MuJoCo steps on the CPU only."""
+    engines: list[str] = field(
+        default_factory=lambda: ["kinematic", "single_track", "reference", "mujoco"]
+    )
+    """Engines, or learned models as .pt; `mujoco` is MuJoCo Warp on a GPU, MuJoCo on the CPU."""
     cars: list[int] = field(default_factory=lambda: [64, 1024, 16384, 131072])
     """Environments stepped at once."""
     training: list[int] = field(default_factory=lambda: [256, 4096, 32768])

@@ -58,6 +58,8 @@ ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("viz", "study.figures", "blind_test.pictures", "transfer.pictures"),
     "mujoco": ("engines.mujoco", "viz", "blind_test.baselines.sysid"),
     "dm_control": ("engines.mujoco", "viz"),
+    "mujoco_warp": ("engines.mujoco.warp_cars",),
+    "warp": ("engines.mujoco.warp_cars",),
     "ray": ("jobs.on_ray", "policies.collecting"),
     "submitit": ("jobs.on_submitit",),
     "optuna": ("policies.sweep",),

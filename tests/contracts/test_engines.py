@@ -1,6 +1,7 @@
 """What every engine must prove, whatever moves the car in it."""
 
 from functools import partial
+from importlib.util import find_spec
 from itertools import pairwise
 
 import pytest
@@ -40,7 +41,19 @@ def untrained_model():
     return model
 
 
+WARP = pytest.param(
+    "mujoco on warp",
+    marks=[
+        pytest.mark.skipif(not find_spec("mujoco_warp"), reason="mujoco-warp is not installed"),
+        pytest.mark.slow,  # 100 s on Warp's CPU device
+    ],
+)
+
+
 def make(name, batch_size=(), **options):
+    name, _, backend = name.partition(" on ")
+    if backend:
+        options["backend"] = backend
     if name == "learned":
         options["model"] = untrained_model()
     return make_engine(name, batch_size, **options)
@@ -63,7 +76,7 @@ def manoeuvre(steps=60):
     return torch.stack([throttle, 0.7 * torch.cos(7 * time)], -1)
 
 
-@pytest.fixture(params=sorted(ENGINES))
+@pytest.fixture(params=[*sorted(ENGINES), WARP])
 def name(request):
     return request.param
 
@@ -219,7 +232,7 @@ def test_an_edited_velocity_is_honoured(name):
 
 
 # Nothing promises symmetry of a network; mirrored training data only encourages it.
-@pytest.mark.parametrize("name", sorted(set(ENGINES) - {"learned"}))
+@pytest.mark.parametrize("name", [*sorted(set(ENGINES) - {"learned"}), WARP])
 def test_left_is_the_mirror_of_right(name):
     engine = symmetric(make(name))
     velocity = torch.tensor([1.0, 0.1, 0.8])

@@ -46,7 +46,7 @@ def test_turning_circles_do_not_depend_on_the_compass_heading(tyres):
 
 def test_with_a_pyramidal_cone_they_would():
     engine = MujocoEngine(8, tyres="contact")
-    engine._batch.expand("opt.cone")[:] = 0  # mjCONE_PYRAMIDAL: the test above can fail
+    engine._cars._batch.expand("opt.cone")[:] = 0  # mjCONE_PYRAMIDAL: the test above can fail
     assert spread_over_headings(engine) > 1e-3
 
 

@@ -216,7 +216,7 @@ class ActuatedEngine(Engine):
             )
         weights = dead_time_weights(dead_time, self.dt, self._remembered + 1).mT  # (*, K + 1, 2)
         # Two commands arrive in a period. A sum over all K + 1 is compiled to a parallel region
-        # for each environment: with two threads 20 times slower (torch 2.13).
+        # for each environment: with two threads 18 to 31 times slower (torch 2.13).
         first = (dead_time / self.dt).floor().long().clamp_max(self._remembered - 1)  # (*, 2)
         self._arriving = torch.stack([first, first + 1], -2)  # (*, 2, 2) rows of each channel
         self._weights = weights.gather(-2, self._arriving)

@@ -81,7 +81,7 @@ class MujocoPlant(MujocoEngine):
         return super()._latent_specs() | memory
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        memory = self._tensor(Mechanics.rest(self._batch.nsim))
+        memory = self._tensor(Mechanics.rest(len(self._cars.qpos)))
         return super()._rest_latent(pose, velocity) | {MEMORY: memory}
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
@@ -94,8 +94,8 @@ class MujocoPlant(MujocoEngine):
     def _run(self, start: NDArray, target: NDArray) -> None:
         if not self._mechanics.active:
             return super()._run(start, target)
-        batch, h = self._batch, self.car.timestep
-        qpos, qvel = batch.qpos, batch.qvel
+        cars, h = self._cars, self.car.timestep
+        qpos, qvel = cars.qpos, cars.qvel
         for substep in range(self._substeps):
             middle = self._actuators.lagged(start, target, (substep + 0.5) * h)
             rack = self._mechanics.steering(self._memory, middle[:, 1])
@@ -103,9 +103,9 @@ class MujocoPlant(MujocoEngine):
             duty = self._mechanics.duty(self._memory, self._actuators.drive(throttle))
             self._mechanics.drained(self._memory, self._forces.motor_force(qvel, duty))
             angle = self._actuators.steering_angle(rack)
-            self._forces.apply(qpos, qvel, batch.xfrc_applied, batch.qfrc_applied, angle, duty)
-            batch.step()
-        self._refuse_warnings()
+            self._forces.apply(qpos, qvel, cars.xfrc_applied, cars.qfrc_applied, angle, duty)
+            cars.step()
+        cars.refuse_bad()
 
     def _options(self) -> dict[str, Any]:
         return super()._options() | {"faults": self._faults.given}

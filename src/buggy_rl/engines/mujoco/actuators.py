@@ -1,14 +1,16 @@
 """From commands to road-wheel angle and drive: dead time, lag, steering range, speed controller.
 
-Arrays are numpy float64 [n, 2] over environments, columns throttle and steering; a parameter is [1]
-where all environments share it, else [n].
+Arrays, of NumPy or PyTorch, are [n, 2] over environments, columns throttle and steering; a
+parameter is [1] where all environments share it, else [n].
 """
 
+import math
 from collections.abc import Mapping
+from types import ModuleType
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
 
+from buggy_rl.engines.mujoco.arrays import Array, indices_like, stacked
 from buggy_rl.engines.mujoco.declared import LONGEST_DEAD_TIME
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand, drive_of
 
@@ -18,7 +20,7 @@ _CHANNELS = ("throttle", "steering")
 
 def memory_length(dt: float) -> int:
     """Past commands that the longest dead time needs, with interpolation."""
-    return int(np.ceil(LONGEST_DEAD_TIME / dt - 1e-6)) + 1
+    return math.ceil(LONGEST_DEAD_TIME / dt - 1e-6) + 1
 
 
 class Actuators:
@@ -35,7 +37,7 @@ class Actuators:
 
     def __init__(
         self,
-        values: Mapping[str, NDArray],
+        values: Mapping[str, Array],
         dt: float,
         command: LongitudinalCommand = ONE_WAY,
     ) -> None:
@@ -50,16 +52,20 @@ class Actuators:
                 f"within 0 to {LONGEST_DEAD_TIME} s"
             )
         periods = periods.clip(0, longest)
-        whole = np.floor(periods).clip(max=longest - 1)
+        whole = self._xp.floor(periods).clip(max=longest - 1)
         self._fraction = periods - whole
-        self._whole = whole.astype(np.int64)
+        self._whole = self._xp.astype(whole, self._xp.int64)
+        self._columns = indices_like([0, 1], periods)
+
+    @property
+    def _xp(self) -> ModuleType:  # not kept: a module cannot be copied with the engine
+        return array_namespace(self._time_constants)
 
     @staticmethod
-    def _by_channel(values: Mapping[str, NDArray], kind: str) -> NDArray:
-        channels = (values[f"{channel}_{kind}"] for channel in _CHANNELS)
-        return np.stack(np.broadcast_arrays(*channels), -1)
+    def _by_channel(values: Mapping[str, Array], kind: str) -> Array:
+        return stacked([values[f"{channel}_{kind}"] for channel in _CHANNELS], axis=-1)
 
-    def delayed(self, memory: NDArray, action: NDArray) -> NDArray:
+    def delayed(self, memory: Array, action: Array) -> Array:
         """Command [n, 2] of this control period behind the dead time.
 
         u' = (1 - f) u[k - m] + f u[k - m - 1],  dead time = (m + f) dt: the mean over the period
@@ -69,36 +75,37 @@ class Actuators:
             memory: [n, N, 2] past commands, oldest first.
             action: [n, 2] the present one.
         """
-        commands = np.concatenate([memory, action[:, None]], 1)  # (n, N + 1, 2)
+        commands = self._xp.concat([memory, action[:, None]], axis=1)  # (n, N + 1, 2)
         newest = commands.shape[1] - 1
         if self._whole.shape[0] == 1:
             index = newest - self._whole[0]
-            near, far = commands[:, index, [0, 1]], commands[:, index - 1, [0, 1]]
+            columns = self._columns
+            near, far = commands[:, index, columns], commands[:, index - 1, columns]
         else:
             index = (newest - self._whole)[:, None]  # (n, 1, 2)
-            near = np.take_along_axis(commands, index, 1)[:, 0]
-            far = np.take_along_axis(commands, index - 1, 1)[:, 0]
+            near = self._xp.take_along_axis(commands, index, axis=1)[:, 0]
+            far = self._xp.take_along_axis(commands, index - 1, axis=1)[:, 0]
         return near + self._fraction * (far - near)
 
-    def lagged(self, start: NDArray, target: NDArray, elapsed: float) -> NDArray:
+    def lagged(self, start: Array, target: Array, elapsed: float) -> Array:
         """First-order lag [n, 2] towards a constant target, solved exactly.
 
         y(t) = u + (y(0) - u) exp(-t / time_constant).
         """
         # A time constant of 0 is no lag.
-        decay = np.exp(-elapsed / np.maximum(self._time_constants, 1e-9))
+        decay = self._xp.exp(-elapsed / self._xp.maximum(self._time_constants, 1e-9))
         return target + (start - target) * decay
 
-    def steering_angle(self, command: NDArray) -> NDArray:
+    def steering_angle(self, command: Array) -> Array:
         """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n].
 
         delta = offset + left * max(s, 0) + right * min(s, 0).
         """
         left, right = self.values["steering_left"], self.values["steering_right"]
-        turn = left * np.maximum(command, 0.0) + right * np.minimum(command, 0.0)
+        turn = left * self._xp.maximum(command, 0.0) + right * self._xp.minimum(command, 0.0)
         return self.values["steering_offset"] + turn
 
-    def drive(self, command: NDArray) -> NDArray:
+    def drive(self, command: Array) -> Array:
         """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1.
 
         d = max(0, (u - deadband) / (1 - deadband)),  u = (throttle + 1) / 2; of a two-way throttle
@@ -109,14 +116,14 @@ class Actuators:
         deadband = self.values["throttle_deadband"]
         if self.command.two_way:
             behind = self.values["reverse_deadband"]
-            forward = np.maximum((command - deadband) / (1.0 - deadband), 0.0)
-            return forward - np.maximum((-command - behind) / (1.0 - behind), 0.0)
-        return np.maximum((0.5 * (command + 1.0) - deadband) / (1.0 - deadband), 0.0)
+            forward = self._xp.maximum((command - deadband) / (1.0 - deadband), 0.0)
+            return forward - self._xp.maximum((-command - behind) / (1.0 - behind), 0.0)
+        return self._xp.maximum((0.5 * (command + 1.0) - deadband) / (1.0 - deadband), 0.0)
 
 
 def motor_torque(
-    values: Mapping[str, NDArray], drive: NDArray, spin: NDArray, radius: float
-) -> tuple[NDArray, NDArray]:
+    values: Mapping[str, Array], drive: Array, spin: Array, radius: float
+) -> tuple[Array, Array]:
     """Torque of a DC motor at each rear wheel.
 
     T = d (F_stall - c omega r) r / 2,  dT/domega = -d c r^2 / 2.

@@ -9,7 +9,7 @@ level at rest whatever its mass. Both front wheels steer by the same angle (no A
 # MuJoCo's compiled module has no type stubs.
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 
+from buggy_rl.engines.mujoco.arrays import Array, array_like, indices_like
 from buggy_rl.engines.mujoco.bodywork import add_rim, add_scenery, add_shell
 from buggy_rl.engines.mujoco.drivetrain import SHARES, Drive
 from buggy_rl.engines.mujoco.weights import (
@@ -63,6 +64,14 @@ class Car:
     """Driven wheels."""
     parked: np.ndarray
     """[nq] the car at rest at the origin, springs settled."""
+
+    def beside(self, like: Array) -> "Car":
+        """The same car with places and indices as arrays of the kind and device of `like`."""
+        if isinstance(like, np.ndarray):
+            return self
+        places = {n: array_like(getattr(self, n), like) for n in ("hub_x", "hub_y", "parked")}
+        indices = {n: indices_like(getattr(self, n), like) for n in ("slide", "spin", "steer")}
+        return replace(self, **places, **indices)
 
     @property
     def timestep(self) -> float:

@@ -1,15 +1,16 @@
 """Torques of motor and brakes at the four wheels, for every kind of command.
 
-Arrays are numpy float64, [n] over environments and [4, n] over wheels and environments.
+Arrays are [n] over environments and [4, n] over wheels and environments, of NumPy or PyTorch.
 """
 
 from collections.abc import Mapping
+from types import ModuleType
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
 
 from buggy_rl.engines.mujoco.actuators import motor_torque
+from buggy_rl.engines.mujoco.arrays import Array, array_like
 from buggy_rl.engines.two_way import (
     current_force,
     esc_brakes,
@@ -45,22 +46,28 @@ class Drivetrain:
 
     def __init__(
         self,
-        values: Mapping[str, NDArray],
+        values: Mapping[str, Array],
         radius: float,
         command: LongitudinalCommand,
         drive: Drive,
     ) -> None:
         self.values, self.radius, self.command, self.drive = values, radius, command, drive
-        self.shares = np.array(SHARES[drive])[:, None]  # (4, 1)
+        force = values["drive_force"]
+        self.shares = array_like(SHARES[drive], force)[:, None]  # (4, 1)
         # `Actuators.drive` has taken the dead zones out already.
+        none = self._xp.zeros_like(force)
         self._law_values = {
             **values,
             "drive_force_loss": values["drive_speed_loss"],
-            "throttle_deadband": np.zeros(1),
-            "reverse_deadband": np.zeros(1),
+            "throttle_deadband": none,
+            "reverse_deadband": none,
         }
 
-    def torques(self, spin: NDArray, vx: NDArray, drive: NDArray) -> tuple[NDArray, NDArray]:
+    @property
+    def _xp(self) -> ModuleType:  # not kept: a module cannot be copied with the engine
+        return array_namespace(self.shares)
+
+    def torques(self, spin: Array, vx: Array, drive: Array) -> tuple[Array, Array]:
         """Torque [4, n] [N m] of motor and brakes at each wheel, and its slope [N m s].
 
         Args:
@@ -68,7 +75,7 @@ class Drivetrain:
             vx: [n] of the car [m/s].
             drive: [n] in 0..1, or -1..1 of a two-way command.
         """
-        torque, slope = np.zeros_like(spin), np.zeros_like(spin)
+        torque, slope = self._xp.zeros_like(spin), self._xp.zeros_like(spin)
         if self.command.kind == "throttle" and self.drive == "rear":
             torque[2:], slope[2:] = motor_torque(self.values, drive, spin[2:], self.radius)
             return torque, slope
@@ -79,16 +86,17 @@ class Drivetrain:
         slope += self.radius**2 * self.shares * steeper
         return torque, slope
 
-    def brakes(self, vx: NDArray, drive: NDArray) -> NDArray | None:
+    def brakes(self, vx: Array, drive: Array) -> Array | None:
         """Largest torque [4, n] [N m] of each wheel's brake; None of a command without brakes."""
         if self.command.kind != "throttle_brake_reverse":
             return None
         pressed, dragging = esc_brakes(drive, self._law_values)
         force = pressed * rolling_forward(vx) + dragging  # (n,)
-        front = np.broadcast_to(self.values["brake_front_share"], force.shape)
-        return 0.5 * self.radius * force * np.stack([front, front, 1 - front, 1 - front])
+        front = self._xp.broadcast_to(self.values["brake_front_share"], force.shape)
+        shares = self._xp.stack([front, front, 1 - front, 1 - front])
+        return 0.5 * self.radius * force * shares
 
-    def _motor(self, speed: NDArray, vx: NDArray, drive: NDArray) -> NDArray:
+    def _motor(self, speed: Array, vx: Array, drive: Array) -> Array:
         """Force [n] [N] of the motor at all treads together, at their speed [n] [m/s]."""
         if self.command.kind == "throttle":
             return drive * (self.values["drive_force"] - self.values["drive_speed_loss"] * speed)

@@ -2,37 +2,35 @@
 
 State in the TensorDict, after the batch dimensions:
 
-- `physics_state` [nq + nv + 6] float64: qpos, qvel, and the pose and velocity last
-  returned, by which an edit is noticed. A step depends on nothing else: MuJoCo's warm start is off.
+- `physics_state` [nq + nv + 6]: qpos, qvel, and the pose and velocity last returned, by which an
+  edit is noticed. A step depends on nothing else: MuJoCo's warm start is off.
 - `commands` [N, 2]: the last N actions, oldest first, for the dead times.
-- `actuators` [2] float64: throttle and steering command behind their lags.
-"""
+- `actuators` [2]: throttle and steering command behind their lags.
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo's compiled module has no type stubs.
+The first and the last are float64, of `backend=warp` float32.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import mujoco
-import numpy as np
 import torch
-from mujoco.batch import Batch
-from numpy.typing import NDArray
+from array_api_compat import array_namespace, is_numpy_namespace
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
+from buggy_rl.engines.base import Engine
 from buggy_rl.engines.mujoco.actuators import Actuators, memory_length
+from buggy_rl.engines.mujoco.arrays import Array, copied
+from buggy_rl.engines.mujoco.batches import Backend, make_cars
 from buggy_rl.engines.mujoco.car import Tyres, make_car, model_fields
 from buggy_rl.engines.mujoco.declared import declared_parameters, realised
 from buggy_rl.engines.mujoco.drivetrain import FRONT_SHARE, Drive
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
-from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity, similar_dimensions
@@ -49,7 +47,7 @@ ACTUATORS = "actuators"
 SUBSTEPS: dict[Tyres, int] = {"explicit": 4, "contact": 10}
 
 
-class MujocoEngine(RowsEngine):
+class MujocoEngine(Engine):
     """Buggy on four sprung wheels, driven at the rear unless said otherwise.
 
     The parameter values as shipped are a plausible guess, not fitted to any drive.
@@ -63,10 +61,13 @@ class MujocoEngine(RowsEngine):
         command: Kind of the first command, as of `single_track`. A speed controller reads the
             driven wheels.
         drive: Driven wheels: rear, front or all, through open differentials.
-        args, common: As for `Engine`; the physics runs on the CPU, whatever the device.
+        backend: `cpu`, MuJoCo in double precision, on the CPU whatever the device; or `warp`,
+            MuJoCo Warp in single precision on the device, for thousands of cars on a GPU.
+        args, common: As for `Engine`.
 
     Raises:
-        ValueError: `dt` is not a multiple of `timestep`.
+        ValueError: `dt` is not a multiple of `timestep`, or an option is unknown.
+        ImportError: MuJoCo Warp is not installed.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class MujocoEngine(RowsEngine):
         speed_ratio: float | None = None,
         command: str | Mapping[str, Any] | LongitudinalCommand = "throttle",
         drive: Drive = "rear",
+        backend: Backend = "cpu",
         **common: Any,
     ) -> None:
         if not isinstance(dimensions, VehicleDimensions):
@@ -93,6 +95,7 @@ class MujocoEngine(RowsEngine):
         self._substeps = whole_substeps(self.dt, timestep)
         self.car = make_car(dimensions, tyres, timestep, visual=False, drive=drive)
         self.nthread = nthread
+        self.backend: Backend = backend
         self._prepare()
         self._finish()
 
@@ -111,13 +114,12 @@ class MujocoEngine(RowsEngine):
 
     def _prepare(self) -> None:
         """Builds what depends on parameter values."""
-        self._batch = Batch(self.car.model, max(self.numel(), 1), self.nthread)
-        values = {
-            name: value.reshape(-1).double().cpu().numpy() for name, value in self.values.items()
-        }
-        for name, field in model_fields(self.car, values).items():
-            self._batch.expand(name)[:] = field
-        self._batch.set_const()
+        rows = {name: value.reshape(-1) for name, value in self.values.items()}
+        known = {name: value.double().cpu().numpy() for name, value in rows.items()}
+        fields = model_fields(self.car, known)
+        count = max(self.numel(), 1)
+        self._cars = make_cars(self.backend, self.car, count, fields, self.nthread, self.device)
+        values = {name: self._cars.array(value) for name, value in rows.items()}
         self._actuators = Actuators(values, self.dt, self.command)
         self._forces = Forces(self.car, values, self.command)
 
@@ -127,36 +129,47 @@ class MujocoEngine(RowsEngine):
     def realises(self) -> Realisations:
         return realised(self.declared)
 
+    def _rows(self, tensor: Tensor) -> Array:
+        """A tensor [*batch, ...] as rows [n, ...] of the backend."""
+        inner = tensor.shape[len(self.batch_size) :]
+        return self._cars.array(tensor.reshape(-1, *inner))
+
+    def _tensor(self, rows: Array) -> Tensor:
+        """Rows [n, ...] as a tensor [*batch, ...]."""
+        tensor = torch.as_tensor(rows)
+        return tensor.reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
+
     def _latent_specs(self) -> dict[str, TensorSpec]:
         state = self.car.model.nq + self.car.model.nv + 6
-        double = self._number_specs({PHYSICS_STATE: (state,), ACTUATORS: (2,)}, torch.float64)
-        return double | self._number_specs({COMMANDS: (memory_length(self.dt), 2)})
+        shapes = {PHYSICS_STATE: (state,), ACTUATORS: (2,)}
+        precise = self._number_specs(shapes, self._cars.dtype)
+        return precise | self._number_specs({COMMANDS: (memory_length(self.dt), 2)})
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        state = np.empty((self._batch.nsim, *self.observation_spec[PHYSICS_STATE].shape[-1:]))
-        qpos, qvel = self._split(state)
-        park(self.car, qpos, qvel)
-        place(qpos, qvel, self._rows(pose))
-        set_off(self.car, qpos, qvel, self._rows(velocity))
-        state[:, -6:-3], state[:, -3:] = self._rows(pose), self._rows(velocity)
+        poses, velocities = self._rows(pose), self._rows(velocity)
+        qpos, qvel = copied(self._cars.qpos), copied(self._cars.qvel)
+        park(self._forces.car, qpos, qvel)
+        place(qpos, qvel, poses)
+        set_off(self._forces.car, qpos, qvel, velocities)
+        state = array_namespace(qpos).concat([qpos, qvel, poses, velocities], axis=-1)
         resting = torch.tensor([self.command.rest, 0.0], device=self.device)
         return {
             PHYSICS_STATE: self._tensor(state),
             COMMANDS: resting.expand(*self.batch_size, memory_length(self.dt), 2).clone(),
-            ACTUATORS: resting.double().expand(*self.batch_size, 2).clone(),
+            ACTUATORS: resting.to(self._cars.dtype).expand(*self.batch_size, 2).clone(),
         }
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
-        physics = self._rows(state[PHYSICS_STATE]).copy()
+        physics = self._rows(state[PHYSICS_STATE])
         pose, velocity = self._rows(state[keys.POSE]), self._rows(state[keys.VELOCITY])
-        self._apply_edits(physics, pose, velocity)
+        physics = self._with_edits(physics, pose, velocity)
         commands, command = self._rows(state[COMMANDS]), self._rows(action)
         target = self._actuators.delayed(commands, command)
         start = self._rows(state[ACTUATORS])
         qpos, qvel = self._split(physics)
-        self._batch.qpos[:], self._batch.qvel[:] = qpos, qvel
+        self._cars.qpos[:], self._cars.qvel[:] = qpos, qvel
         self._run(start, target)
-        qpos[:], qvel[:] = self._batch.qpos, self._batch.qvel
+        qpos[:], qvel[:] = self._cars.qpos, self._cars.qvel
         next_pose = self._tensor(seen_pose(qpos, pose[:, 2])).float()
         next_velocity = self._tensor(seen_velocity(qpos, qvel)).float()
         physics[:, -6:-3], physics[:, -3:] = self._rows(next_pose), self._rows(next_velocity)
@@ -168,51 +181,39 @@ class MujocoEngine(RowsEngine):
             ACTUATORS: self._tensor(self._actuators.lagged(start, target, self.dt)),
         }
 
-    def _run(self, start: NDArray, target: NDArray) -> None:
-        """Advances the batch by one control period."""
-        batch, timestep = self._batch, self.car.timestep
-        qpos, qvel = batch.qpos, batch.qvel
-        xfrc, qfrc = batch.xfrc_applied, batch.qfrc_applied
+    def _run(self, start: Array, target: Array) -> None:
+        """Advances the cars by one control period."""
+        cars, timestep = self._cars, self.car.timestep
+        qpos, qvel = cars.qpos, cars.qvel
+        xfrc, qfrc = cars.xfrc_applied, cars.qfrc_applied
         for substep in range(self._substeps):
             middle = self._actuators.lagged(start, target, (substep + 0.5) * timestep)
             angle = self._actuators.steering_angle(middle[:, 1])
             drive = self._actuators.drive(middle[:, 0])
             self._forces.apply(qpos, qvel, xfrc, qfrc, angle, drive)
-            batch.step()
-        self._refuse_warnings()
+            cars.step()
+        cars.refuse_bad()
 
-    def _refuse_warnings(self) -> None:
-        """Raises what MuJoCo only counts: states that are not finite, full contact buffers.
-
-        Raises:
-            RuntimeError: There is such a warning.
-        """
-        counts = self._batch.warning[..., 1]  # (n, kinds)
-        if not counts.any():
-            return
-        car, kind = (int(i) for i in np.argwhere(counts)[0])
-        self._batch.warning[:] = 0
-        raise RuntimeError(
-            f"MuJoCo warned {mujoco.mjtWarning(kind).name} in environment {car}: its state or its "
-            "parameters are outside the range of the physics; check the last pose and velocity"
-        )
-
-    def _apply_edits(self, physics: NDArray, pose: NDArray, velocity: NDArray) -> None:
-        """Applies edits: rows whose pose or velocity is not the one last returned."""
+    def _with_edits(self, physics: Array, pose: Array, velocity: Array) -> Array:
+        """A copy of the physics state, with the edits of pose or velocity since the last step."""
+        xp = array_namespace(physics)
         new_pose = (physics[:, -6:-3] != pose).any(1)
         new_velocity = (physics[:, -3:] != velocity).any(1)
+        physics = copied(physics)
         for rows, is_pose in ((new_pose, True), (new_velocity, False)):
-            if not rows.any():
+            # On a GPU the question would wait for all work there; the answer saves work here.
+            if is_numpy_namespace(xp) and not rows.any():
                 continue
-            edited = physics[rows]
+            edited = copied(physics)
             qpos, qvel = self._split(edited)
             if is_pose:
-                place(qpos, qvel, pose[rows])
+                place(qpos, qvel, pose)
             else:
-                set_off(self.car, qpos, qvel, velocity[rows])
-            physics[rows] = edited
+                set_off(self._forces.car, qpos, qvel, velocity)
+            physics = xp.where(rows[:, None], edited, physics)
+        return physics
 
-    def _split(self, physics: NDArray) -> tuple[NDArray, NDArray]:
+    def _split(self, physics: Array) -> tuple[Array, Array]:
         nq, nv = self.car.model.nq, self.car.model.nv
         return physics[:, :nq], physics[:, nq : nq + nv]
 
@@ -228,6 +229,8 @@ class MujocoEngine(RowsEngine):
             options["command"] = self.command.plain
         if self.car.drive != "rear":
             options["drive"] = self.car.drive
+        if self.backend != "cpu":
+            options["backend"] = self.backend
         return options | {
             "tyres": self.car.tyres,
             "timestep": self.car.timestep,

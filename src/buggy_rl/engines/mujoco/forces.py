@@ -5,15 +5,17 @@ tyre forces are those at the *end* of the substep, by one Newton step of the pla
 four wheel spins (linearly implicit Euler): steady states are those of the tyre law, and substeps
 of several milliseconds are stable down to rest.
 
-Arrays are [n] over environments and [4, n] over wheels and environments.
+Arrays are [n] over environments and [4, n] over wheels and environments, of NumPy or PyTorch: the
+same text steps MuJoCo on the CPU and on a GPU.
 """
 
 from collections.abc import Mapping
+from types import ModuleType
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
 
+from buggy_rl.engines.mujoco.arrays import Array, array_like, stacked
 from buggy_rl.engines.mujoco.car import Car
 from buggy_rl.engines.mujoco.drivetrain import SHARES, STOPS, Drivetrain
 from buggy_rl.engines.mujoco.tyres import Tyre, TyreForce, tyre_force
@@ -27,38 +29,39 @@ STOPPING_SPEED = 0.1  # [m/s] speed at which rolling resistance is at tanh(1) = 
 class Motion(NamedTuple):
     """Planar motion of the chassis, in axes along and across its heading."""
 
-    cos: NDArray
+    cos: Array
     """Of the heading, [n]."""
-    sin: NDArray
-    vx: NDArray
+    sin: Array
+    vx: Array
     """Of the body frame [m/s]."""
-    vy: NDArray
-    yaw_rate: NDArray
+    vy: Array
+    yaw_rate: Array
     """About the vertical [rad/s]."""
 
 
 class Wheels(NamedTuple):
     """Spin, steering and motor torque of the wheels."""
 
-    spin: NDArray
+    spin: Array
     """[4, n] rad/s."""
-    steering_angle: NDArray
+    steering_angle: Array
     """[n] of the front wheels [rad]."""
-    torque: NDArray
+    torque: Array
     """[4, n] of motor and brake [N m]."""
-    slope: NDArray
+    slope: Array
     """[4, n] its derivative by the spin [N m s]."""
 
 
-def read_motion(qpos: NDArray, qvel: NDArray) -> Motion:
+def read_motion(qpos: Array, qvel: Array) -> Motion:
     """Heading and velocities of chassis on a free joint, qpos [n, nq], qvel [n, nv].
 
     The linear part of a free joint's qvel is in the world frame, the angular part in the body
     frame.
     """
+    xp = array_namespace(qpos)
     w, x, y, z = qpos[:, 3:7].T
     ahead_x, ahead_y = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)  # the body's x axis
-    level = 1.0 / np.sqrt(ahead_x**2 + ahead_y**2)
+    level = 1.0 / xp.sqrt(ahead_x**2 + ahead_y**2)
     cos, sin = ahead_x * level, ahead_y * level
     p, q, r = qvel[:, 3:6].T
     yaw_rate = 2 * (x * z - w * y) * p + 2 * (y * z + w * x) * q + (1 - 2 * (x * x + y * y)) * r
@@ -78,10 +81,10 @@ class Forces:
     def __init__(
         self,
         car: Car,
-        values: Mapping[str, NDArray],
+        values: Mapping[str, Array],
         command: LongitudinalCommand = ONE_WAY,
     ) -> None:
-        self.car = car
+        self.car = car = car.beside(values["mass"])
         self.values = values
         self.radius = car.dimensions.wheel_radius
         self.dt = car.timestep
@@ -93,19 +96,25 @@ class Forces:
         self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
         self._arm_x = car.hub_x - self._cg_x
         self._weights = weights = Weights.of(car.dimensions)
-        driven = np.array(SHARES[car.drive])[:, None] > 0
-        driveline = np.where(driven, weights.driveline_inertia, 0.0)  # (4, 1)
+        driveline = [weights.driveline_inertia if share else 0.0 for share in SHARES[car.drive]]
         self.drivetrain = Drivetrain(values, self.radius, command, car.drive)
-        self._spin_inertia = weights.spin_inertia + driveline
+        spin_inertia = [[weights.spin_inertia + wheel] for wheel in driveline]  # (4, 1)
+        self._spin_inertia = array_like(spin_inertia, values["mass"])
+        first, last = int(car.wheel_bodies[0]), int(car.wheel_bodies[-1])
+        self._wheel_bodies = slice(first, last + 1)
+
+    @property
+    def _xp(self) -> ModuleType:  # not kept: a module cannot be copied with the engine
+        return array_namespace(self._spin_inertia)
 
     def apply(
         self,
-        qpos: NDArray,
-        qvel: NDArray,
-        xfrc_applied: NDArray,
-        qfrc_applied: NDArray,
-        steering_angle: NDArray,
-        drive: NDArray,
+        qpos: Array,
+        qvel: Array,
+        xfrc_applied: Array,
+        qfrc_applied: Array,
+        steering_angle: Array,
+        drive: Array,
     ) -> None:
         """Sets the steering and writes the forces for the next substep.
 
@@ -121,7 +130,7 @@ class Forces:
         qpos[:, car.steer + 1] = steering_angle[:, None]
         qvel[:, car.steer] = 0.0
         motion = read_motion(qpos, qvel)
-        spin = np.ascontiguousarray(qvel[:, car.spin].T)
+        spin = qvel.T[car.spin]
         torque, slope = self.drivetrain.torques(spin, motion.vx, drive)
         brakes = self.drivetrain.brakes(motion.vx, drive)
         if brakes is not None:
@@ -138,62 +147,61 @@ class Forces:
             qfrc_applied[:, car.spin] = self._at_the_end(wheels, fx, fy).T
         world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
         # At the patch, a radius below the hub: F = (x, y, 0) and M = (0, 0, -r) x F.
-        wrench = xfrc_applied[:, car.wheel_bodies[0] : car.wheel_bodies[-1] + 1]  # (n, 4, 6)
+        wrench = xfrc_applied[:, self._wheel_bodies]  # (n, 4, 6)
         wrench[..., 0], wrench[..., 1] = world_x.T, world_y.T
         wrench[..., 3], wrench[..., 4] = self.radius * world_y.T, -self.radius * world_x.T
 
     def _braked(
-        self, torque: NDArray, slope: NDArray, brakes: NDArray, spin: NDArray
-    ) -> tuple[NDArray, NDArray]:
+        self, torque: Array, slope: Array, brakes: Array, spin: Array
+    ) -> tuple[Array, Array]:
         """Torque and slope [4, n] with brakes of at most `brakes` [4, n] [N m] against the spin."""
         if self.car.tyres == "contact":  # MuJoCo takes the torque at the start of the substep
-            stops = np.abs(spin) * self._spin_inertia / self.dt
-            return torque - np.sign(spin) * np.minimum(brakes, stops), slope
+            stops = self._xp.abs(spin) * self._spin_inertia / self.dt
+            return torque - self._xp.sign(spin) * self._xp.minimum(brakes, stops), slope
         share = (self.radius * spin / STOPS).clip(-1.0, 1.0)
-        steep = np.where(np.abs(share) < 1.0, self.radius / STOPS, 0.0)
+        steep = (self._xp.abs(share) < 1.0) * (self.radius / STOPS)
         return torque - brakes * share, slope - brakes * steep
 
-    def _at_the_end(self, wheels: Wheels, fx: NDArray, fy: NDArray) -> NDArray:
+    def _at_the_end(self, wheels: Wheels, fx: Array, fy: Array) -> Array:
         """Torque [4, n] [N m] at the end of the substep, for tyre forces in body axes [4, n].
 
         T' = T + dT/domega domega,  (I - dt dT/domega) domega = dt (T - r f): a brake stops a wheel
         and never turns it back.
         """
-        along = fx.copy()
-        cos, sin = np.cos(wheels.steering_angle), np.sin(wheels.steering_angle)
-        along[:2] = cos * fx[:2] + sin * fy[:2]
+        cos, sin = self._xp.cos(wheels.steering_angle), self._xp.sin(wheels.steering_angle)
+        along = self._xp.concat([cos * fx[:2] + sin * fy[:2], fx[2:]])
         pull = wheels.torque - self.radius * along
         change = self.dt / (self._spin_inertia - self.dt * wheels.slope) * pull
         return wheels.torque + wheels.slope * change
 
-    def _resistance(self, speed: NDArray) -> NDArray:
+    def _resistance(self, speed: Array) -> Array:
         """Force along the heading [N]: -(F_r tanh(v / v_s) + c v + k v |v|)."""
-        rolling = self.values["rolling_resistance"] * np.tanh(speed / STOPPING_SPEED)
-        drag = self.values["viscous_drag"] + self.values["quadratic_drag"] * np.abs(speed)
+        rolling = self.values["rolling_resistance"] * self._xp.tanh(speed / STOPPING_SPEED)
+        drag = self.values["viscous_drag"] + self.values["quadratic_drag"] * self._xp.abs(speed)
         return -(rolling + drag * speed)
 
-    def loads(self, qpos: NDArray, qvel: NDArray) -> NDArray:
+    def loads(self, qpos: Array, qvel: Array) -> Array:
         """Load [4, n] of each tyre [N]: force of spring and damper, and the wheel's weight."""
         slide, weights = self.car.slide, self._weights
         squeeze = qpos[:, slide + 1].T - self._spring_reference
         carried = weights.spring_rate * squeeze + weights.spring_damping * qvel[:, slide].T
-        return np.maximum(carried + weights.wheel_mass * GRAVITY, 0.0)
+        return self._xp.maximum(carried + weights.wheel_mass * GRAVITY, 0.0)
 
     def tyre_forces(
         self,
-        qpos: NDArray,
-        qvel: NDArray,
+        qpos: Array,
+        qvel: Array,
         motion: Motion,
         wheels: Wheels,
-        resistance: NDArray,
-    ) -> tuple[NDArray, NDArray]:
+        resistance: Array,
+    ) -> tuple[Array, Array]:
         """Forces [4, n] along and across the heading at the end of the substep."""
         load = self.loads(qpos, qvel)
         # Slip of the planar car: roll and pitch rates are left out.
         patch_x = motion.vx - motion.yaw_rate * self.car.hub_y  # (4, n)
         patch_y = motion.vy + motion.yaw_rate * self.car.hub_x
-        cos, sin = np.ones_like(load), np.zeros_like(load)
-        cos[:2], sin[:2] = np.cos(wheels.steering_angle), np.sin(wheels.steering_angle)
+        cos, sin = self._xp.ones_like(load), self._xp.zeros_like(load)
+        cos[:2], sin[:2] = self._xp.cos(wheels.steering_angle), self._xp.sin(wheels.steering_angle)
         rolling = cos * patch_x + sin * patch_y  # wheel axes
         sideways = cos * patch_y - sin * patch_x
         slip_x = wheels.spin * self.radius - rolling
@@ -203,7 +211,7 @@ class Forces:
         fx, fy = self._implicit(force, motion, (cos, sin), wheels, resistance)
         # The linearised force may leave the friction circle: it is scaled back to it.
         limit = self._grip * load
-        shrink = np.minimum(limit / np.maximum(np.hypot(fx, fy), 1e-12), 1.0)
+        shrink = self._xp.minimum(limit / self._xp.maximum(self._xp.hypot(fx, fy), 1e-12), 1.0)
         fx, fy = fx * shrink, fy * shrink
         return cos * fx - sin * fy, sin * fx + cos * fy
 
@@ -211,10 +219,10 @@ class Forces:
         self,
         force: TyreForce,
         motion: Motion,
-        direction: tuple[NDArray, NDArray],
+        direction: tuple[Array, Array],
         wheels: Wheels,
-        resistance: NDArray,
-    ) -> tuple[NDArray, NDArray]:
+        resistance: Array,
+    ) -> tuple[Array, Array]:
         """Tyre forces [4, n] in wheel axes at the end of the substep.
 
         M dv / dt = sum_i A_i^T f_i' + Q,  f_i' = f_i + J_i (r domega_i e_x - A_i dv),
@@ -253,11 +261,11 @@ class Forces:
         return fx - jxx * dx - jxy * dy, fy - jyx * dx - jyy * dy
 
 
-def _per_wheel(values: Mapping[str, NDArray], name: str, axles) -> NDArray:
-    return np.stack(np.broadcast_arrays(*(values[f"{name}_{axle}"] for axle in axles)))
+def _per_wheel(values: Mapping[str, Array], name: str, axles) -> Array:
+    return stacked([values[f"{name}_{axle}"] for axle in axles])
 
 
-def _solve3(a, b) -> tuple[NDArray, NDArray, NDArray]:
+def _solve3(a, b) -> tuple[Array, Array, Array]:
     """Solves n systems of three equations by Cramer's rule; a[i][j], b[i] are [n]."""
     c00 = a[1][1] * a[2][2] - a[1][2] * a[2][1]
     c01 = a[1][2] * a[2][0] - a[1][0] * a[2][2]

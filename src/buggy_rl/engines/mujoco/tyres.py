@@ -1,13 +1,14 @@
 """Explicit tyres: force from slip angle and slip ratio, bounded by one friction circle.
 
 Wheels come first, [4, n]; velocities are those of the contact patch in the wheel's own axes,
-x where it points, y to its left.
+x where it points, y to its left. Arrays are of NumPy or PyTorch.
 """
 
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
+
+from buggy_rl.engines.mujoco.arrays import Array
 
 SLIP_STIFFNESS = 12.0  # [-] longitudinal force over load and slip ratio; chosen, not measured
 SLOWEST_ROLLING = 0.1  # [m/s] least speed slip is divided by: at rest a tyre is a damper; chosen
@@ -17,15 +18,15 @@ TINY = 1e-9  # [-] slip below which it has no direction
 class TyreForce(NamedTuple):
     """Forces on the car and their derivatives by the slip velocity; all [4, n]."""
 
-    fx: NDArray
+    fx: Array
     """[N]"""
-    fy: NDArray
+    fy: Array
     """[N]"""
-    fx_sx: NDArray
+    fx_sx: Array
     """d fx / d(slip velocity along x) [N s/m]"""
-    fx_sy: NDArray
-    fy_sx: NDArray
-    fy_sy: NDArray
+    fx_sy: Array
+    fy_sx: Array
+    fy_sy: Array
 
 
 class Tyre(NamedTuple):
@@ -39,9 +40,7 @@ class Tyre(NamedTuple):
     """C [-], 1 to 2."""
 
 
-def tyre_force(
-    slip_x: NDArray, slip_y: NDArray, rolling: NDArray, load: NDArray, tyre: Tyre
-) -> TyreForce:
+def tyre_force(slip_x: Array, slip_y: Array, rolling: Array, load: Array, tyre: Tyre) -> TyreForce:
     """Combined-slip tyre force, Pacejka's magic formula.
 
     s = (k_x kappa, c tan(-alpha)) / mu,  F = mu F_z sin(C atan(|s| / C)) s / |s|, with the slip
@@ -59,17 +58,18 @@ def tyre_force(
         load: F_z [N], not negative.
         tyre: Its parameters.
     """
+    xp = array_namespace(slip_x)
     grip, cornering, shape = tyre
-    per_speed = 1.0 / np.maximum(np.abs(rolling), SLOWEST_ROLLING)
+    per_speed = 1.0 / xp.maximum(xp.abs(rolling), SLOWEST_ROLLING)
     bx = (SLIP_STIFFNESS * per_speed) / grip  # (4, n)
     by = cornering * per_speed / grip
     sx, sy = bx * slip_x, by * slip_y
-    slip = np.maximum(np.sqrt(sx * sx + sy * sy), TINY)
-    angle = shape * np.arctan(slip / shape)
+    slip = xp.maximum(xp.sqrt(sx * sx + sy * sy), TINY)
+    angle = shape * xp.atan(slip / shape)
     most = grip * load
-    secant = most * np.sin(angle) / slip
+    secant = most * xp.sin(angle) / slip
     # Beyond the peak the slope is taken as 0: a negative one would make the Newton step diverge.
-    slope = most * np.maximum(np.cos(angle), 0.0) / (1.0 + (slip / shape) ** 2)
+    slope = most * xp.maximum(xp.cos(angle), 0.0) / (1.0 + (slip / shape) ** 2)
     # dF/ds = secant (1 - n n^T) + slope n n^T,  n = s / |s|
     nx, ny, over = sx / slip, sy / slip, secant - slope
     cross = -over * nx * ny

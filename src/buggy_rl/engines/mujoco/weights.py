@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from buggy_rl.engines.mujoco.arrays import Array, stacked
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
@@ -127,7 +128,7 @@ def chassis_inertia(
     return {"mass": chassis_mass, "ipos": ipos, "inertia": yaw[..., None] * shares}
 
 
-def spring_reference(dimensions: VehicleDimensions, values: Mapping[str, np.ndarray]) -> np.ndarray:
+def spring_reference(dimensions: VehicleDimensions, values: Mapping[str, Array]) -> Array:
     """Unloaded place [4, n] of the wheels [m] at which the car stands level.
 
     k (0 - s_0) = F_z - m_w g, with F_z the wheel's share of the car's weight.
@@ -136,5 +137,5 @@ def spring_reference(dimensions: VehicleDimensions, values: Mapping[str, np.ndar
     to_front = values["cg_to_front_axle"] / dimensions.wheelbase
     weight = values["mass"] * GRAVITY
     front, rear = weight * (1 - to_front) / 2, weight * to_front / 2  # a wheel
-    load = np.stack(np.broadcast_arrays(front, front, rear, rear))
+    load = stacked([front, front, rear, rear])
     return -(load - wheel.wheel_mass * GRAVITY) / wheel.spring_rate
