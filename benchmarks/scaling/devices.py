@@ -53,8 +53,9 @@ def bandwidth(device: str, seconds: float) -> float:
 
 def engine_of(name: str, cars: int, device: str):
     """A simulator on a device; the MuJoCo car steps on a GPU by MuJoCo Warp."""
-    options = {"backend": "warp"} if name == "mujoco" and device != "cpu" else {}
-    return make_simulator(name, cars, device, **options)
+    if name == "mujoco" and device != "cpu":
+        return make_simulator(name, cars, device, backend="warp")
+    return make_simulator(name, cars, device)
 
 
 def bytes_of(state: TensorDictBase) -> int:

@@ -1,7 +1,7 @@
 """MuJoCo Warp beside MuJoCo: how far the same drives part, and milliseconds of a control period.
 
-    python -m benchmarks.mujoco_warp
-    python -m benchmarks.mujoco_warp device=cuda cars=4096
+    python -m benchmarks.beside_mujoco
+    python -m benchmarks.beside_mujoco device=cuda cars=4096
 
 Random drives from 0 to 3 m/s; throttle and steering change four times. MuJoCo steps on the CPU.
 """
@@ -52,13 +52,14 @@ def drives(config: Config, tyres: str, device: str, backend: str):
 
     from buggy_rl import keys
     from buggy_rl.engines import make_engine
+    from buggy_rl.vehicle import CONTROL_PERIOD
 
     engine = make_engine("mujoco", config.cars, device, tyres=tyres, backend=backend)
     generator = torch.Generator().manual_seed(0)
     velocity = torch.zeros(config.cars, 3)
     velocity[:, 0] = 3.0 * torch.rand(config.cars, generator=generator)
     actions = 2.0 * torch.rand(4, config.cars, 2, generator=generator) - 1.0
-    actions, steps = actions.to(device), round(config.seconds / engine.dt)
+    actions, steps = actions.to(device), round(config.seconds / CONTROL_PERIOD)
     given = TensorDict({keys.VELOCITY: velocity}, [config.cars], device=device)
     engine.step(engine.rand_action(engine.reset()))  # what compiles does so here
     state, begun = engine.reset(given), time.perf_counter()
