@@ -115,3 +115,14 @@ def test_the_meter_knows_the_time_left_from_the_start_and_learns_the_speed():
     meter.rolled(1_000_000, 1000)  # far beyond the plan: no time is left, and no step is lost
     assert shown[-1].left == 0.0
     assert shown[-1].planned == shown[-1].done == 1_000_000_000
+
+
+def test_a_search_beyond_its_plan_leaves_the_answer_its_share():
+    shown, plan = [], planned(QUESTION, BATCHED, 10.0)
+    meter = Meter(shown.append, lambda _: None)
+    meter.begin(plan)
+    meter.stage("search")
+    meter.rolled(1_000_000, 1000)
+    _, before = plan.before("answer")
+    assert shown[-1].planned - shown[-1].done == plan.steps - before > 0
+    assert shown[-1].left > 0

@@ -24,7 +24,8 @@ class Reading:
 class Meter:
     """Counts rollouts against a plan.
 
-    The time left is what the plan has left, times how much longer it took so far than planned.
+    The time left is what the plan has left, times how much longer it took so far than planned. A
+    stage that takes more than planned leaves to the later ones what was planned for them.
 
     Args:
         show: Told after every rollout.
@@ -35,6 +36,7 @@ class Meter:
         self._show = show
         self.says = says
         self._plan: Plan | None = None
+        self._ends: tuple[float, int] = (0.0, 0)  # of the stage, by the plan: seconds and steps
         self._begun = self._due = self._rolled = 0.0
         self._steps = self._passed = 0  # rolled out, and of the plan, that skips what is not needed
 
@@ -47,6 +49,7 @@ class Meter:
         """What was planned before this stage is done, or was not needed."""
         if self._plan is not None:
             self._due, self._passed = self._plan.before(stage)
+            self._ends = self._plan.until(stage)
             self._tell(self._plan)
 
     def rolled(self, environments: int, rows: int) -> None:
@@ -61,5 +64,6 @@ class Meter:
     def _tell(self, plan: Plan) -> None:
         slower = (time.perf_counter() - self._begun) / self._rolled if self._rolled else 1.0
         known = min(1.0, self._rolled / plan.seconds / SETTLED)
-        left = max(0.0, plan.seconds - self._due) * (known * slower + 1 - known)
-        self._show(Reading(self._steps, self._steps + max(0, plan.steps - self._passed), left))
+        seconds, steps = self._ends
+        left = (plan.seconds - min(self._due, seconds)) * (known * slower + 1 - known)
+        self._show(Reading(self._steps, self._steps + plan.steps - min(self._passed, steps), left))

@@ -78,6 +78,11 @@ class Plan:
         parts = [r for r in self.rollouts if r.stage in earlier]
         return sum(map(self._seconds, parts)), sum(r.steps for r in parts)
 
+    def until(self, stage: Stage) -> tuple[float, int]:
+        """Seconds and environment steps expected until a stage has ended."""
+        later = STAGES[STAGES.index(stage) + 1 :]
+        return self.before(later[0]) if later else (self.seconds, self.steps)
+
     def _seconds(self, rollout: Rollout) -> float:
         one = self.cost.seconds(rollout.environments, rollout.rows, rollout.share)
         return rollout.times * one
