@@ -11,7 +11,7 @@ from torchrl.data import Unbounded
 
 from buggy_rl import keys
 from buggy_rl.engines import base, make_engine
-from buggy_rl.engines.mujoco import batches, engine
+from buggy_rl.engines.mujoco import engine
 from buggy_rl.engines.mujoco.engine import ACTUATORS, PHYSICS_STATE
 from tests.engines.steps import follow, start
 
@@ -43,7 +43,7 @@ def drive(**options) -> Tensor:
 def test_it_drives_as_mujoco_does(options):
     expected, found = drive(**options), drive(**options, backend="warp")
     assert expected[-1, :, 5].abs().max() > 2.0  # rad/s: they did turn
-    # 40 um, 0.1 mrad; single precision
+    # Single precision: 1e-7 of a metre or a radian grows in half a second of sliding.
     torch.testing.assert_close(found[..., :2], expected[..., :2], atol=5e-5, rtol=0)
     torch.testing.assert_close(found[..., 2:5], expected[..., 2:5], atol=2e-4, rtol=0)
     torch.testing.assert_close(found[..., 5], expected[..., 5], atol=1e-3, rtol=0)
@@ -141,8 +141,3 @@ def test_forces_actuators_and_edits_stay_on_the_device(options, tyres, monkeypat
     state = cars._reset(None)
     result = cars._advance(state, torch.zeros(4, 2, device="meta"))
     assert {str(value.device) for value in result.values()} == {"meta"}
-
-
-def test_both_backends_have_the_same_members():
-    members = {name for name in dir(batches.CpuCars) if not name.startswith("_")}
-    assert members == {"array", "dtype", "refuse_bad", "step"}

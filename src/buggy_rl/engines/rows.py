@@ -1,22 +1,25 @@
-"""Engines that compute outside PyTorch: tensors in, rows of float64 beneath, tensors out."""
+"""Engines that compute in rows: tensors in, arrays [n, ...] beneath, tensors out."""
 
-import numpy as np
+from typing import Any
+
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from buggy_rl.engines.base import Engine
 
 
 class RowsEngine(Engine):
-    """An engine whose environments are the rows of NumPy arrays, on the CPU."""
+    """An engine whose environments are the rows of arrays, by default NumPy's, on the CPU."""
 
-    def _rows(self, tensor: Tensor) -> NDArray:
-        """A tensor [*batch, ...] as float64 rows [n, ...]."""
+    def _array(self, tensor: Tensor) -> Any:
+        """A tensor as the array that this engine computes with: float64, of NumPy."""
+        return tensor.detach().to("cpu", torch.float64).numpy()
+
+    def _rows(self, tensor: Tensor) -> Any:
+        """A tensor [*batch, ...] as rows [n, ...]."""
         inner = tensor.shape[len(self.batch_size) :]
-        return tensor.detach().to("cpu", torch.float64).reshape(-1, *inner).numpy()
+        return self._array(tensor.reshape(-1, *inner))
 
-    def _tensor(self, rows: NDArray) -> Tensor:
+    def _tensor(self, rows: Any) -> Tensor:
         """Rows [n, ...] as a tensor [*batch, ...]."""
-        tensor = torch.from_numpy(np.ascontiguousarray(rows))
-        return tensor.reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
+        return torch.as_tensor(rows).reshape(*self.batch_size, *rows.shape[1:]).to(self.device)

@@ -22,7 +22,6 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
-from buggy_rl.engines.base import Engine
 from buggy_rl.engines.mujoco.actuators import Actuators, memory_length
 from buggy_rl.engines.mujoco.arrays import Array, copied
 from buggy_rl.engines.mujoco.batches import Backend, make_cars
@@ -31,6 +30,7 @@ from buggy_rl.engines.mujoco.declared import declared_parameters, realised
 from buggy_rl.engines.mujoco.drivetrain import FRONT_SHARE, Drive
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
+from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity, similar_dimensions
@@ -47,7 +47,7 @@ ACTUATORS = "actuators"
 SUBSTEPS: dict[Tyres, int] = {"explicit": 4, "contact": 10}
 
 
-class MujocoEngine(Engine):
+class MujocoEngine(RowsEngine):
     """Buggy on four sprung wheels, driven at the rear unless said otherwise.
 
     The parameter values as shipped are a plausible guess, not fitted to any drive.
@@ -129,15 +129,8 @@ class MujocoEngine(Engine):
     def realises(self) -> Realisations:
         return realised(self.declared)
 
-    def _rows(self, tensor: Tensor) -> Array:
-        """A tensor [*batch, ...] as rows [n, ...] of the backend."""
-        inner = tensor.shape[len(self.batch_size) :]
-        return self._cars.array(tensor.reshape(-1, *inner))
-
-    def _tensor(self, rows: Array) -> Tensor:
-        """Rows [n, ...] as a tensor [*batch, ...]."""
-        tensor = torch.as_tensor(rows)
-        return tensor.reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
+    def _array(self, tensor: Tensor) -> Array:
+        return self._cars.array(tensor)
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         state = self.car.model.nq + self.car.model.nv + 6

@@ -35,7 +35,7 @@ def start_warp(device: torch.device) -> None:
     warp.config.log_level = warp.LOG_WARNING if device.type == "cuda" else warp.LOG_ERROR
     warp.init()
     if not any(Path(warp.config.kernel_cache_dir or "").glob("*mujoco_warp*")):
-        print("MuJoCo Warp compiles its kernels, once: about a minute", file=sys.stderr)
+        print("MuJoCo Warp compiles its kernels, once: half a minute or more", file=sys.stderr)
 
 
 class WarpCars:
