@@ -1,6 +1,7 @@
 """Fixtures for all tests; one torch thread, because two default ones collapse beside any other."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,14 @@ LONGEST = "tests/blind_test/test_proof.py"
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest file first; the Makefile keeps pytest-xdist from sorting files by their tests."""
     items.sort(key=lambda item: not item.path.as_posix().endswith(LONGEST))
+
+
+@pytest.fixture(scope="module")
+def compiled() -> Iterator[None]:
+    """The kernels of `make install`, as users have them, also in processes that the tests start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(FOLDER)
+        yield
 
 
 @pytest.fixture(scope="session")

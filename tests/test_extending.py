@@ -23,6 +23,8 @@ from buggy_rl.recordings.camera import Camera
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.transforms import make_transform
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 FILES = dict(re.findall(r"File\s`([^`]+)`:\n\n```python\n(.*?)```", PAGE, re.S))

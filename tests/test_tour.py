@@ -7,6 +7,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 DOCS = Path(__file__).parents[1] / "docs"
 TOUR = nbformat.read(DOCS / "tour.ipynb", as_version=4)
 

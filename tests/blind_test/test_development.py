@@ -12,6 +12,8 @@ from buggy_rl.blind_test.development import DevelopmentConfig, cases_left, entri
 from buggy_rl.blind_test.discrimination import PRICE
 from buggy_rl.blind_test.draw import Settings
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 ROOT = Path(__file__).parents[2]
 OPTIONS = (
     "draw.each=true", "draw.nothing=1", "draw.cases=3", "draw.seconds=[12.0]",

@@ -10,6 +10,8 @@ from buggy_rl.diagnosis.pipeline import diagnose
 from buggy_rl.diagnosis.repair import repaired
 from tests.diagnosis.planted import planted_drives
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 CONFIG = DiagnosisConfig(
     simulator="single_track",
     recordings=["made in the test"],

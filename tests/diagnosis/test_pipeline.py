@@ -19,6 +19,8 @@ from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.planted import planted_drives, problem_of
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 CONFIG = DiagnosisConfig(
     simulator="single_track",
     recordings=["made in the test"],

@@ -14,6 +14,8 @@ from buggy_rl.config import build
 from buggy_rl.policies.learning_curves import read_log
 from buggy_rl.policies.run import PolicyRunConfig
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 ROOT = Path(__file__).parents[2]
 STUDY = """
 data:

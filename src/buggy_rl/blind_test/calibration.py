@@ -9,7 +9,7 @@ Gaussian prior on scaled features, as wide as predicts left-out groups best.
 """
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -194,25 +194,35 @@ def left_out(
     """Posterior of each case by weights from other groups; mean log probability of truths."""
     of, part = table(entries, without), folds(entries)
     found: list[Posterior] = [Posterior({}, 1.0)] * len(entries)
-    total = 0.0
-    for number in range(FOLDS):
-        out = part == number
-        w, v = weights(of[~out], ridge)
+    kept = list(_by_fold(of, part, ridge))
+    for out, w, v in kept:
         calibration = _calibration(of[~out], w, v)
         for row in out.nonzero().flatten().tolist():
             found[row] = posterior(entries[row], calibration)
-        scored = of[out & of.true.any(1)]
-        total += float(_log_likelihood(scored, w, v).sum())
-    return found, total / max(1, int(of.true.any(1).sum()))
+    return found, _predicted(of, kept)
 
 
 def calibrated(
     entries: Sequence[Entry], without: Collection[str] = ()
 ) -> tuple[Calibration, float]:
     """Weights from all cases, and the ridge that predicts left-out groups best."""
-    ridge = max(RIDGES, key=lambda r: left_out(entries, r, without)[1])
-    of = table(entries, without)
+    of, part = table(entries, without), folds(entries)
+    ridge = max(RIDGES, key=lambda r: _predicted(of, _by_fold(of, part, r)))
     return _calibration(of, *weights(of, ridge)), ridge
+
+
+def _by_fold(of: Table, part: Tensor, ridge: float) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Which cases [n] are left out, and the weights of the others."""
+    for number in range(FOLDS):
+        out = part == number
+        yield out, *weights(of[~out], ridge)
+
+
+def _predicted(of: Table, kept: Iterable[tuple[Tensor, Tensor, Tensor]]) -> float:
+    """Mean log probability of the truths of cases that are left out."""
+    scored = ((of[out & of.true.any(1)], w, v) for out, w, v in kept)
+    total = sum(float(_log_likelihood(part, w, v).sum()) for part, w, v in scored)
+    return total / max(1, int(of.true.any(1).sum()))
 
 
 def _calibration(of: Table, w: Tensor, v: Tensor) -> Calibration:

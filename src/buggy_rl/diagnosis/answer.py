@@ -39,6 +39,15 @@ class Alternative:
     log_evidence: float | None = None
     """[nats]"""
 
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "causes": self.effects,
+            "nats": self.nats,
+            "excess": self.excess,
+            "log_evidence": self.log_evidence,
+        }
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -69,43 +78,14 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
-        p = self.proof
         return _finite(
             {
                 "schema": SCHEMA,
                 "verdict": self.verdict,
                 "summary": self.lines(),
-                "located": {
-                    "channel_share": self.located.channel_share,
-                    "regions": [
-                        {
-                            "where": {k: list(v) for k, v in r.where.items()},
-                            "error_share": r.error_share,
-                            "data_share": r.data_share,
-                        }
-                        for r in self.located.regions
-                    ],
-                    "intervals": [
-                        {
-                            "recording": i.recording,
-                            "from": i.begin,
-                            "to": i.end,
-                            "error_share": i.error_share,
-                        }
-                        for i in self.located.intervals
-                    ],
-                    "lags": self.located.lags,
-                },
+                "located": self.located.to_dict(),
                 "effects": [e.to_dict() for e in self.effects],
-                "tried": [
-                    {
-                        "causes": t.effects,
-                        "nats": t.nats,
-                        "excess": t.excess,
-                        "log_evidence": t.log_evidence,
-                    }
-                    for t in self.tried
-                ],
+                "tried": [t.to_dict() for t in self.tried],
                 "equivalents": [e.to_dict() for e in self.equivalents],
                 "behaviours": [b.to_dict() for b in self.behaviours],
                 "sensors": [s.to_dict() for s in self.sensors],
@@ -117,23 +97,7 @@ class Answer:
                     "channel_share": self.remaining.channel,
                     "form": [f.to_dict() for f in self.form],
                 },
-                "fit": {
-                    "metric": "1 s open-loop",
-                    "before": p.misfit_before,
-                    "after": p.misfit_after,
-                    "noise_floor": 1.0,
-                    "held_out": p.held_out,
-                    "position_mse_before": p.before.get(1.0),
-                    "position_mse_after": p.after.get(1.0),
-                    "position_mse": {
-                        name: {f"{h:g} s": v for h, v in getattr(p, name).items()}
-                        for name in ("before", "after", "retuned", "noise_floor", "black_box")
-                    },
-                    "position_median": {
-                        name: {f"{h:g} s": v for h, v in of_horizon.items()}
-                        for name, of_horizon in p.median.items()
-                    },
-                },
+                "fit": self.proof.to_dict(),
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,

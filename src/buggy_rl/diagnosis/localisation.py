@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,6 +30,14 @@ class Region:
     error_share: float
     data_share: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "where": {feature: list(bounds) for feature, bounds in self.where.items()},
+            "error_share": self.error_share,
+            "data_share": self.data_share,
+        }
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -40,6 +49,15 @@ class Interval:
     end: float
     error_share: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "recording": self.recording,
+            "from": self.begin,
+            "to": self.end,
+            "error_share": self.error_share,
+        }
+
 
 @dataclass(frozen=True)
 class Located:
@@ -50,6 +68,15 @@ class Located:
     intervals: list[Interval]
     lags: dict[str, dict[str, float]]
     """Command -> channel -> time [s] after it at which errors follow it most; nan for none."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "channel_share": self.channel_share,
+            "regions": [region.to_dict() for region in self.regions],
+            "intervals": [interval.to_dict() for interval in self.intervals],
+            "lags": self.lags,
+        }
 
 
 FEATURES = (

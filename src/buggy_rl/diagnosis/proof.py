@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 SAID = 1.0  # [s] horizon of the errors that are said
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
@@ -40,6 +41,21 @@ class Proof:
             return False
         return tuned < after and self.retuned[SAID] < self.after[SAID]
 
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it, under `fit`."""
+        squares = ("before", "after", "retuned", "noise_floor", "black_box")
+        return {
+            "metric": "1 s open-loop",
+            "before": self.misfit_before,
+            "after": self.misfit_after,
+            "noise_floor": 1.0,
+            "held_out": self.held_out,
+            "position_mse_before": self.before.get(SAID),
+            "position_mse_after": self.after.get(SAID),
+            "position_mse": {name: _by_horizon(getattr(self, name)) for name in squares},
+            "position_median": {name: _by_horizon(of) for name, of in self.median.items()},
+        }
+
     def lines(self) -> list[str]:
         """The error before and after the repair, and what simpler repairs come to."""
         if SAID not in self.before or SAID not in self.after:
@@ -61,6 +77,10 @@ class Proof:
             if math.isfinite(of.get(name, {}).get(SAID, math.nan))
         ]
         return [f"In comparison, median: {', '.join(parts)}."] if parts else []
+
+
+def _by_horizon(values: Mapping[float, float]) -> dict[str, float]:
+    return {f"{horizon:g} s": value for horizon, value in values.items()}
 
 
 def _millimetres(before: float, after: float) -> str:
