@@ -118,12 +118,12 @@ def test_the_file_says_what_it_was_made_from_and_gives_the_same_answers(cases, t
     ledger = tmp_path / "ledger.jsonl"
     ledger.write_text("x")
     calibration, ridge = calibrated(cases)
-    form = FormError(0.05, 0.3)
+    form = FormError(2.0, 0.05, 0.3)
     read = yaml.safe_load(content(calibration, form, [ledger], len(cases), ridge))
     assert read["made_from"]["ledgers"] == {"ledger.jsonl": hashlib.sha256(b"x").hexdigest()}
     assert read["made_from"]["cases"] == 120
     assert read["hypothesis"] == dict(calibration.hypothesis)
-    assert read["form_error"] == {"always": 0.05, "remains": 0.3}
+    assert read["form_error"] == {"chance": 2.0, "always": 0.05, "remains": 0.3}
     assert posterior(cases[0], calibration).best == ("payload",)
 
 

@@ -145,11 +145,11 @@ def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
     fit = found.best.fit
-    by_chance = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
+    by_blocks = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
     form, share = shipped().form_error, _remaining(case, found, effect)
     spread = [
         form.sd(z, math.sqrt(v), share)
-        for z, v in zip(fit.vector.tolist(), by_chance.tolist(), strict=True)
+        for z, v in zip(fit.vector.tolist(), by_blocks.tolist(), strict=True)
     ]
     values: dict[str, Value] = {}
     for c, z, sd in zip(fit.coordinates, fit.vector.tolist(), spread, strict=True):
