@@ -115,13 +115,10 @@ def simulator(job: Job, name: str = "") -> str:
     name = name or job.name
     if name == "learned":
         return job.config.model or str(job.file("model.pt"))
-    options = {
-        "mujoco": ("mujoco", {"nthread": job.config.threads}),
-        "reference_compiled": ("reference", {"compiled": True}),
-    }
-    if name not in options:
+    if name != "mujoco":
         return name
-    engine, chosen = options[name]
-    file: Path = job.file(f"{name}_{job.config.threads}.yaml")
-    file.write_text(yaml.safe_dump({"engine": engine, "options": chosen}))
+    file: Path = job.file(f"mujoco_{job.config.threads}.yaml")
+    file.write_text(
+        yaml.safe_dump({"engine": "mujoco", "options": {"nthread": job.config.threads}})
+    )
     return str(file)

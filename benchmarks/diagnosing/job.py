@@ -14,13 +14,7 @@ class Config:
     parts: list[str] = field(default_factory=lambda: ["speed", "scale", "sysid"])
     """speed: whole diagnoses by simulator; scale: against length and candidates; sysid: peers."""
     simulators: list[str] = field(
-        default_factory=lambda: [
-            "reference",
-            "reference_compiled",
-            "single_track",
-            "learned",
-            "mujoco",
-        ]
+        default_factory=lambda: ["reference", "single_track", "learned", "mujoco"]
     )
     """Of speed: an engine's name, a .pt, a .yaml. All but the reference car get baseline drives."""
     model: str = ""
@@ -31,11 +25,11 @@ class Config:
     """Length of each of the two drives of speed and sysid."""
     dead_time: float = 0.06
     """Concealed in the steering of the reference car, for speed and scale [s]."""
-    lengths: list[float] = field(default_factory=lambda: [15.0, 45.0, 90.0, 180.0])
+    lengths: list[float] = field(default_factory=lambda: [15.0, 90.0, 360.0, 1200.0])
     """Of scale: both drives together [s]."""
     candidates: list[int] = field(default_factory=lambda: [8, 16, 33])
     """Of scale: effects to choose from, the concealed one among them."""
-    scale_simulator: str = "reference_compiled"
+    scale_simulator: str = "reference"
     """Of scale."""
     peers: list[str] = field(
         default_factory=lambda: ["diagnosis", "fit", "fit_all", "sysid", "sysid_all"]

@@ -36,7 +36,7 @@ def job(part, tmp_path):
 
 def row(**changes):
     about = {"kind": "speed", "name": "mujoco", "asked": 0, "total_seconds": 90.0}
-    times = {"seconds": 100.0, "cpu_seconds": 150.0, "peak_memory_mb": 1000.0}
+    times = {"seconds": 50.0, "cpu_seconds": 75.0, "peak_memory_mb": 1000.0}
     said = {"verdict": "missing_physics", "named": ["steering_dead_time"], "right": True}
     value = {"value": 0.061, "low": 0.05, "high": 0.07, "truth": 0.06, "candidates": 56}
     return {**about, **times, **said, **value, "baseline": True, "stages": {}, **changes}
@@ -114,8 +114,8 @@ def test_times_are_medians_of_the_rounds_and_memory_is_the_largest(part):
 @pytest.mark.parametrize(
     ("changes", "met"),
     [
-        ({}, "yes"),  # MuJoCo has 240 s
-        ({"name": "reference"}, "no"),  # a PyTorch engine 60 s
+        ({}, "yes"),  # MuJoCo has 60 s
+        ({"name": "reference"}, "no"),  # a PyTorch engine 15 s
         ({"peak_memory_mb": 5000.0}, "no"),  # all of them 4 GB
     ],
 )
