@@ -83,7 +83,8 @@ def preparations(config: Config, folder: str) -> Iterator[Job]:
         longest = max([both, *config.lengths]) if "scale" in config.parts else both
         yield Job("drives", "changed", folder, config, longest)
         if others_than_reference(config):
-            yield Job("drives", "right", folder, config, longest)
+            scaled = not config.scale_simulator.startswith("reference")
+            yield Job("drives", "right", folder, config, longest if scaled else both)
     if "speed" in config.parts and "learned" in config.simulators and not config.model:
         yield Job("drives", "lessons", folder, config, both)
         yield Job("model", "learned", folder, config)

@@ -1,10 +1,8 @@
 """One whole diagnosis, as a script runs it, and whether it was right."""
 
+import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
-
-import yaml
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import diagnose
@@ -27,7 +25,6 @@ def diagnosis_row(job: Job) -> Row:
         output=job.folder,
         effects=choice(job.candidates),
         parameters=False,  # a black box: effects alone
-        threads=job.config.threads,
     )
     return {
         "truth": job.config.dead_time,
@@ -39,10 +36,9 @@ def diagnosis_row(job: Job) -> Row:
 def own_parameter_row(job: Job) -> Row:
     """The same of the MuJoCo car with a parameter off, told nothing about which."""
     config = DiagnosisConfig(
-        simulator=simulator(job, "mujoco"),
+        simulator="mujoco",
         recordings=[str(job.file(OFF))],
         output=job.folder,
-        threads=job.config.threads,
     )
     return measured(config, job, OFF, (OWN + job.config.parameter,))
 
@@ -59,11 +55,11 @@ def measured(config: DiagnosisConfig, job: Job, drives: str, right: Sequence[str
     recordings = load(job.file(drives), job.seconds)
     baseline = load(job.file(RIGHT), job.seconds) if config.baseline else []
     stages: list[tuple[float, str]] = []
-    begin, cpu = time.perf_counter(), time.process_time()
+    begin, cpu = time.perf_counter(), sum(os.times()[:4])
     done = diagnose(
         config, recordings, lambda text: stages.append((time.perf_counter(), text)), baseline
     )
-    end, used = time.perf_counter(), time.process_time() - cpu
+    end, used = time.perf_counter(), sum(os.times()[:4]) - cpu
     names = [effect.name for effect in done.answer.effects]
     found = next((e for e in done.answer.effects if e.name in right), None)
     value = next(iter(found.parameters.values())) if found else None
@@ -110,15 +106,8 @@ def by_stage(begun: Sequence[tuple[float, str]], end: float) -> dict[str, float]
     return result
 
 
-def simulator(job: Job, name: str = "") -> str:
-    """What a diagnosis is given: a model's file, or an engine's with its options."""
-    name = name or job.name
-    if name == "learned":
+def simulator(job: Job) -> str:
+    """What a diagnosis is given: a model's file, or an engine's name."""
+    if job.name == "learned":
         return job.config.model or str(job.file("model.pt"))
-    if name != "mujoco":
-        return name
-    file: Path = job.file(f"mujoco_{job.config.threads}.yaml")
-    file.write_text(
-        yaml.safe_dump({"engine": "mujoco", "options": {"nthread": job.config.threads}})
-    )
-    return str(file)
+    return job.name

@@ -40,7 +40,7 @@ class Config:
     truth: float = 6.0
     """Its value there."""
     threads: int = 2
-    """Of MuJoCo's batch; PyTorch has one, which is faster for steps as small as these."""
+    """Of MuJoCo's batch, where the peers fit it; a diagnosis divides rollouts among processes."""
     rounds: int = 1
     """How often everything is measured, each time in new processes; tables show medians."""
     seed: int = 0
