@@ -59,7 +59,10 @@ class Budget:
         if self.sizes != full.sizes:
             parts.append(f"{len(self.sizes)} of {len(full.sizes)} trial sizes")
         surely = "pairs are found less surely" if self.sets > 6 else "pairs are hardly found"
-        return f"{', '.join(parts)}: {surely}, intervals are wider"
+        return (
+            f"{', '.join(parts)}: {surely}, the true effect may be among those that were not "
+            "fitted, intervals are wider; minutes=0 leaves nothing out"
+        )
 
 
 LEAST_SEGMENTS = 16  # two blocks of 8 s: with fewer there is nothing to hold out; chosen
