@@ -36,6 +36,7 @@ def config(**more):
         output="nowhere",
         effects=["viscous_drag", "throttle_gain", "steering_dead_time"],
         stretches=24,
+        minutes=0.0,
     )
     return replace(asked, **more)
 

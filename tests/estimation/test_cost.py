@@ -79,3 +79,19 @@ def test_what_a_rollout_takes_is_foretold(simulated, short):
     measured = measured_cost(simulated, short, NAMES)
     rows = short.pose.shape[1] - 1
     assert measured.seconds(8, rows) == pytest.approx(RESET + rows * (FIXED + 8 * EACH))
+
+
+def test_a_stall_of_the_machine_is_not_the_simulators(simulated, short, monkeypatch):
+    monkeypatch.setattr(cost, "QUICK", 100.0)
+    rolled, called = Simulated.readings, []
+
+    def stalling(self, segments, settings):
+        called.append(len(settings))
+        if len(called) % cost.OFTEN == 0:
+            self.clock.now += 5.0
+        rolled(self, segments, settings)
+
+    monkeypatch.setattr(Simulated, "readings", stalling)
+    measured = measured_cost(simulated, short, [])
+    assert measured.fixed == pytest.approx(FIXED)
+    assert measured.each == pytest.approx(EACH)
