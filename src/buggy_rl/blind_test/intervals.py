@@ -101,12 +101,7 @@ def _tried(of: Sequence[Number]) -> tuple[NDArray[np.float64], NDArray[np.bool_]
     z, true, by_blocks, share = (
         np.array([getattr(n, name) for n in of]) for name in ("z", "true", "by_blocks", "share")
     )
-    [always, remains, chance] = (
-        np.array([getattr(form, name) for form in TRIED])[:, None]
-        for name in ("always", "remains", "chance")
-    )
-    square = (chance * by_blocks) ** 2 + (always**2 + (remains * share) ** 2) * z**2
-    half = NORMAL * np.sqrt(square)
+    half = NORMAL * np.stack([form.sd(z, by_blocks, share) for form in TRIED])
     return half, np.abs(z - true) <= half
 
 

@@ -8,8 +8,14 @@ less, its number would be off by that. `chance`, `always` and `remains` are fitt
 cases (`blind_test.intervals`).
 """
 
-import math
 from dataclasses import dataclass
+from typing import TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = TypeVar("Numbers", float, NDArray[np.float64])
+"""One, or an array of them."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +29,7 @@ class FormError:
     remains: float = 1.0
     """Of what remains."""
 
-    def sd(self, z: float, by_blocks: float, share: float) -> float:
+    def sd(self, z: Numbers, by_blocks: Numbers, share: Numbers) -> Numbers:
         """Standard deviation of a number z [prior scales]."""
-        return math.hypot(self.chance * by_blocks, self.always * z, self.remains * share * z)
+        form = (self.always * z) ** 2 + (self.remains * share * z) ** 2
+        return cast(Numbers, ((self.chance * by_blocks) ** 2 + form) ** 0.5)
