@@ -1,11 +1,13 @@
 """What a GPU buys: environments, PPO and a diagnosis's rollouts, beside this machine's CPU.
 
     python benchmarks/gpu.py output=gpu.csv
+    python benchmarks/gpu.py engines=[mujoco] cars=[1024] training=[] sets=[] output=gpu.csv
     python benchmarks/gpu.py device=cpu engines=[kinematic] cars=[64] seconds=0.2 output=cpu.csv
 
 Every figure is measured on `device`, then on the CPU with `threads` threads, in the same run. The
 floor is what memory alone would allow: a copy's measured bytes a second over the bytes that a step
-must read and write. The CSV has the machine's and the device's name in every row.
+must read and write. The CSV has the machine's and the device's name in every row; each row is
+written when it is measured, and a run that was stopped goes on behind the rows that are there.
 """
 
 import os
@@ -15,6 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.config import from_command_line, run
+from buggy_rl.files import write_atomically
+
+KEYS = ("what", "engine", "size", "device")  # of a measurement
 
 
 @dataclass(frozen=True)
@@ -24,9 +29,10 @@ class Config:
     device: str = "cuda"
     """cuda, or cpu to try the benchmark itself."""
     engines: list[str] = field(
-        default_factory=lambda: ["kinematic", "single_track", "reference", "mujoco"]
+        default_factory=lambda: ["learned", "kinematic", "single_track", "reference", "mujoco"]
     )
-    """Engines, or learned models as .pt; `mujoco` is MuJoCo Warp on a GPU, MuJoCo on the CPU."""
+    """Engines, or learned models as .pt; `learned` is an untrained history MLP, `mujoco` MuJoCo
+    Warp on a GPU and MuJoCo on the CPU."""
     cars: list[int] = field(default_factory=lambda: [64, 1024, 16384, 131072])
     """Environments stepped at once."""
     training: list[int] = field(default_factory=lambda: [256, 4096, 32768])
@@ -60,25 +66,29 @@ def main() -> None:
         ("ppo", training, config.training),
         ("diagnosis", rollouts, config.sets),
     )
-    devices = dict.fromkeys([config.device, "cpu"])
-    memory = {device: bandwidth(device, config.seconds) for device in devices}
     jobs = [
         (what, measure, engine, size)
         for what, measure, sizes in kinds
         for engine in config.engines
         for size in sizes
     ]
-    rows: list[dict[str, Any]] = []
+    output = Path(config.output)
+    rows = pd.read_csv(output).to_dict("records") if output.exists() else []
+    known = {tuple(str(row[key]) for key in KEYS) for row in rows}
+    memory: dict[str, float] = {}
     for what, measure, engine, size in tqdm(jobs, unit="measurement"):
-        for device in devices:
+        for device in dict.fromkeys([config.device, "cpu"]):
+            if (what, engine, str(size), device) in known:
+                continue
+            if device not in memory:
+                memory[device] = bandwidth(device, config.seconds)
             found = measure(engine, size, device, config.seconds, config.repeats)
             row = {**about(device), "what": what, "engine": engine, "size": size, **found}
             if "bytes_per_step" in found:
                 row["floor_steps_per_s"] = memory[device] / found["bytes_per_step"]
             rows.append({**row, "copy_bytes_per_s": memory[device]})
-    table = pd.DataFrame(rows)
-    table.to_csv(config.output, index=False)
-    print(f"{table.to_string(index=False)}\nwritten: {Path(config.output)}")
+            write_atomically(output, pd.DataFrame(rows).to_csv(index=False))
+    print(f"{pd.DataFrame(rows).to_string(index=False)}\nwritten: {output}")
 
 
 def refuse_missing(device: str) -> None:

@@ -13,6 +13,7 @@ from buggy_rl.policies.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.ppo import PPO, PPOConfig
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.env import make_env, make_simulator
+from engines import make
 
 COPIED = 64_000_000  # [numbers] 256 MB: more than any cache, so that memory itself is measured
 CHUNK = 20  # steps between two looks at the clock
@@ -53,6 +54,8 @@ def bandwidth(device: str, seconds: float) -> float:
 
 def engine_of(name: str, cars: int, device: str):
     """A simulator on a device; the MuJoCo car steps on a GPU by MuJoCo Warp."""
+    if name == "learned":
+        return make(name, (cars,), device, threads=1)
     if name == "mujoco" and device != "cpu":
         return make_simulator(name, cars, device, backend="warp")
     return make_simulator(name, cars, device)

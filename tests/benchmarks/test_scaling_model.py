@@ -61,3 +61,13 @@ def test_the_same_code_measures_the_processor(tmp_path):
     assert table.machine.notna().all()
     assert table.steps_per_s["environment"] < table.floor_steps_per_s["environment"]
     assert table.rollouts_per_s["diagnosis"] > 0
+
+
+def test_a_stopped_measurement_goes_on_behind_its_rows(tmp_path):
+    file = tmp_path / "cpu.csv"
+    small = ("device=cpu", "cars=[8]", "training=[]", "sets=[]", "seconds=0.05", "repeats=1")
+    assert gpu(*small, "engines=[kinematic]", f"output={file}").returncode == 0
+    first = file.read_text()
+    assert gpu(*small, "engines=[kinematic,hold]", f"output={file}").returncode == 0
+    assert file.read_text().startswith(first)
+    assert list(pd.read_csv(file).engine) == ["kinematic", "hold"]
