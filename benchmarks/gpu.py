@@ -110,9 +110,12 @@ def about(device: str) -> dict[str, Any]:
     """The machine and the device of a row."""
     import torch
 
+    from buggy_rl.kernels.kernel import FOLDER
+
     name = torch.cuda.get_device_name() if device.startswith("cuda") else platform.processor()
     load = round(os.getloadavg()[0], 1)
-    own = {"machine": platform.node(), "cores": os.cpu_count(), "load": load}
+    kernels = "none" if os.environ.get(FOLDER) == "" else "where compiled"
+    own = {"machine": platform.node(), "cores": os.cpu_count(), "load": load, "kernels": kernels}
     return {**own, "device": device, "device_name": name, "torch": torch.__version__}
 
 

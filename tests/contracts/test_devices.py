@@ -1,14 +1,20 @@
-"""Every PyTorch engine computes where it is told to."""
+"""Every PyTorch engine, the task over it and what drives it compute where they are told to."""
 
 import pytest
 import torch
 from torch.testing import assert_close
 from torchrl.data import Unbounded
 
+from buggy_rl import keys
 from buggy_rl.engines import ENGINES, base, make_engine
 from buggy_rl.engines.reference import engine as reference
 from buggy_rl.models import MODELS
 from buggy_rl.models.factory import ModelConfig, make_model
+from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.track_reset import TrackReset
+from buggy_rl.task.env import TaskConfig, TaskEnv, make_env
+from buggy_rl.task.paths.making import make_paths
+from buggy_rl.task.transforms import waypoints
 
 PYTORCH = [
     *(name for name in ENGINES if name not in ("mujoco", "learned")),
@@ -34,17 +40,51 @@ def test_the_meta_device_refuses_tensors_of_another_device():
         torch.ones(3, device="meta") + torch.ones(3)
 
 
-@pytest.mark.parametrize("name", PYTORCH)
-def test_no_step_mixes_devices(name: str, monkeypatch: pytest.MonkeyPatch):
-    # Meta tensors have a device but no content: what runs on them runs on a GPU as well. Only
-    # checks of content must be taken out: of TorchRL's bounds, and of our own parameters.
+@pytest.fixture
+def contentless(monkeypatch: pytest.MonkeyPatch):
+    """Takes out checks of content: of TorchRL's bounds, of flags, and of our own parameters.
+
+    Meta tensors have a device but no content: what runs on them runs on a GPU as well.
+    """
     monkeypatch.setattr(
         base, "Bounded", lambda _low, _high, shape, device: Unbounded(shape, device=device)
     )
+    monkeypatch.setattr(waypoints, "COUNT", Unbounded(torch.Size([1]), dtype=torch.int64))
     monkeypatch.setattr(reference, "refuse_of_another_command", lambda *_: None)
+    monkeypatch.setattr(TaskEnv, "_reset_check_done", lambda *_: None)
+    monkeypatch.setattr(torch, "allclose", lambda *_, **__: True)
     monkeypatch.setattr(torch.Tensor, "__bool__", lambda _: True)
+
+
+@pytest.mark.usefixtures("contentless")
+@pytest.mark.parametrize("name", PYTORCH)
+def test_no_step_mixes_devices(name: str):
     result = step(make(name, "meta"))
     assert {str(value.device) for value in result.values()} == {"meta"}
+
+
+PATHS = make_paths(TaskConfig().paths)
+
+
+@pytest.mark.usefixtures("contentless")
+def test_a_task_is_computed_where_its_engine_is():
+    env = make_env(make("kinematic", "meta"), paths=PATHS)
+    state = env.reset()
+    state[keys.ACTION] = torch.zeros(4, 2, device="meta")
+    after = env.step(state)
+    assert {str(value.device) for value in after.values(True, True)} == {"meta"}
+
+
+@pytest.mark.usefixtures("contentless")
+def test_an_episode_is_scored_where_its_environment_is():
+    env = make_env(make("kinematic", "meta"), paths=PATHS)
+
+    def straight(state):
+        return state.set(keys.ACTION, torch.zeros(4, 2, device="meta"))
+
+    for track_reset in (None, TrackReset(env)):
+        scores = drive(env, straight, 3, track_reset)
+        assert str(scores.waypoints.device) == "meta"
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")

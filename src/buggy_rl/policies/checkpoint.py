@@ -44,7 +44,7 @@ def restore_environment(env: EnvBase, state: dict[str, Any]) -> None:
     for name, generator in generators.items():
         generator.set_state(state["generators"][name])
     for name, (module, key) in places.items():
-        setattr(module, key, state["tensors"][name].clone())
+        setattr(module, key, state["tensors"][name].clone().to(getattr(module, key).device))
 
 
 def refuse_difference(here: Iterable[Any], saved: Iterable[Any]) -> None:

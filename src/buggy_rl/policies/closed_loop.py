@@ -19,7 +19,7 @@ Driver = Callable[[TensorDictBase], TensorDictBase]
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of each episode; all [N]."""
+    """Scores of each episode; all [N], on the device of the environment."""
 
     waypoints: Tensor
     """Closed."""
@@ -61,11 +61,11 @@ def drive(
         steps: Of an episode.
         track_reset: Of the same env, for this episode alone.
     """
-    count = env.batch_size.numel()
-    alive = going = torch.ones(count, 1)
-    sums = {name: torch.zeros(count, 1) for name in SUMMED}
-    furthest, driven = torch.zeros(count, 1), torch.zeros(count, 1)
-    completed = torch.zeros(count, 1, dtype=torch.bool)
+    nothing = torch.zeros(env.batch_size.numel(), 1, device=env.device)
+    alive = going = nothing + 1.0
+    sums = {name: nothing.clone() for name in SUMMED}
+    furthest = driven = nothing
+    completed = nothing > 0
     flagged: Tensor | None = None
     states = trajectory(env, env.reset(), lambda _, state: driver(state), steps)
     for state, following in pairwise(states):
@@ -73,16 +73,16 @@ def drive(
             sums[name] += alive * value
         furthest = torch.maximum(furthest, alive * following[keys.LATERAL_ERROR].abs())
         if keys.OUT_OF_RANGE in following:
-            flagged = torch.zeros(count, 1) if flagged is None else flagged
-            flagged += alive * following[keys.OUT_OF_RANGE]
-        driven += alive
-        completed |= (alive > 0) & following[keys.COMPLETED]
+            flagged = nothing if flagged is None else flagged
+            flagged = flagged + alive * following[keys.OUT_OF_RANGE]
+        driven = driven + alive
+        completed = completed | (alive > 0) & following[keys.COMPLETED]
         going = going * ~following[keys.DONE if track_reset is None else keys.COMPLETED]
         alive = going if track_reset is None else going * ~track_reset(following)
         if not going.any():
             break
     mean = {name: (total / driven).squeeze(-1) for name, total in sums.items()}
-    lost = torch.full((count,), float("nan"))
+    unknown = torch.full_like(driven, float("nan"))
     return Scores(
         waypoints=sums["waypoints"].squeeze(-1),
         kept_on=torch.where(completed, 1.0, driven / steps).squeeze(-1),
@@ -92,7 +92,7 @@ def drive(
         heading_mean=mean["heading"],
         speed=mean["speed"],
         steering_effort=mean["effort"],
-        out_of_range=lost if flagged is None else (flagged / driven).squeeze(-1),
+        out_of_range=(unknown if flagged is None else flagged / driven).squeeze(-1),
     )
 
 

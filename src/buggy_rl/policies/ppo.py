@@ -210,6 +210,7 @@ class PPO:
             "episodes": self.episodes.state_dict(),
             "minibatches": self.generator.get_state(),
             "random": torch.get_rng_state(),
+            "random_device": self._device_random(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -225,10 +226,18 @@ class PPO:
         restore_environment(self.env, state["environment"])
         self.generator.set_state(state["minibatches"])
         torch.set_rng_state(state["random"])  # last: whatever is built draws from it
+        if state.get("random_device") is not None:
+            torch.cuda.set_rng_state(state["random_device"], self.env.device or "cuda")
+
+    def _device_random(self) -> Tensor | None:
+        """State of the generator that exploration draws from on a GPU; None on the CPU."""
+        device = self.env.device
+        on_gpu = device is not None and device.type == "cuda"
+        return torch.cuda.get_rng_state(device) if on_gpu else None
 
     def _cars(self, here: TensorDictBase, saved: dict[str, Any]) -> TensorDictBase:
         written = self.actor.out_keys  # anew by every step
-        cars = TensorDict(saved, self.env.batch_size).exclude(*written)
+        cars = TensorDict(saved, self.env.batch_size, device=self.env.device).exclude(*written)
         refuse_difference(here.flatten_keys(".").exclude(*written).keys(), cars.keys())
         return cars.unflatten_keys(".").clone()
 

@@ -33,7 +33,9 @@ class TrackReset:
         self.waypoints = found[0]
         self.patience = round(patience / CONTROL_PERIOD)
         self.handling = round(handling / CONTROL_PERIOD)
-        self.idle, self.held, self.times = torch.zeros(3, env.batch_size.numel(), 1).unbind(0)
+        self.idle, self.held, self.times = torch.zeros(
+            3, env.batch_size.numel(), 1, device=env.device
+        ).unbind(0)
 
     def __call__(self, following: TensorDictBase) -> Tensor:
         """Moves the cars that are to be reset, in the TensorDict that a step led to.

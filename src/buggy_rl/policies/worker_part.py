@@ -51,7 +51,7 @@ class PartOfMany(Transform):
         """Adds the number."""
         assert isinstance(observation_spec, Composite)
         shape = torch.Size([*observation_spec.shape, 1])
-        observation_spec[PART] = Unbounded(shape, dtype=torch.int64)
+        observation_spec[PART] = Unbounded(shape, dtype=torch.int64, device=observation_spec.device)
         return observation_spec
 
 

@@ -69,7 +69,7 @@ def posterior(
 def _scaled(effect: Effect, batch_size: torch.Size) -> Effect:
     if not isinstance(effect, ResidualAcceleration):
         return effect
-    strength = 2.0 * effect.values["strength"] * torch.rand(batch_size)
+    strength = 2.0 * effect.values["strength"].cpu() * torch.rand(batch_size)
     return effect.with_parameters(TensorDict({"strength": strength}, batch_size))
 
 
@@ -78,6 +78,7 @@ def _drawn(engine: Engine, intervals: Mapping[str, Mapping[str, float]]) -> Tens
     for name, interval in sorted(intervals.items()):
         bounds, best = engine.declared[name], engine.values[name]
         width = interval["high"] - interval["low"]
-        drawn = interval["low"] + width * torch.rand(engine.batch_size)
+        # Drawn on the CPU: a seed gives the same cars on every device.
+        drawn = interval["low"] + width * torch.rand(engine.batch_size).to(best.device)
         values[name] = (best + WIDER * (drawn - best)).clamp(bounds.lower, bounds.upper)
     return TensorDict(values, engine.batch_size)

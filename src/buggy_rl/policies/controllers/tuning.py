@@ -89,7 +89,7 @@ def tune(
         centre = (low + high) / 2 if turn == 0 else best
         values = (centre + (drawn - 0.5) * reach).clamp(low, high)
         values[0] = best
-        of_cars = values.repeat_interleave(paths, 0).unbind(-1)
+        of_cars = values.repeat_interleave(paths, 0).to(env.device or "cpu").unbind(-1)
         scores = drive(
             env, driver(_with(config, dict(zip(ranges, of_cars, strict=True)))), search.steps
         )

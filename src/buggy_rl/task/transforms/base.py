@@ -43,7 +43,7 @@ class TaskTransform(Transform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         self._check_place(observation_spec, self.writes)
         for key, spec in self.writes.items():
-            observation_spec[key] = spec.expand(observation_spec.shape + spec.shape)
+            observation_spec[key] = batched(spec, observation_spec)
         return observation_spec
 
     def _check_place(self, promised: Composite, writes: Iterable[str]) -> None:
@@ -76,6 +76,11 @@ class RandomTransform(TaskTransform):
     """
 
     generator: torch.Generator | None = None
+
+
+def batched(spec: TensorSpec, of: Composite) -> TensorSpec:
+    """A spec without the batch as one of a Composite: with its batch, on its device."""
+    return spec.expand(of.shape + spec.shape).to(of.device or "cpu")
 
 
 def numbers(*sizes: int) -> Unbounded:

@@ -6,7 +6,7 @@ from torch import Tensor
 from torchrl.data import Composite
 
 from buggy_rl import keys
-from buggy_rl.task.transforms.base import TaskTransform, numbers
+from buggy_rl.task.transforms.base import TaskTransform, batched, numbers
 
 
 class History(TaskTransform):
@@ -45,7 +45,8 @@ class History(TaskTransform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         self._check_place(observation_spec, [keys.OBSERVATION_ROWS])
-        *batch, size = observation_spec[keys.OBSERVATION].shape
-        observation_spec[keys.OBSERVATION_ROWS] = numbers(*batch, self.rows, size)
-        observation_spec[keys.OBSERVATION] = numbers(*batch, self.rows * size)
+        size = observation_spec[keys.OBSERVATION].shape[-1]
+        rows, flat = numbers(self.rows, size), numbers(self.rows * size)
+        observation_spec[keys.OBSERVATION_ROWS] = batched(rows, observation_spec)
+        observation_spec[keys.OBSERVATION] = batched(flat, observation_spec)
         return observation_spec

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Composite
 
 from buggy_rl import keys
-from buggy_rl.task.transforms.base import TaskTransform, measured_velocity, numbers
+from buggy_rl.task.transforms.base import TaskTransform, batched, measured_velocity, numbers
 
 
 class Observation(TaskTransform):
@@ -42,5 +42,5 @@ class Observation(TaskTransform):
             )
         batch = observation_spec.shape
         sizes = [observation_spec[key].shape[len(batch) :].numel() for key in self.inputs]
-        observation_spec[keys.OBSERVATION] = numbers(*batch, sum(sizes))
+        observation_spec[keys.OBSERVATION] = batched(numbers(sum(sizes)), observation_spec)
         return observation_spec

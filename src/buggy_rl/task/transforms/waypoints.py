@@ -10,7 +10,13 @@ from torchrl.data import Binary, Composite
 
 from buggy_rl import keys
 from buggy_rl.task.paths.path_set import PathSet
-from buggy_rl.task.transforms.base import COUNT, RandomTransform, measured_pose, numbers
+from buggy_rl.task.transforms.base import (
+    COUNT,
+    RandomTransform,
+    batched,
+    measured_pose,
+    numbers,
+)
 from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
@@ -214,7 +220,7 @@ class Waypoints(RandomTransform):
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         # What a reset may be asked for, beside the engine's pose and velocity.
         for key in (keys.PATH, keys.NEXT_WAYPOINT):
-            state_spec[key] = COUNT.expand(state_spec.shape + COUNT.shape)
+            state_spec[key] = batched(COUNT, state_spec)
         return state_spec
 
 
