@@ -156,7 +156,7 @@ def _received(link: socket.socket) -> bytes:
 def main(arguments: list[str]) -> None:
     """The process."""
     file, address, *family = arguments
-    parent = Parent(*map(int, family)) if family else Parent(0)
+    parent = Parent(int(family[0]), family[1] == "1") if family else Parent(0)
 
     import torch
 
