@@ -2,8 +2,8 @@
 
 GRANTED = 2.0  # periods between two messages that are not counted
 DRAIN = 0.25  # of the time that messages come as they should, taken off what was behind
-LARGEST = 0.045  # [s] that a gap counts for at most: a single stall has a limit of its own, 0.1 s
-MOST = 0.05  # [s] behind, from which the process is too slow
+LARGEST = 0.04  # [s] that a gap counts for at most: a single stall has a limit of its own, 0.1 s
+MOST = 0.045  # [s] behind, from which the process is too slow
 
 
 class Lateness:
