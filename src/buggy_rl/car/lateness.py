@@ -4,6 +4,7 @@ GRANTED = 2.0  # periods between two messages that are not counted
 DRAIN = 0.25  # of the time that messages come as they should, taken off what was behind
 LARGEST = 0.04  # [s] that a gap counts for at most: a single stall has a limit of its own, 0.1 s
 MOST = 0.045  # [s] behind, from which the process is too slow
+REMEMBERED = 0.06  # [s] at most: what kept up for 0.1 s is no longer too slow
 
 
 class Lateness:
@@ -23,7 +24,7 @@ class Lateness:
 
     def add(self, gap: float) -> None:
         """Takes the time [s] between two messages."""
-        self._behind = self.behind(gap)
+        self._behind = min(self.behind(gap), REMEMBERED)
 
     def behind(self, gap: float) -> float:
         """How far it is behind [s] if the gap so far is as long as this one [s]."""
