@@ -49,6 +49,26 @@ def test_a_refusing_board_takes_nothing_until_its_time():
     assert wheels.write(0.5, 0.1)
 
 
+def test_a_board_that_loses_writes_says_that_it_took_them():
+    wheels = Wheels(clock := Clock())
+    wheels.lose(1.0)
+    assert wheels.write(0.5, 0.1)
+    assert wheels.acting() == (-1.0, 0.0)
+    clock.time = 1.0
+    assert wheels.write(0.5, 0.1)
+    assert wheels.acting() == (0.5, 0.1)
+
+
+def test_a_board_that_hangs_answers_at_its_end_and_did_nothing():
+    clock = Clock()
+    clock.sleep = lambda seconds: setattr(clock, "time", clock.time + seconds)
+    wheels = Wheels(clock)
+    wheels.hang(1.0)
+    assert not wheels.write(0.5, 0.1)
+    assert clock.time == 1.0
+    assert wheels.acting() == (-1.0, 0.0)
+
+
 def test_the_log_begins_with_what_acted():
     wheels = Wheels(clock := Clock())
     for k in range(1, 10):
