@@ -1,9 +1,9 @@
 """How far a process that must speak once a period is behind, over its last messages."""
 
 GRANTED = 2.0  # periods between two messages that are not counted
-DRAIN = 0.25  # of the time that messages come as they should, taken off what was behind
+DRAIN = 0.15  # of the time that messages come as they should, taken off what was behind
 LARGEST = 0.04  # [s] that a gap counts for at most: a single stall has a limit of its own, 0.1 s
-MOST = 0.045  # [s] behind, from which the process is too slow
+MOST = 0.043  # [s] behind, from which the process is too slow
 REMEMBERED = 0.06  # [s] at most: what kept up for 0.1 s is no longer too slow
 
 
@@ -12,7 +12,7 @@ class Lateness:
 
     A loop that is stopped for 80 ms again and again, or that runs at 25 Hz instead of 100, is never
     silent for 0.1 s, and its commands are old nevertheless. At 100 Hz a process that keeps up
-    40 messages a second is never too slow, one of 25 is after 0.12 s.
+    45 messages a second is never too slow, one of 25 is after 0.12 s.
 
     Args:
         period: Between two messages [s].
