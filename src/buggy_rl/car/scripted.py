@@ -20,8 +20,8 @@ class Schedule(NamedTuple):
 class ScriptedPilot(Pilot):
     """Leaves the car to the policy and holds the button.
 
-    A press that did not arm for `LONGEST_PRESS` is repeated. After a disarming the button is released, and pressed
-    again if the schedule says so.
+    A press that did not arm for `LONGEST_PRESS` is repeated. After a disarming the button is
+    released, and pressed again if the schedule says so.
 
     Args:
         schedule: When.

@@ -105,15 +105,18 @@ class SimulatedActuator(Actuator):
     def _asked(self, request: struct.Struct, *values: float) -> Tuple[int, float, float]:
         """What the board answers; an answer to an earlier request is no answer."""
         self._number += 1
-        self._link.send(request.pack(self._number, *values))
-        while True:
-            message = self._link.recv(64)
-            if not message:
-                self.gone = True
-                raise OSError("the simulated car has ended")
-            number, done, throttle, steering = ANSWER.unpack(message)
-            if number == self._number:
-                return done, throttle, steering
+        try:
+            self._link.send(request.pack(self._number, *values))
+            while True:
+                message = self._link.recv(64)
+                if not message:
+                    raise ConnectionError("the simulated car has ended")
+                number, done, throttle, steering = ANSWER.unpack(message)
+                if number == self._number:
+                    return done, throttle, steering
+        except ConnectionError:
+            self.gone = True
+            raise
 
     def close(self) -> None:
         _shut(self._link)
