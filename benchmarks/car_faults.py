@@ -2,10 +2,12 @@
 
     python benchmarks/car_faults.py
     python benchmarks/car_faults.py faults=[frozen,loop_killed] times=10 output=runs/faults.csv
+    python benchmarks/car_faults.py jobs=2
+    python benchmarks/car_faults.py times=0 pages=[docs/car.md,benchmarks/README.md]
 
 Prints, for each fault, how long the wheels took to get no drive, and no drive with the wheels
 straight, by the simulated car's own log, and what the recordings miss. It resumes: lines in the
-output are kept.
+output are kept. `times=0` makes none and writes the table into the pages.
 """
 
 from pathlib import Path
@@ -19,14 +21,18 @@ def main() -> None:
 
     from tqdm import tqdm
 
-    from faults.campaign import injections, left, summary
+    from faults.campaign import injections, left
+    from faults.table import summary, write_table
 
     total = sum(left(config).values())
     with tqdm(total=total, desc="faults", unit="fault") as bar:
         for injection in injections(config):
             bar.set_postfix_str(injection.fault)
             bar.update()
-    print("\n".join(summary(Path(config.output))))
+    lines = summary(Path(config.output))
+    for page in config.pages:
+        write_table(Path(page), lines)
+    print("\n".join(lines))
 
 
 if __name__ == "__main__":

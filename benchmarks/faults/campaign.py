@@ -2,9 +2,12 @@
 
 import csv
 import json
+import os
+import queue
 import random
 import signal
 import subprocess
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -12,7 +15,6 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
 from buggy_rl.car.interfaces import NO_DRIVE
@@ -29,19 +31,25 @@ from buggy_rl.simulated_car.session import (
 )
 from buggy_rl.task.paths.making import PathConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
-from faults.injection import ENDS, FAULTS, WATCHED, Reaction, Target, reaction
+from faults.devices import HERE, IN_LOOP, IN_WATCHDOG, spoil
+from faults.injection import ENDS, FAULTS, TALKING, WATCHED, Reaction, Target, reaction
+from faults.table import summary as summary
 
-HARDWARE = {"watchdog_killed": 0.1}
-"""Fault -> failsafe of the simulated board [s], for faults that only hardware can answer."""
 SLOWEST_START = 30.0  # [s] until the car drives
 DELAY = (0.15, 0.7)  # [s] of driving before a fault
 DELAYS = {
     "jumping": (1.5, 3.0),  # or a third of the recording is elsewhere, which a reader refuses
-    **dict.fromkeys(ENDS, (1.0, 1.6)),  # it ends the drive, and a recording has 1 s or more
+    **dict.fromkeys(ENDS, (0.8, 1.2)),  # it ends the drive, and a recording has 1 s or more
+    "velocity_frozen": (0.4, 0.9),  # it is learnt first that the velocity does not repeat
+    "pose_drifting": (1.0, 2.0),
 }
+WATCHES = {"pose_drifting": 0.9}  # [s]
 ROUNDING = 2e-6  # [s] of stamps in a recording, which are written in microseconds
 CELLS = len(COLUMNS) - 1  # commas of a whole line
 SLOWEST_END = 10.0  # [s] of the runtime
+WHERE = {"actuator": "watchdog", "sensor": "loop"}
+"""Section of the config -> the process that its driver runs in."""
+HUNG = ("loop_hangs",)  # it is killed afterwards
 A_DRIVE = 20  # injections in one drive, if the runtime survives them
 
 
@@ -59,10 +67,16 @@ class CampaignConfig:
     """Of each."""
     seed: int = 0
     """Of the moments and sizes."""
+    jobs: int = 1
+    """Cars that are driven side by side; each keeps a third of a core busy."""
+    pages: list[str] = field(default_factory=list)
+    """Files whose table between `<!-- car_faults: begin -->` and `end` is written anew."""
     car: SimulatedCarConfig = field(default_factory=lambda: SimulatedCarConfig(compiled=True))
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.faults) - set(FAULTS))
+        if self.jobs < 1:
+            raise ValueError(f"jobs={self.jobs}: must be 1 or above")
         if unknown:
             raise ValueError(f"unknown faults {unknown}; available: {', '.join(FAULTS)}")
 
@@ -93,32 +107,69 @@ def left(config: CampaignConfig) -> Counter:
 
 
 def injections(config: CampaignConfig) -> Iterator[Injection]:
-    """Makes what is left; yields each injection once it is in the file."""
+    """Makes what is left; yields each injection once it is in the file.
+
+    Raises:
+        Exception: What ended one of the jobs.
+    """
+    # Where the runtime finds the spoilt drivers.
+    here = str(Path(__file__).parents[1])
+    os.environ["PYTHONPATH"] = os.pathsep.join([here, os.environ.get("PYTHONPATH", "")])
+    found: queue.Queue[Injection | Exception | None] = queue.Queue()
+    waiting: queue.Queue[tuple[str, int]] = queue.Queue()
     for fault, count in left(config).items():
-        if not count:
-            continue
-        car = SimulatedCarConfig(
-            **{**vars(config.car), "failsafe": HARDWARE.get(fault, config.car.failsafe)}
-        )
-        with SimulatedCar(car) as running:
-            yield from _of_fault(config, running, fault, count)
+        if count:
+            waiting.put((fault, count))
+    running = min(config.jobs, waiting.qsize())
+    for index in range(running):
+        arguments = (config, str(index), waiting, found)
+        threading.Thread(target=_job, args=arguments, daemon=True).start()
+    while running:
+        made = found.get()
+        if isinstance(made, Exception):
+            raise made
+        if made is None:
+            running -= 1
+        else:
+            _append(Path(config.output), made)
+            yield made
+
+
+def _job(config: CampaignConfig, name: str, waiting: queue.Queue, found: queue.Queue) -> None:
+    """Drives one car until no fault is left; ends with None, or with what went wrong."""
+    try:
+        with SimulatedCar(config.car) as car:
+            while True:
+                try:
+                    fault, count = waiting.get_nowait()
+                except queue.Empty:
+                    break
+                _of_fault(Path(config.work) / name, config, car, fault, count, found)
+    except Exception as error:
+        found.put(error)
+    found.put(None)
 
 
 def _of_fault(
-    config: CampaignConfig, car: SimulatedCar, fault: str, count: int
-) -> Iterator[Injection]:
+    work: Path,
+    config: CampaignConfig,
+    car: SimulatedCar,
+    fault: str,
+    count: int,
+    found: queue.Queue,
+) -> None:
     a_drive = 1 if fault in ENDS else A_DRIVE
     number = config.times - count
     while number < config.times:
         chance = random.Random(f"{config.seed} {fault} {number}")
         wanted = min(a_drive, config.times - number)
-        for found in _drive(config, car, fault, number, wanted, chance):
-            _append(Path(config.output), found)
+        for each in _drive(work, config, car, fault, number, wanted, chance):
+            found.put(each)
             number += 1
-            yield found
 
 
 def _drive(
+    work: Path,
     config: CampaignConfig,
     car: SimulatedCar,
     fault: str,
@@ -127,23 +178,16 @@ def _drive(
     chance: random.Random,
 ) -> list[Injection]:
     """One drive with so many injections."""
-    work = Path(config.work)
     work.mkdir(parents=True, exist_ok=True)
-    course = write_course("lap", PathConfig(), work)
-    policy = policy_section("pursuit", course, {"speed": 1.0})
-    content = simulated_config(config.car, car.address, policy, str(work / "rec"), 3600.0)
-    content["pilot"] = {"kind": "scripted", "press_after": 0.25, "again": True}
     before = set((work / "rec").glob("*.csv"))
     begin = car.now
-    runtime = start_runtime(content, work / "car.json", subprocess.DEVNULL)
+    runtime = _started(work, config, car, fault)
     try:
         target = Target(car, runtime, chance)
         measured = [_inject(target, fault) for _ in range(wanted)]
         end = measured[-1].begin if fault in ENDS else car.now
     finally:
-        if fault not in ENDS:
-            runtime.send_signal(signal.SIGTERM)
-        runtime.wait(SLOWEST_END)
+        _end(runtime, fault)
     recording = next(iter(set((work / "rec").glob("*.csv")) - before))
     readable = _loads(recording)
     missing = missing_time(recording, [s for s in car.sent(begin) if s < end])
@@ -151,6 +195,37 @@ def _drive(
         Injection(fault, number + index, found.cut, found.neutral, readable, missing)
         for index, found in enumerate(measured)
     ]
+
+
+def _started(work: Path, config: CampaignConfig, car: SimulatedCar, fault: str) -> subprocess.Popen:
+    """The runtime; nobody reads what it says, where that is the fault."""
+    course = write_course("lap", PathConfig(), work)
+    policy = policy_section("pursuit", course, {"speed": 1.0})
+    content = simulated_config(config.car, car.address, policy, str(work / "rec"), 3600.0)
+    content["pilot"] = {"kind": "scripted", "press_after": 0.25, "again": True}
+    for place, kinds in (("actuator", IN_WATCHDOG), ("sensor", IN_LOOP)):
+        if fault in kinds:
+            spoil(f"{car.address}.{WHERE[place]}", "")
+            content[place] = {**content[place], "kind": f"{HERE}:Spoilt{place.title()}"}
+    output = subprocess.PIPE if fault in TALKING else subprocess.DEVNULL
+    return start_runtime(content, work / "car.json", output, output)
+
+
+def _end(runtime: subprocess.Popen, fault: str) -> None:
+    """Ends the drive, if it goes on."""
+    if runtime.poll() is None and fault in HUNG:
+        runtime.kill()
+    if runtime.poll() is None:
+        runtime.send_signal(signal.SIGTERM)
+    try:
+        runtime.wait(SLOWEST_END)
+    except subprocess.TimeoutExpired:
+        runtime.kill()
+        raise
+    finally:
+        for pipe in (runtime.stdout, runtime.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def _inject(target: Target, fault: str) -> Reaction:
@@ -162,7 +237,7 @@ def _inject(target: Target, fault: str) -> Reaction:
         if target.car.wheels(earlier)[0][1] <= NO_DRIVE:
             continue  # it coasts just now: nothing could be cut
         begin = FAULTS[fault](target)
-        time.sleep(max(0.0, begin + WATCHED - target.car.now))
+        time.sleep(max(0.0, begin + WATCHES.get(fault, WATCHED) - target.car.now))
         return reaction(begin, target.car.wheels(begin))
 
 
@@ -205,20 +280,3 @@ def _append(file: Path, found: Injection) -> None:
             writer.writeheader()
         values = asdict(found)
         writer.writerow({k: round(v, 2) if isinstance(v, float) else v for k, v in values.items()})
-
-
-def summary(file: Path) -> list[str]:
-    """A table of the file: a row for each fault."""
-    table = pd.read_csv(file)
-    lines = [
-        "| fault | n | no drive, p50 [ms] | p99 | max | wheels straight, p50 [ms] | p99 | max | "
-        "readable | missing, max [s] |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    for fault, rows in table.groupby("fault", sort=False):
-        cells = [str(fault), str(len(rows))]
-        for column in ("cut_ms", "neutral_ms"):
-            cells += [f"{v:.0f}" for v in np.quantile(rows[column], [0.5, 0.99, 1.0])]
-        cells += [str(np.sum(rows["readable"])), f"{np.max(rows['missing_s']):.2f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines

@@ -65,3 +65,46 @@ def test_it_resumes_where_its_file_ends(faults, tmp_path):
 def test_an_unknown_fault_is_refused(faults):
     with pytest.raises(ValueError, match="unknown faults"):
         faults("campaign").CampaignConfig(faults=["deaf"])
+
+
+def test_its_table_is_written_between_the_marks_of_a_page(faults, tmp_path):
+    table, page = faults("table"), tmp_path / "page.md"
+    page.write_text(f"before\n{table.BEGIN}old\nold\n{table.END}\nafter\n")
+    table.write_table(page, ["| a |", "| b |"])
+    assert page.read_text() == f"before\n{table.BEGIN}| a |\n| b |\n{table.END}\nafter\n"
+    page.write_text("no marks\n")
+    with pytest.raises(ValueError, match="has no lines <!-- car_faults: begin -->"):
+        table.write_table(page, ["| a |"])
+
+
+def test_a_fault_that_nothing_stopped_is_never_in_the_table(faults, tmp_path):
+    campaign, output = faults("campaign"), tmp_path / "faults.csv"
+    for number, cut in enumerate((10.0, 20.0, math.inf)):
+        campaign._append(output, campaign.Injection("silent", number, cut, cut, True, 0.0))
+    assert "| silent | 3 | 20 | never | never |" in "\n".join(campaign.summary(output))
+
+
+@pytest.mark.parametrize("page", ["docs/car.md", "benchmarks/README.md"])
+def test_the_pages_have_the_table_of_the_results(faults, page, request):
+    table, root = faults("table"), request.config.rootpath
+    lines = table.summary(root / "benchmarks" / "results" / "car_faults.csv")
+    text = (root / page).read_text().split(table.BEGIN)[1].split(table.END)[0]
+    assert text.splitlines() == lines
+
+
+def test_the_results_name_faults_that_there_are(faults, request):
+    file = request.config.rootpath / "benchmarks" / "results" / "car_faults.csv"
+    names = {line.split(",")[0] for line in file.read_text().splitlines()[1:]}
+    assert names <= set(faults("injection").FAULTS)
+
+
+def test_a_spoilt_driver_acts_by_the_file_beside_the_socket(faults, tmp_path):
+    devices = faults("devices")
+    address = str(tmp_path / "car")
+    spoilt = devices.Spoilt(address)
+    spoilt.act()  # no file: nothing
+    devices.spoil(address, "loop_raises")
+    with pytest.raises(RuntimeError, match="the driver broke"):
+        spoilt.act()
+    devices.spoil(address, "")
+    spoilt.act()

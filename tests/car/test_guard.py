@@ -6,7 +6,7 @@ import pytest
 
 from buggy_rl.car.guard import Guard, GuardTimes
 from buggy_rl.car.interfaces import NEUTRAL, Actuator
-from buggy_rl.car.messages import FAILING, GOOD, SILENT, CommandMessage
+from buggy_rl.car.messages import FAILING, GOOD, READ_BACK, SILENT, TAKEN, CommandMessage
 
 DRIVE = (0.2, -0.4)
 
@@ -134,3 +134,64 @@ def test_it_waits_no_longer_than_something_is_due():
     assert watched.guard.wait(watched.now) == pytest.approx(0.09)
     watched.run(0.2)
     assert watched.guard.wait(watched.now) <= 0.01
+
+
+class Losing(Board):
+    """Says that it takes a command, and does not, while it is told to; can be read."""
+
+    def __init__(self):
+        super().__init__()
+        self.loses, self.held, self.looks = False, NEUTRAL, 0
+
+    def write(self, throttle, steering):
+        super().write(throttle, steering)
+        if not self.loses:
+            self.held = throttle, steering
+
+    def holds(self, throttle, steering):
+        self.looks += 1
+        return self.held == (throttle, steering)
+
+
+def losing():
+    watched = Watched()
+    watched.board = Losing()
+    watched.guard = Guard(watched.board, GuardTimes(), watched.now)
+    return watched
+
+
+def test_a_stop_counts_only_when_the_board_holds_it():
+    watched = losing().run(0.05, DRIVE)
+    watched.board.loses = True
+    watched.run(0.02, NEUTRAL)
+    assert watched.guard.state == FAILING
+    watched.board.loses = False
+    watched.run(0.004)
+    assert watched.board.held == NEUTRAL
+    watched.run(0.02, NEUTRAL)
+    assert watched.guard.state == GOOD
+
+
+def test_a_board_that_loses_commands_is_noticed_while_it_is_driven():
+    watched = losing().run(0.2, DRIVE)
+    watched.board.loses = True
+    watched.run(0.06, (0.3, 0.0))
+    assert watched.guard.state == FAILING
+
+
+def test_a_board_is_read_at_each_new_neutral_and_now_and_then():
+    watched = losing().run(0.01)
+    assert watched.board.looks == 1  # the first neutral
+    watched.run(1.0, DRIVE)
+    assert 15 <= watched.board.looks <= 22  # every 50 ms
+    before = watched.board.looks
+    watched.run(1.0, NEUTRAL)
+    assert watched.board.looks == before + 1
+
+
+@pytest.mark.parametrize(("made", "done"), [(losing, READ_BACK), (Watched, TAKEN)])
+def test_a_report_says_whether_the_last_neutral_was_read_back(made, done):
+    watched = made().run(0.05, DRIVE)
+    watched.guard.silence(7)
+    assert watched.guard.act(watched.now) == (NEUTRAL, done)
+    assert watched.guard.sequence == 7

@@ -215,3 +215,33 @@ def test_without_smbus_the_error_names_the_packages(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ImportError, match="pip install smbus2, or apt install"):
         PCA9685.from_dict({})
+
+
+def test_what_it_holds_is_read_from_its_registers(board):
+    actuator = PCA9685(Wiring(), board)
+    actuator.write(0.2, -0.3)
+    assert actuator.holds(0.2, -0.3)
+    assert not actuator.holds(-1.0, 0.0)
+    actuator.write(-1.0, 0.0)
+    assert actuator.holds(-1.0, 0.0)
+    board.registers[9] ^= 1
+    assert not actuator.holds(-1.0, 0.0)
+
+
+def test_a_board_that_lost_its_power_for_a_moment_holds_nothing(board):
+    actuator = PCA9685(Wiring(), board)
+    actuator.write(-1.0, 0.0)
+    board.registers[0x00] |= 0x10  # asleep, as after power-on
+    assert not actuator.holds(-1.0, 0.0)
+
+
+def test_a_second_handle_leaves_a_running_board_as_it_is(board, tmp_path):
+    heartbeat = tmp_path / "value"
+    first = PCA9685(Wiring(heartbeat=str(heartbeat)), board)
+    first.write(0.2, 0.1)
+    before, beat = bytes(board.registers), heartbeat.read_text()
+    second = PCA9685(Wiring(), board, running=True)
+    assert bytes(board.registers) == before
+    second.neutral()
+    assert first.holds(-1.0, 0.0)
+    assert heartbeat.read_text() == beat  # only the watchdog feeds the timer

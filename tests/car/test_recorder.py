@@ -109,6 +109,38 @@ def test_a_full_disk_is_said_and_not_raised_in_the_loop(tmp_path):
     assert "No space left" in recorder.error
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_is_known_within_100_ms(tmp_path):
+    recorder = DriveRecorder(str(tmp_path / "drive_00.csv"), ORIGIN)
+    recorder._file = Path("/dev/full").open("w")  # noqa: SIM115
+    begin = time.monotonic()
+    recorder.put(row(0.0), math.inf)
+    while not recorder.error:
+        assert time.monotonic() < begin + 5
+        time.sleep(0.002)
+    assert time.monotonic() - begin < 0.16
+    recorder.close()
+
+
+def test_a_disk_that_does_not_answer_does_not_hold_up_the_end_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr("buggy_rl.car.recorder.LONGEST_CLOSE", 0.2)
+    recorder = DriveRecorder(str(tmp_path / "drive_00.csv"), ORIGIN)
+    monkeypatch.setattr(recorder, "_write", lambda: time.sleep(3))
+    recorder.close()
+    assert "has not answered for 0.2 s" in recorder.error
+
+
+def test_a_recorder_that_breaks_says_so(tmp_path, monkeypatch):
+    recorder = DriveRecorder(str(tmp_path / "drive_00.csv"), ORIGIN)
+
+    def broken():
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(recorder, "_write", broken)
+    recorder.close()
+    assert recorder.error.endswith("broken")
+
+
 KILLED = """
 import math, sys, time
 from buggy_rl.car.recorder import DriveRecorder

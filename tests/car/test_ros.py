@@ -209,6 +209,25 @@ def test_commands_are_published_and_neutral_is_no_speed_and_straight_wheels(ros)
         actuator.write(0.0, 0.0)
 
 
+def test_a_command_that_nobody_listens_to_is_an_error(ros):
+    actuator = AckermannActuator.from_dict({})
+    actuator._listeners = lambda: 0
+    with pytest.raises(OSError, match="/drive: nobody listens to it"):
+        actuator.write(-1.0, 0.0)
+    actuator._listeners = lambda: 1
+    actuator.write(-1.0, 0.0)
+
+
+def test_a_second_handle_has_a_node_of_its_own_and_the_same_board(ros, monkeypatch):
+    names, make = [], ros.create_node
+    monkeypatch.setattr(ros, "create_node", lambda name: names.append(name) or make(name))
+    AckermannActuator.from_dict({})
+    AckermannActuator.second({})
+    assert names == ["buggy_rl_actuator", "buggy_rl_stop"]
+    assert AckermannActuator.board({}) == AckermannActuator.board({"top_speed": 1.0})
+    assert AckermannActuator.board({}) != AckermannActuator.board({"topic": "/other"})
+
+
 def test_without_ros_the_error_says_what_to_source(monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(ImportError, match=r"needs ROS 2 .Humble or later. .*setup\.bash"):

@@ -102,8 +102,10 @@ def driven(car, tmp_path, faults):
 
 def test_drive_is_cut_within_150_ms_of_faults_that_the_runtime_survives(driven):
     chance = random.Random(3)
-    for fault in ("silent", "frozen", "not_a_number", "pwm_refused"):
+    for fault in ("silent", "frozen", "not_a_number", "pwm_refused", "stamps_back"):
         assert driven.react(fault, chance).cut < 110 + SLACK, fault
+    for fault in ("velocity_frozen", "loop_stutters"):
+        assert driven.react(fault, chance).cut < 150 + SLACK, fault
     assert driven.end() == 0
     recording = load_recording(driven.recording)
     assert recording.data["pose"].isfinite().all()

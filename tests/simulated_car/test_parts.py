@@ -1,9 +1,13 @@
 """Board, camera and physics of the simulated car."""
 
+import socket
+import threading
+
 import pytest
 import torch
 
 from buggy_rl.car.path import load_path
+from buggy_rl.car.simulated import ANSWER, WRITE, SimulatedActuator
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.simulated_car.live_camera import LiveCamera
@@ -47,6 +51,66 @@ def test_a_refusing_board_takes_nothing_until_its_time():
     assert not wheels.write(0.5, 0.1)
     clock.time = 1.0
     assert wheels.write(0.5, 0.1)
+
+
+def test_a_board_that_loses_writes_says_that_it_took_them():
+    wheels = Wheels(clock := Clock())
+    wheels.lose(1.0)
+    assert wheels.write(0.5, 0.1)
+    assert wheels.acting() == (-1.0, 0.0)
+    clock.time = 1.0
+    assert wheels.write(0.5, 0.1)
+    assert wheels.acting() == (0.5, 0.1)
+
+
+def test_a_board_that_hangs_answers_at_its_end_and_did_nothing():
+    clock = Clock()
+    clock.sleep = lambda seconds: setattr(clock, "time", clock.time + seconds)
+    wheels = Wheels(clock)
+    wheels.hang(1.0)
+    assert not wheels.write(0.5, 0.1)
+    assert clock.time == 1.0
+    assert wheels.acting() == (-1.0, 0.0)
+
+
+def board_that(answers, tmp_path):
+    """An actuator whose board gives these answers, as functions of the request's number."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(str(tmp_path / "car"))
+    listener.listen()
+
+    def serve():
+        link, _ = listener.accept()
+        link.recv(64)
+        for answer in answers:
+            number, *command = WRITE.unpack(link.recv(64))
+            for each in answer(number):
+                link.send(ANSWER.pack(*each, *command))
+        link.close()
+        listener.close()
+
+    threading.Thread(target=serve, daemon=True).start()
+    return SimulatedActuator(str(tmp_path / "car"))
+
+
+def test_a_late_answer_to_an_earlier_write_is_none(tmp_path):
+    answers = [lambda number: [], lambda number: [(number - 1, 1), (number, 0)]]
+    actuator = board_that(answers, tmp_path)
+    with pytest.raises(socket.timeout):
+        actuator.write(0.5, 0.0)
+    with pytest.raises(OSError, match="does not acknowledge"):
+        actuator.write(-1.0, 0.0)  # the acknowledgement is of the drive
+    actuator.close()
+
+
+def test_a_board_that_has_ended_is_gone(tmp_path):
+    actuator = board_that([lambda number: [(number, 1)]], tmp_path)
+    actuator.write(0.5, 0.0)
+    for _ in range(3):
+        with pytest.raises(ConnectionError):
+            actuator.write(-1.0, 0.0)
+        assert actuator.gone
+    actuator.close()
 
 
 def test_the_log_begins_with_what_acted():

@@ -55,6 +55,22 @@ def test_a_step_of_its_clock_moves_the_stamps_alone(step):
         assert seen == reading(k)._replace(stamp=reading(k).stamp + step)
 
 
+def test_every_second_stamp_runs_back_by_30_ms():
+    stamps = [seen.stamp for seen, _ in spoilt("stamps_back", count=4)]
+    assert stamps == pytest.approx([0.47, 0.51, 0.49, 0.53])
+
+
+def test_a_velocity_freezes_while_the_pose_lives():
+    for k, (seen, _) in enumerate(spoilt("velocity_frozen"), 50):
+        assert seen == reading(k)._replace(velocity=reading(49).velocity)
+
+
+def test_a_pose_drifts_by_its_size_a_second():
+    seen, _ = spoilt("pose_drifting", 0.4, count=20)[-1]
+    assert seen.pose[0] - reading(69).pose[0] == pytest.approx(0.4 * 0.2)
+    assert seen.velocity == reading(69).velocity
+
+
 def test_the_others_spoil_a_number_and_the_confidence():
     assert all(math.isnan(seen.velocity[0]) for seen, _ in spoilt("not_a_number"))
     assert all(seen.confidence == 0.3 for seen, _ in spoilt("unsure"))

@@ -1,7 +1,7 @@
 """Names of drivers -> the drivers; a driver's module is imported when it is named."""
 
 import importlib
-from typing import Any, Dict, Mapping
+from typing import Any, Dict, Mapping, Tuple
 
 SENSORS = {
     "simulated": "buggy_rl.car.simulated:SimulatedSensor",
@@ -18,6 +18,23 @@ PILOTS = {
 }
 
 
+def device_class(
+    drivers: Mapping[str, str], about: Mapping[str, Any], place: str
+) -> Tuple[Any, Dict[str, Any]]:
+    """The class that a section of the config names by `kind`, and its settings.
+
+    Raises:
+        ValueError: The kind is unknown.
+    """
+    settings: Dict[str, Any] = dict(about)
+    kind = settings.pop("kind", None)
+    if kind not in drivers and ":" not in str(kind):
+        known = ", ".join(sorted(drivers))
+        raise ValueError(f"{place}.kind={kind!r}: must be one of {known}, or MODULE:CLASS")
+    module, _, name = drivers.get(kind, kind).partition(":")
+    return getattr(importlib.import_module(module), name), settings
+
+
 def make_device(drivers: Mapping[str, str], about: Mapping[str, Any], place: str) -> Any:
     """The driver that a section of the config names by `kind`.
 
@@ -31,10 +48,5 @@ def make_device(drivers: Mapping[str, str], about: Mapping[str, Any], place: str
         ValueError: The kind is unknown or a setting is invalid.
         OSError: The device cannot be opened.
     """
-    settings: Dict[str, Any] = dict(about)
-    kind = settings.pop("kind", None)
-    if kind not in drivers and ":" not in str(kind):
-        known = ", ".join(sorted(drivers))
-        raise ValueError(f"{place}.kind={kind!r}: must be one of {known}, or MODULE:CLASS")
-    module, _, name = drivers.get(kind, kind).partition(":")
-    return getattr(importlib.import_module(module), name).from_dict(settings)
+    found, settings = device_class(drivers, about, place)
+    return found.from_dict(settings)

@@ -1,6 +1,9 @@
 """What the runtime asks of a sensor, of an actuator and of a person; drivers derive from these."""
 
-from typing import List, NamedTuple, Optional, Tuple
+import json
+from typing import Any, List, Mapping, NamedTuple, Optional, Tuple
+
+from buggy_rl.car.board_lock import lock_file
 
 NO_DRIVE = -1.0  # throttle of a car without reverse: no drive, the car coasts
 NEUTRAL = (NO_DRIVE, 0.0)  # throttle and steering: no drive, wheels straight ahead
@@ -58,10 +61,38 @@ class Sensor:
 
 
 class Actuator:
-    """Turns the motor and the wheels."""
+    """Turns the motor and the wheels.
+
+    Two processes of one runtime command a board: the watchdog, and the loop where the watchdog is
+    gone or cannot. No other program can: the file that `board` names is locked.
+    """
 
     at_rest: Command = NEUTRAL
     """What `neutral` writes."""
+    gone: bool = False
+    """There is no board any more, and so nothing to stop: of a simulated one that has ended."""
+
+    @classmethod
+    def board(cls, settings: Mapping[str, Any]) -> str:
+        """The file that is locked while a program commands the board of these settings.
+
+        Here by the settings: state another where two settings may mean one board.
+        """
+        given = json.dumps(dict(settings), sort_keys=True)
+        return lock_file(f"{cls.__module__}.{cls.__qualname__} {given}")
+
+    @classmethod
+    def second(cls, settings: Mapping[str, Any]) -> Optional["Actuator"]:
+        """A second handle of a board that is in use, without disturbing it, or None.
+
+        By it the loop writes neutral where the watchdog cannot. None, as here, is for a device that
+        only one process can open: the loop then ends the watchdog before it opens the device by
+        `from_dict`, which must take less than 20 ms.
+
+        Raises:
+            OSError: The device cannot be opened.
+        """
+        return None
 
     def write(self, throttle: float, steering: float) -> None:
         """Sends a command, both in [-1, 1]; it returns within a few milliseconds.
@@ -70,6 +101,14 @@ class Actuator:
             OSError: The device did not take it.
         """
         raise NotImplementedError
+
+    def holds(self, throttle: float, steering: float) -> Optional[bool]:
+        """Whether the board holds a command, read back from it; None where it cannot be read.
+
+        Raises:
+            OSError: The device does not answer.
+        """
+        return None
 
     def neutral(self) -> None:
         """Sends no drive, wheels straight ahead.

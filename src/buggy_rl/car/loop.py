@@ -9,6 +9,8 @@ from buggy_rl.car.deadlines import Deadlines
 from buggy_rl.car.driver import Driver
 from buggy_rl.car.interfaces import Command, Pilot, Reading, Sensor
 from buggy_rl.car.loop_times import LoopTimes
+from buggy_rl.car.own_stop import OwnStop
+from buggy_rl.car.parent import Parent
 from buggy_rl.car.recorder import DriveRecorder, Row
 from buggy_rl.car.stopping import StopSignals
 from buggy_rl.car.supervisor import Decision, Supervisor
@@ -21,6 +23,7 @@ class Parts(NamedTuple):
     sensor: Sensor
     pilot: Pilot
     watchdog: Watchdog
+    own: OwnStop
     recorder: DriveRecorder
     supervisor: Supervisor
     driver: Optional[Driver]
@@ -51,8 +54,8 @@ class Loop:
         self._first_armed: Optional[float] = None
         self._shown, self._say = "", say
 
-    def run(self, signals: StopSignals) -> str:
-        """Drives until something ends it; returns what.
+    def run(self, signals: StopSignals, parent: Parent) -> str:
+        """Drives until something ends it, a signal or the parent's end too; returns what.
 
         Raises:
             Exception: Whatever a part raises; the caller ends the watchdog, which stops the car.
@@ -66,6 +69,8 @@ class Loop:
                 deadlines.wait()
                 begun = clock.now()
                 stop = signals.caught or self._step(begun)
+                if parent.gone:
+                    stop = "the program that started the drive is gone"
                 ended = clock.now()
                 self._count(begun, ended, deadlines.due)
                 if stop:
@@ -87,6 +92,9 @@ class Loop:
         drivable = parts.supervisor.observe(now, readings)
         decision = self._decide(now, drivable)
         parts.watchdog.send(now, decision.command)
+        if parts.watchdog.failing:
+            parts.own.assist()
+        parts.watchdog.listen()
         self._show()
         self._keep(readings, decision)
         return parts.watchdog.dead or parts.recorder.error or self._over(now)

@@ -5,8 +5,14 @@ from typing import NamedTuple
 
 COMMAND = struct.Struct("<Qdddq")
 REPORT = struct.Struct("<Qdddqq")
-STATES = ("", "no fresh command reached the watchdog", "the actuator does not take commands")
-GOOD, SILENT, FAILING = 0, 1, 2  # indices of `STATES`
+STATES = (
+    "",
+    "no fresh command reached the watchdog",
+    "the actuator does not take commands",
+    "the loop is late again and again",
+)
+GOOD, SILENT, FAILING, LATE = 0, 1, 2, 3  # indices of `STATES`
+REFUSED, TAKEN, READ_BACK = 0, 1, 2  # what became of a write
 
 
 class CommandMessage(NamedTuple):
@@ -37,9 +43,9 @@ class Report(NamedTuple):
     """As written, or as it could not be."""
     steering: float
     taken: int
-    """1 if the actuator took it, 0 if it did not."""
+    """`TAKEN`, `READ_BACK` if the board was asked as well, `REFUSED` if it did not take it."""
     state: int
-    """`GOOD`, or why the wheels are kept neutral: `SILENT` or `FAILING`."""
+    """`GOOD`, or why the wheels are kept neutral: `SILENT`, `FAILING` or `LATE`."""
 
     def pack(self) -> bytes:
         """As bytes."""

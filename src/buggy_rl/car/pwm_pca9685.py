@@ -6,6 +6,7 @@ Registers and the formula of the frequency are those of NXP's data sheet PCA9685
 import time
 from typing import Any, Mapping, NamedTuple, Optional
 
+from buggy_rl.car.board_lock import hold, lock_file, release
 from buggy_rl.car.interfaces import Actuator, neutral_of
 from buggy_rl.car.settings import section
 
@@ -106,15 +107,19 @@ class PCA9685(Actuator):
 
     Args:
         wiring: Of board, speed controller and servo.
-        bus: An SMBus; opened by default.
+        bus: An SMBus; opened, and the board locked, by default.
+        running: It was woken up before and is left as it is.
 
     Raises:
         ValueError: A direction is 0, or both channels are the same.
         ImportError: Neither smbus2 nor smbus is installed.
-        OSError: The board does not answer or does not take its frequency, or there is no such GPIO.
+        OSError: The board does not answer or does not take its frequency, there is no such GPIO, or
+            another program has the board.
     """
 
-    def __init__(self, wiring: Optional[Wiring] = None, bus: Any = None) -> None:
+    def __init__(
+        self, wiring: Optional[Wiring] = None, bus: Any = None, running: bool = False
+    ) -> None:
         self.wiring = w = wiring or Wiring()
         if not (w.throttle_direction and w.steering_direction):
             raise ValueError("actuator: throttle_direction and steering_direction must be 1 or -1")
@@ -124,15 +129,29 @@ class PCA9685(Actuator):
             )
         self.at_rest = neutral_of(w.two_way)
         self._prescale = prescale(w.frequency, w.oscillator)
+        self._lock = lock_of(w) if bus is None else ""
+        if self._lock:
+            hold(self._lock)
         self._bus: Any = _opened(w.bus) if bus is None else bus
         self._heartbeat = open(w.heartbeat, "w") if w.heartbeat else None  # noqa: SIM115
         self._beat = False
-        self._start()
+        if not running:
+            self._start()
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "PCA9685":
         """Of its settings, those of `Wiring`."""
         return cls(section(Wiring, settings, "actuator", RANGES))
+
+    @classmethod
+    def board(cls, settings: Mapping[str, Any]) -> str:
+        return lock_of(section(Wiring, settings, "actuator", RANGES))
+
+    @classmethod
+    def second(cls, settings: Mapping[str, Any]) -> "PCA9685":
+        # Without the heartbeat: the timer on the outputs is for the watchdog alone.
+        wiring = section(Wiring, settings, "actuator", RANGES)
+        return cls(wiring._replace(heartbeat=""), running=True)
 
     def write(self, throttle: float, steering: float) -> None:
         if not (-1 <= throttle <= 1 and -1 <= steering <= 1):  # NaN too
@@ -145,10 +164,22 @@ class PCA9685(Actuator):
             self._heartbeat.write("1" if self._beat else "0")
             self._heartbeat.flush()
 
+    def holds(self, throttle: float, steering: float) -> bool:
+        w = self.wiring
+        asleep = self._read(MODE1) & SLEEP  # a board that lost its power for a moment
+        return not asleep and all(
+            self._read(first + 2) + 256 * self._read(first + 3) == self._counts(servo)
+            for first, servo in (
+                (_first(w.throttle_channel), throttle_servo(throttle, w)),
+                (_first(w.steering_channel), steering_servo(steering, w)),
+            )
+        )
+
     def close(self) -> None:
         if self._bus is not None:
             self._bus.close()
             self._bus = None
+            release(self._lock)
         if self._heartbeat is not None:
             self._heartbeat.close()
             self._heartbeat = None
@@ -158,7 +189,7 @@ class PCA9685(Actuator):
         w = self.wiring
         self._register(MODE1, SLEEP | AUTO_INCREMENT)
         self._register(PRE_SCALE, self._prescale)
-        read = self._bus.read_byte_data(w.address, PRE_SCALE)
+        read = self._read(PRE_SCALE)
         if read != self._prescale:
             raise OSError(
                 f"the board at I2C address {w.address:#x} has prescale {read} where "
@@ -170,14 +201,29 @@ class PCA9685(Actuator):
 
     def _pulse(self, channel: int, servo: float) -> None:
         """High from count 0 to the count where the pulse ends."""
-        off = counts(servo, self._prescale, self.wiring.oscillator)
-        first = LED0_ON_L + REGISTERS_A_CHANNEL * channel
+        off, first = self._counts(servo), _first(channel)
         if self._bus is None:
             raise OSError("the PWM board is closed")
         self._bus.write_i2c_block_data(self.wiring.address, first, [0, 0, off & 0xFF, off >> 8])
 
+    def _counts(self, servo: float) -> int:
+        return counts(servo, self._prescale, self.wiring.oscillator)
+
+    def _read(self, register: int) -> int:
+        return self._bus.read_byte_data(self.wiring.address, register)
+
     def _register(self, register: int, value: int) -> None:
         self._bus.write_byte_data(self.wiring.address, register, value)
+
+
+def lock_of(wiring: Wiring) -> str:
+    """The file that is locked by who commands this board."""
+    return lock_file(f"i2c-{wiring.bus}-{wiring.address:#x}")
+
+
+def _first(channel: int) -> int:
+    """The first register of a channel."""
+    return LED0_ON_L + REGISTERS_A_CHANNEL * channel
 
 
 def _opened(bus: int) -> Any:

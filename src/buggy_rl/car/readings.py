@@ -4,6 +4,7 @@ import math
 from typing import Iterable, Optional, Tuple
 
 from buggy_rl.car.interfaces import Reading
+from buggy_rl.car.reading_habits import FrozenNumber, Recurrence
 from buggy_rl.car.safety import Safety
 
 FUTURE = 0.005  # [s] granted to a stamp that is ahead of the clock: rounding between two clocks
@@ -14,6 +15,8 @@ MOVING = 0.05  # [m/s] above it two readings of a moving car differ: 0.5 mm at 1
 class ReadingJudge:
     """Tells good readings from bad ones; a bad reading counts as none.
 
+    A sensor whose faults come and go is bad as a whole, although every second reading is good. A
+    number that has changed with every reading and stops to is frozen, although the others live.
     A reading whose stamp is new and whose numbers are the old ones to the last bit is no news while
     the car moves or is armed: a frozen tracker is treated as a silent one. Displacements are
     compared with the velocity since the last good reading, so a tracker that found itself
@@ -32,11 +35,14 @@ class ReadingJudge:
         self._seen = -math.inf
         self._healthy_since = math.inf
         self._drift = 0.0, 0.0
+        self._trusted = -math.inf
+        self._last: Optional[Reading] = None
+        self._frozen, self._recurrence = FrozenNumber(), Recurrence()
 
     def reset(self) -> None:
         """Forgets the last good reading: the next sound one is the new reference."""
         self.good, self._seen, self._healthy_since = None, -math.inf, math.inf
-        self._drift = 0.0, 0.0
+        self._drift, self._trusted = (0.0, 0.0), -math.inf
 
     def judge(self, now: float, readings: Iterable[Reading], armed: bool) -> None:
         """Takes the readings since the last call, oldest first.
@@ -47,11 +53,19 @@ class ReadingJudge:
             armed: The car may drive, so that it has to be seen moving.
         """
         for reading in readings:
+            if reading == self._last:
+                continue  # the same frame again is no news, good or bad
+            self._last = reading
             self.fault = self._fault(now, reading, armed)
             if math.isfinite(reading.stamp) and reading.stamp <= now + FUTURE:
                 self._seen = reading.stamp
+            recurs = self._recurrence.recurs(now, self.fault)
             if not self.fault:
                 self.good = reading
+                if not recurs:
+                    self._trusted = reading.stamp
+                else:
+                    self.fault = recurs
         if self.age(now) > self.safety.coast_after:
             self._healthy_since = math.inf
         elif self._healthy_since == math.inf:
@@ -59,7 +73,7 @@ class ReadingJudge:
 
     def age(self, now: float) -> float:
         """Since the last good reading was measured [s]; infinite without one."""
-        return math.inf if self.good is None else now - self.good.stamp
+        return now - self._trusted
 
     def fresh_for(self, now: float) -> float:
         """How long good readings have been coming in without a pause [s]; 0 if they are not."""
@@ -104,6 +118,9 @@ class ReadingJudge:
         if reading[1:3] == last[1:3]:
             moves = math.hypot(*reading.velocity[:2]) > MOVING
             return "the reading is frozen" if moves or armed else ""
+        frozen = self._frozen.found(reading)
+        if frozen:
+            return frozen
         dt = reading.stamp - last.stamp
         (x, y), turned, leap = _differences(last, reading, dt)
         # Where the acceleration changes by `a`, the mean velocity misses a dt^2 / 12 of the way.

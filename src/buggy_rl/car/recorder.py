@@ -16,7 +16,9 @@ COLUMNS = (
     *("confidence", "armed", "source", "command_t"),
 )
 """The first nine are those of every recording; the others are for people."""
-SYNC_PERIOD = 0.25  # [s] between two writes; a power-off loses this and the time of one fsync
+WRITE_PERIOD = 0.05  # [s] between two writes: a full disk is known within it
+SYNC_PERIOD = 0.25  # [s] between two syncs; a power-off loses this and the time of one fsync
+LONGEST_CLOSE = 10.0  # [s] that a disk has for the last rows
 MOST_WAITING = 6000  # rows, a minute at 100 Hz, that a slow disk may be behind
 
 
@@ -90,27 +92,32 @@ class DriveRecorder:
     def close(self) -> None:
         """Brings all rows to the disk."""
         self._closing.set()
-        self._thread.join()
+        self._thread.join(LONGEST_CLOSE)
+        if self._thread.is_alive():
+            self.error = f"{self.path}: the disk has not answered for {LONGEST_CLOSE:g} s"
 
     def _run(self) -> None:
         try:
             _sync_folder(self.path)
-            over = False
+            over, passed = False, 0.0
             while not over:
-                over = self._closing.wait(SYNC_PERIOD)
-                self._flush()
-        except OSError as error:
+                over = self._closing.wait(WRITE_PERIOD)
+                passed += WRITE_PERIOD
+                self._write()
+                if over or passed >= SYNC_PERIOD:
+                    os.fsync(self._file.fileno())
+                    passed = 0.0
+        except Exception as error:  # a recording that ends without a word is none
             self.error = f"{self.path}: {error}"
         with contextlib.suppress(OSError):  # what a full disk did not take is said by `error`
             self._file.close()
 
-    def _flush(self) -> None:
+    def _write(self) -> None:
         lines = []
         while self._waiting:
             lines.append(self._waiting.popleft().line(self.origin))
         self._file.write("".join(lines))
         self._file.flush()
-        os.fsync(self._file.fileno())
 
 
 def new_recording(folder: str, name: str = "drive") -> Tuple[str, int]:

@@ -10,10 +10,12 @@ neutral goes out when the loop is gone. rclpy is imported when a node is made (H
 """
 
 import math
+import os
 import threading
 import time
 from typing import Any, List, Mapping, Optional
 
+from buggy_rl.car.board_lock import lock_file
 from buggy_rl.car.device_clock import DeviceClock
 from buggy_rl.car.interfaces import Actuator, Reading, Sensor, neutral_of
 from buggy_rl.car.ros_messages import (
@@ -89,23 +91,34 @@ class AckermannActuator(Actuator):
 
     Args:
         car: What a command means.
+        node: Name of its node.
 
     Raises:
         ImportError: ROS 2 is not sourced, or ackermann_msgs is not installed.
     """
 
-    def __init__(self, car: Optional[Ackermann] = None) -> None:
+    def __init__(self, car: Optional[Ackermann] = None, node: str = "buggy_rl_actuator") -> None:
         self._car = car or Ackermann()
         self.at_rest = neutral_of(self._car.two_way)
         rclpy = _started()
         self._message = _message("ackermann_msgs", "AckermannDriveStamped")
-        self._node = rclpy.create_node("buggy_rl_actuator")
+        self._node = rclpy.create_node(node)
         self._publisher = self._node.create_publisher(self._message, self._car.topic, DEPTH)
+        self._listeners = getattr(self._publisher, "get_subscription_count", None)
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "AckermannActuator":
         """Of its settings, those of `Ackermann`."""
         return cls(section(Ackermann, settings, "actuator", ACKERMANN_RANGES))
+
+    @classmethod
+    def board(cls, settings: Mapping[str, Any]) -> str:
+        topic = section(Ackermann, settings, "actuator", ACKERMANN_RANGES).topic
+        return lock_file("ros {} {}".format(os.environ.get("ROS_DOMAIN_ID", "0"), topic))
+
+    @classmethod
+    def second(cls, settings: Mapping[str, Any]) -> "AckermannActuator":
+        return cls(section(Ackermann, settings, "actuator", ACKERMANN_RANGES), "buggy_rl_stop")
 
     def write(self, throttle: float, steering: float) -> None:
         message = self._message()
@@ -115,6 +128,8 @@ class AckermannActuator(Actuator):
             self._publisher.publish(message)
         except RuntimeError as error:  # rclpy's, of a context that is shut down
             raise OSError(f"ROS topic {self._car.topic}: {error}") from None
+        if self._listeners is not None and not self._listeners():
+            raise OSError(f"ROS topic {self._car.topic}: nobody listens to it")
 
     def close(self) -> None:
         _stopped(self._node)

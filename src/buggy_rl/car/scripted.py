@@ -5,6 +5,8 @@ from typing import Any, Mapping, NamedTuple, Optional
 from buggy_rl.car.interfaces import Command, Pilot
 from buggy_rl.car.settings import section
 
+LONGEST_PRESS = 0.2  # [s] in which the button arms if it does
+
 
 class Schedule(NamedTuple):
     """When the button is pressed."""
@@ -18,8 +20,8 @@ class Schedule(NamedTuple):
 class ScriptedPilot(Pilot):
     """Leaves the car to the policy and holds the button.
 
-    A press that did not arm is repeated. After a disarming the button is released, and pressed
-    again if the schedule says so.
+    A press that did not arm for `LONGEST_PRESS` is repeated. After a disarming the button is
+    released, and pressed again if the schedule says so.
 
     Args:
         schedule: When.
@@ -29,6 +31,7 @@ class ScriptedPilot(Pilot):
         self.schedule = schedule or Schedule()
         self._wait = self.schedule.press_after
         self._held, self._armed, self._done = False, False, False
+        self._driven = False
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "ScriptedPilot":
@@ -37,7 +40,9 @@ class ScriptedPilot(Pilot):
 
     def command(self, dt: float) -> Optional[Command]:
         self._wait -= dt
-        if self._wait <= 0 and not self._done:
+        if self._held and not self._driven and self._wait < -LONGEST_PRESS:
+            self._held, self._wait = False, self.schedule.press_after
+        elif self._wait <= 0 and not self._done:
             self._held = True
         return None
 
@@ -46,6 +51,7 @@ class ScriptedPilot(Pilot):
         return self._held
 
     def show(self, armed: bool, message: str) -> None:
+        self._driven = armed
         if armed:
             self._armed = True
             return

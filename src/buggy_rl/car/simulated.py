@@ -1,19 +1,22 @@
 """Drivers of the simulated car: a sensor and an actuator over a local socket."""
 
 import collections
+import os
 import socket
 import struct
 import threading
-from typing import Any, Deque, List, Mapping, NamedTuple, Optional
+from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Tuple
 
+from buggy_rl.car.board_lock import hold, release
 from buggy_rl.car.interfaces import Actuator, Reading, Sensor
 from buggy_rl.car.settings import section
 
 SENSOR, ACTUATOR, CONTROL = b"sensor", b"actuator", b"control"
 """What a connection is for: the first message to the simulated car."""
 READING = struct.Struct("<8d")  # stamp, x, y, yaw, vx, vy, yaw_rate, confidence
-WRITE = struct.Struct("<2d")  # throttle, steering
-TAKEN, REFUSED = b"\0", b"\1"
+WRITE = struct.Struct("<Q2d")  # number of the request, throttle, steering
+LOOK = struct.Struct("<Q")  # number of a request for what the board holds
+ANSWER = struct.Struct("<Qb2d")  # number of the request, 1 if done, what the board holds
 KEPT = 200  # readings that wait for the loop; 2 s at 100 Hz
 SLOWEST_ANSWER = 0.04  # [s] to a write; a command at 100 kHz on the bus takes 0.6 ms
 
@@ -76,19 +79,50 @@ class SimulatedActuator(Actuator):
     def __init__(self, address: str) -> None:
         self._link = connected(address, ACTUATOR)
         self._link.settimeout(SLOWEST_ANSWER)
+        self._number, self._lock = 0, _lock_of(address)
+        hold(self._lock)
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "SimulatedActuator":
         """Of its settings: `address`."""
         return cls(section(Address, settings, "actuator").address)
 
+    @classmethod
+    def board(cls, settings: Mapping[str, Any]) -> str:
+        return _lock_of(section(Address, settings, "actuator").address)
+
+    @classmethod
+    def second(cls, settings: Mapping[str, Any]) -> "SimulatedActuator":
+        return SimulatedActuator.from_dict(settings)
+
     def write(self, throttle: float, steering: float) -> None:
-        self._link.send(WRITE.pack(throttle, steering))
-        if self._link.recv(16) != TAKEN:
+        if not self._asked(WRITE, throttle, steering)[0]:
             raise OSError("the simulated PWM board does not acknowledge")
+
+    def holds(self, throttle: float, steering: float) -> bool:
+        return self._asked(LOOK)[1:] == (throttle, steering)
+
+    def _asked(self, request: struct.Struct, *values: float) -> Tuple[int, float, float]:
+        """What the board answers; an answer to an earlier request is no answer."""
+        self._number += 1
+        try:
+            self._link.send(request.pack(self._number, *values))
+            while True:
+                message = self._link.recv(64)
+                if not message:
+                    raise ConnectionError("the simulated car has ended")
+                number, done, throttle, steering = ANSWER.unpack(message)
+                if number == self._number:
+                    return done, throttle, steering
+        except ConnectionError:
+            self.gone = True
+            raise
 
     def close(self) -> None:
         _shut(self._link)
+        if self._lock:
+            release(self._lock)
+            self._lock = ""
 
 
 def connected(address: str, role: bytes) -> socket.socket:
@@ -105,6 +139,11 @@ def connected(address: str, role: bytes) -> socket.socket:
         raise OSError(f"no simulated car listens at {address} ({error}): start it first") from None
     link.send(role)
     return link
+
+
+def _lock_of(address: str) -> str:
+    """Beside the socket, whose folder goes with the car; nothing is locked where there is none."""
+    return address + ".lock" if os.path.exists(address) else ""
 
 
 def packed(reading: Reading) -> bytes:

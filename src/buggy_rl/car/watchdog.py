@@ -1,9 +1,9 @@
 """The watchdog: a process of its own that holds the actuator and outlives the loop.
 
-`python -m buggy_rl.car.watchdog FD SPEED ACTUATOR TIMES WAYS` is started by
+`python -m buggy_rl.car.watchdog FD LOCK PARENT SPEED ACTUATOR TIMES WAYS` is started by
 `watchdog_link.Watchdog`. It writes what the loop commands, and neutral when it hears nothing fresh,
-when the loop's end of the socket closes and when it is told to stop. It imports neither numpy nor
-the policy.
+when the loop's end of the socket closes, when the loop's process is gone, when a signal or an error
+of its own ends it and when it is told to stop. It imports neither numpy nor the policy.
 """
 
 import contextlib
@@ -12,18 +12,23 @@ import select
 import signal
 import socket
 import sys
-from typing import List
+import traceback
+from typing import List, Tuple
 
+from buggy_rl.car.board_lock import inherit
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.devices import ACTUATORS, make_device
 from buggy_rl.car.guard import Guard, GuardTimes
-from buggy_rl.car.interfaces import neutral_of
+from buggy_rl.car.interfaces import Actuator, Command, neutral_of
+from buggy_rl.car.leaving import LINGER, keep_neutral
 from buggy_rl.car.messages import read_command
+from buggy_rl.car.output import UnblockedOutput
+from buggy_rl.car.parent import Parent
 from buggy_rl.car.priority import WATCHDOG, take_priority
+from buggy_rl.car.stopping import StopSignals
 
-LINGER = 0.5  # [s] that neutral is written for after the loop died: the board may miss one
-GIVE_UP = 60.0  # [s] after which a board that takes no command is left to its hardware failsafe
-LONGEST_WAIT = 0.02  # [s] between two looks at the signals
+LONGEST_WAIT = 0.02  # [s] between two looks at the signals and at the parent
+LAST_TRIES = 5  # to write neutral with a driver that raises what no driver should
 
 
 class WatchdogProcess:
@@ -33,26 +38,42 @@ class WatchdogProcess:
         link: The watchdog's end of a `SOCK_SEQPACKET` pair.
         guard: Writes to the actuator.
         clock: The same as the loop's.
+        signals: Those that end it.
+        parent: The loop's process.
     """
 
-    def __init__(self, link: socket.socket, guard: Guard, clock: Clock) -> None:
+    def __init__(
+        self,
+        link: socket.socket,
+        guard: Guard,
+        clock: Clock,
+        signals: StopSignals,
+        parent: Parent,
+    ) -> None:
         self._link, self._clock, self.guard = link, clock, guard
-        self._over, self._ended = False, False
+        self._signals, self._parent = signals, parent
+        self._over, self._ended = 0, False
 
     def run(self) -> int:
         """Until the loop is gone and the wheels are neutral; returns the exit status."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the loop ends the drive, then this
-        signal.signal(signal.SIGTERM, lambda *_: self._end())
         self._link.setblocking(False)
+        try:
+            self._serve()
+        except Exception:
+            traceback.print_exc()  # after this the loop ends too; neutral comes first
+        linger = 0.0 if self._over else LINGER
+        return 0 if keep_neutral(self.guard, self._clock, linger, self._tell, self._over) else 1
+
+    def _serve(self) -> None:
+        """Until something ends it."""
         while not self._ended:
             wait = min(self.guard.wait(self._clock.now()) / self._clock.speed, LONGEST_WAIT)
             if select.select([self._link], [], [], wait)[0]:
                 self._hear()
-            self._write()
-        return self._leave()
-
-    def _end(self) -> None:
-        self._ended = True
+            self._ended = self._ended or bool(self._signals.caught) or self._parent.gone
+            done = None if self._ended else self.guard.act(self._clock.now())
+            if done is not None:
+                self._tell(done)
 
     def _hear(self) -> None:
         """Takes all that has arrived."""
@@ -63,55 +84,57 @@ class WatchdogProcess:
                 return
             except OSError:
                 message = b""
-            if not message:
-                return self._end()
-            command = read_command(message)
-            if command.last:
-                self._over = True
-                return self._end()
-            self.guard.hear(command, self._clock.now())
+            self._ended = not message
+            if message:
+                command = read_command(message)
+                self._ended = bool(command.last)
+                if command.last:
+                    self._over = command.sequence
+                else:
+                    self.guard.hear(command, self._clock.now())
 
-    def _write(self) -> bool:
-        """Does what is due and reports it; returns whether the actuator took it."""
-        done = self.guard.act(self._clock.now())
-        if done is None:
-            return False
+    def _tell(self, done: Tuple[Command, int]) -> None:
+        """Reports what was written."""
         report = self.guard.report(self._clock.now(), *done)
         with contextlib.suppress(OSError):  # of a loop that is gone or asleep, seen elsewhere
             self._link.send(report.pack())
-        return done[1]
-
-    def _leave(self) -> int:
-        """Writes neutral until the actuator took it, and on for a while after a death."""
-        begin, taken = self._clock.now(), False
-        self.guard.silence()
-        while True:
-            taken = self._write() or taken
-            since = self._clock.now() - begin
-            if taken and (self._over or since > LINGER):
-                return 0
-            if since > GIVE_UP:
-                return 1
-            self._clock.sleep(self.guard.wait(self._clock.now()))
 
 
 def main(arguments: List[str]) -> int:
     """The process."""
-    descriptor, speed, about, times, two_way = arguments
-    link = socket.socket(fileno=int(descriptor))
-    try:
-        actuator = make_device(ACTUATORS, json.loads(about), "actuator")
-    except (ValueError, OSError, ImportError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    clock = Clock(float(speed))
-    take_priority(WATCHDOG)
-    try:
-        at_rest = neutral_of(two_way == "two_way")
-        guard = Guard(actuator, GuardTimes(*json.loads(times)), clock.now(), at_rest)
-        return WatchdogProcess(link, guard, clock).run()
-    finally:
-        actuator.close()
+    descriptor, lock, parent, speed, about, times, two_way = arguments
+    with StopSignals(ignored=(signal.SIGINT,)) as signals:  # at SIGINT the loop ends the drive
+        link = socket.socket(fileno=int(descriptor))
+        number, file = json.loads(lock)
+        inherit(file, number)
+        with UnblockedOutput():
+            family = Parent(*json.loads(parent))
+            try:
+                actuator = make_device(ACTUATORS, json.loads(about), "actuator")
+            except (ValueError, OSError, ImportError) as error:
+                sys.stderr.write(f"{error}\n")
+                return 2
+            clock, at_rest = Clock(float(speed)), neutral_of(two_way == "two_way")
+            take_priority(WATCHDOG)
+            try:
+                guard = Guard(actuator, GuardTimes(*json.loads(times)), clock.now(), at_rest)
+                return WatchdogProcess(link, guard, clock, signals, family).run()
+            except BaseException:
+                return _broken(actuator, at_rest, link)
+            finally:
+                with contextlib.suppress(Exception):  # neutral is written: nothing is left to do
+                    actuator.close()
+
+
+def _broken(actuator: Actuator, at_rest: Command, link: socket.socket) -> int:
+    """Neutral, if it can be written at all; then the loop hears at once that it is alone."""
+    for _ in range(LAST_TRIES):
+        with contextlib.suppress(Exception):
+            actuator.write(*at_rest)
+            break
+    link.close()
+    traceback.print_exc()
+    return 3
 
 
 if __name__ == "__main__":

@@ -2,10 +2,12 @@
 
 import contextlib
 import json
+import os
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import TracebackType
@@ -23,7 +25,7 @@ LARGEST_ANSWER = 1 << 20  # bytes
 
 
 class SimulatedCar:
-    """A running simulated car.
+    """A running simulated car, which ends with this process, however that ends.
 
     Args:
         config: The car.
@@ -38,8 +40,12 @@ class SimulatedCar:
         """File of its socket."""
         file = Path(self._folder.name) / "config.json"
         write_json(file, plain(config))
+        # The kernel takes the end of a thread for that of its process.
+        main = threading.current_thread() is threading.main_thread()
         command = [sys.executable, "-m", "buggy_rl.simulated_car.server", str(file), self.address]
-        self._process = subprocess.Popen(command, start_new_session=True)
+        self._process = subprocess.Popen(
+            [*command, str(os.getpid()), str(int(main))], start_new_session=True
+        )
         try:
             self._link = self._connected()
         except OSError:
@@ -68,7 +74,13 @@ class SimulatedCar:
         return answer
 
     def spoil(self, kind: str, seconds: float, size: float = 0.0) -> float:
-        """Begins a fault, one of `SENSOR_FAULTS` or `pwm`; returns when, by the car's clock [s]."""
+        """Begins a fault; returns when, by the car's clock [s].
+
+        Args:
+            kind: One of `SENSOR_FAULTS`, or of the board's: `pwm`, `hang`, `lose`.
+            seconds: How long it lasts.
+            size: How bad it is, where that can be chosen.
+        """
         return self.ask("fault", kind=kind, seconds=seconds, size=size)
 
     def wheels(self, since: float) -> list[Entry]:

@@ -1,6 +1,8 @@
 """What `scripts/drive.py car=...` does: the car's own runtime, on a simulated car or a real one."""
 
 import contextlib
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -13,7 +15,7 @@ from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.task.paths.making import PathConfig
 
 SIMULATED = "simulated"
-SLOWEST_END = 10.0  # [s] of the runtime, after it was asked to end
+PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ def drive_on_car(config: OnCarConfig) -> int:
         OSError: The simulated car does not start.
     """
     if config.car != SIMULATED:
-        return _finished(subprocess.Popen([sys.executable, "-m", "buggy_rl.car", config.car]))
+        command = [sys.executable, "-m", "buggy_rl.car", config.car, str(os.getpid())]
+        return _finished(subprocess.Popen(command))
     from buggy_rl.simulated_car import session
     from buggy_rl.simulated_car.launcher import SimulatedCar
 
@@ -78,12 +81,20 @@ def drive_on_car(config: OnCarConfig) -> int:
 
 
 def _finished(runtime: subprocess.Popen) -> int:
-    """The exit status; Ctrl-C reaches the runtime by itself, which stops the car."""
+    """The exit status. Signals are passed on: the runtime stops the car, and the car is there yet.
+
+    Ctrl-C and a closed terminal reach the runtime by themselves too; a second signal does no harm.
+    """
+
+    def pass_on(number: int, _: object) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            runtime.send_signal(number)
+
+    before = {number: signal.signal(number, pass_on) for number in PASSED_ON}
     try:
         return runtime.wait()
-    except KeyboardInterrupt:
-        return runtime.wait(SLOWEST_END)
     finally:
-        with contextlib.suppress(ProcessLookupError):
-            if runtime.poll() is None:
-                runtime.terminate()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if runtime.poll() is None:
+            runtime.terminate()

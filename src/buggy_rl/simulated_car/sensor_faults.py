@@ -9,6 +9,7 @@ from buggy_rl.car.interfaces import Reading
 
 LATE_ROWS = 15  # 0.15 s at 100 Hz: later than a car can be driven by
 SPARSE_ROWS = 12  # one reading of so many: 8 Hz
+STAMP_BACK = 0.03  # [s] of every second stamp
 LOW_CONFIDENCE = 0.3  # in [0, 1]; the T265's "low" is 0.33
 
 
@@ -21,7 +22,7 @@ class Passage:
     held: Reading
     """The one before the fault began."""
     size: float
-    """How bad: of a jump [m], of a step of the clock [s]."""
+    """How bad: of a jump [m], of a step of the clock [s], of a drift [m/s]."""
     count: int = 0
     """Readings since the fault began."""
 
@@ -49,6 +50,21 @@ def _late(passage: Passage) -> Reading | None:
     return passage.past[max(-len(passage.past), -1 - LATE_ROWS)]
 
 
+def _stamps_back(passage: Passage) -> Reading | None:
+    back = STAMP_BACK if passage.count % 2 else 0.0
+    return passage.past[-1]._replace(stamp=passage.past[-1].stamp - back)
+
+
+def _velocity_frozen(passage: Passage) -> Reading | None:
+    return passage.past[-1]._replace(velocity=passage.held.velocity)
+
+
+def _pose_drifting(passage: Passage) -> Reading | None:
+    x, y, yaw = passage.past[-1].pose
+    way = passage.size * (passage.past[-1].stamp - passage.held.stamp)
+    return passage.past[-1]._replace(pose=(x + way, y, yaw))
+
+
 def _nan(passage: Passage) -> Reading | None:
     _, vy, yaw_rate = passage.past[-1].velocity
     return passage.past[-1]._replace(velocity=(math.nan, vy, yaw_rate))
@@ -71,6 +87,9 @@ SENSOR_FAULTS: dict[str, Callable[[Passage], Reading | None]] = {
     "not_a_number": _nan,
     "unsure": _unsure,
     "clock_step": _clock_step,
+    "stamps_back": _stamps_back,
+    "velocity_frozen": _velocity_frozen,
+    "pose_drifting": _pose_drifting,
 }
 """Fault -> the reading that arrives, or None."""
 

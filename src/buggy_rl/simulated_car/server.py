@@ -1,4 +1,7 @@
-"""The process of a simulated car: `python -m buggy_rl.simulated_car.server CONFIG.json ADDRESS`.
+"""The process of a simulated car.
+
+`python -m buggy_rl.simulated_car.server CONFIG.json ADDRESS [PARENT SIGNALS]`, where PARENT is the
+process that it ends with, and SIGNALS 1 if that one's main thread starts it.
 
 Physics and camera run on a clock of their own; the wheels answer at once, in a thread.
 """
@@ -15,8 +18,9 @@ from typing import Any
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.deadlines import Deadlines
 from buggy_rl.car.interfaces import Reading, neutral_of
+from buggy_rl.car.parent import Parent
 from buggy_rl.car.priority import SIMULATION, take_priority
-from buggy_rl.car.simulated import ACTUATOR, CONTROL, REFUSED, SENSOR, TAKEN, WRITE, packed
+from buggy_rl.car.simulated import ACTUATOR, ANSWER, CONTROL, LOOK, SENSOR, WRITE, packed
 from buggy_rl.config import from_plain
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.simulated_car.sensor_faults import SensorChannel
@@ -32,9 +36,12 @@ class Server:
     Args:
         config: The car.
         address: File of the socket, which is made.
+        parent: The process that it ends with.
     """
 
-    def __init__(self, config: SimulatedCarConfig, address: str) -> None:
+    def __init__(
+        self, config: SimulatedCarConfig, address: str, parent: Parent | None = None
+    ) -> None:
         from buggy_rl.simulated_car.physics import Physics
 
         self.clock = Clock(config.speed)
@@ -44,7 +51,7 @@ class Server:
         self._sent: deque[float] = deque(maxlen=SENT_KEPT)
         self._sensors: list[socket.socket] = []
         self.deadlines = Deadlines(CONTROL_PERIOD, self.clock.now, self.clock.sleep)
-        self._over = threading.Event()
+        self._over, self._parent = threading.Event(), parent or Parent(0)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._listener.bind(address)
         self._listener.listen()
@@ -53,7 +60,7 @@ class Server:
         """Drives until it is told to stop."""
         threading.Thread(target=self._accept, daemon=True).start()
         self.deadlines = Deadlines(CONTROL_PERIOD, self.clock.now, self.clock.sleep)
-        while not self._over.is_set():
+        while not self._over.is_set() and not self._parent.gone:
             self.deadlines.wait()
             command = self.wheels.acting()  # what acts from the stamp of the reading on
             self._measure()
@@ -95,7 +102,10 @@ class Server:
         link.close()
 
     def _write(self, message: bytes) -> bytes:
-        return TAKEN if self.wheels.write(*WRITE.unpack(message)) else REFUSED
+        if len(message) == LOOK.size:
+            return ANSWER.pack(*LOOK.unpack(message), 1, *self.wheels.acting())
+        number, *command = WRITE.unpack(message)
+        return ANSWER.pack(number, self.wheels.write(*command), *command)
 
     def _control(self, message: bytes) -> bytes:
         request = json.loads(message)
@@ -118,8 +128,9 @@ class Server:
     def fault(self, kind: str, seconds: float, size: float = 0.0) -> float:
         """Begins a fault; returns when [s]."""
         now = self.clock.now()
-        if kind == "pwm":
-            self.wheels.refuse(now + seconds)
+        spoilt = {"pwm": self.wheels.refuse, "hang": self.wheels.hang, "lose": self.wheels.lose}
+        if kind in spoilt:
+            spoilt[kind](now + seconds)
         else:
             self.channel.spoil(kind, now + seconds, size)
         return now
@@ -144,12 +155,14 @@ def _received(link: socket.socket) -> bytes:
 
 def main(arguments: list[str]) -> None:
     """The process."""
+    file, address, *family = arguments
+    parent = Parent(int(family[0]), family[1] == "1") if family else Parent(0)
+
     import torch
 
     torch.set_num_threads(1)
-    file, address = arguments
     config = from_plain(SimulatedCarConfig, json.loads(Path(file).read_text()), file)
-    server = Server(config, address)
+    server = Server(config, address, parent)
     take_priority(SIMULATION)  # a real car does not wait for the processor either
     server.run()
 

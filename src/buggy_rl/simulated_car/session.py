@@ -1,5 +1,6 @@
 """A drive of the car's own runtime in the simulated car: files are written, both are started."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -69,15 +70,18 @@ def simulated_config(
 
 
 def start_runtime(
-    config: Mapping[str, Any], file: Path, output: int | None = None
+    config: Mapping[str, Any], file: Path, output: int | None = None, errors: int | None = None
 ) -> subprocess.Popen:
-    """Starts the runtime in a process of its own, as on the car's computer.
+    """Starts the runtime in a process of its own, as on the car's computer; from a main thread.
+
+    It stops the car and ends when this process ends, however that does.
 
     Args:
         config: Of the runtime.
         file: That it is written to.
         output: Where its messages go, as of `subprocess`; None for this process's own.
+        errors: Likewise its standard error.
     """
     write_json(file, dict(config))
-    command = [sys.executable, "-m", "buggy_rl.car", str(file)]
-    return subprocess.Popen(command, stdout=output)
+    command = [sys.executable, "-m", "buggy_rl.car", str(file), str(os.getpid())]
+    return subprocess.Popen(command, stdout=output, stderr=errors)

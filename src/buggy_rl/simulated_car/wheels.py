@@ -26,17 +26,30 @@ class Wheels:
         self._clock, self._failsafe, self._at_rest = clock, failsafe, at_rest
         self._lock = threading.Lock()
         self._log: deque[Entry] = deque([(clock.now(), *at_rest)], maxlen=KEPT)
-        self._refusing_until = -math.inf
+        self._refusing_until = self._hanging_until = self._losing_until = -math.inf
 
     def refuse(self, until: float) -> None:
         """Takes no write before a time [s]."""
         self._refusing_until = until
 
+    def hang(self, until: float) -> None:
+        """Answers no write before a time [s], and does none of them."""
+        self._hanging_until = until
+
+    def lose(self, until: float) -> None:
+        """Says that it takes each write before a time [s], and does none of them."""
+        self._losing_until = until
+
     def write(self, throttle: float, steering: float) -> bool:
         """Takes a command; returns whether it did."""
         now = self._clock.now()
+        if now < self._hanging_until:
+            self._clock.sleep(self._hanging_until - now)
+            return False
         if now < self._refusing_until:
             return False
+        if now < self._losing_until:
+            return True
         with self._lock:
             self._log.append((now, throttle, steering))
         return True
