@@ -47,8 +47,10 @@ def read(path: Path, columns: ColumnMap) -> Table:
     if is_bag(path):
         return read_bag(path, columns.topics)
     if path.is_dir():
-        return read_npy_folder(path)
+        return read_npy_folder(path, columns.rate)
     if path.suffix.lower() in TABLES:
         return TABLES[path.suffix.lower()](path)
-    message = f"ending {path.suffix!r} is not supported; use .csv, .parquet, .bag, a folder of "
+    message = (
+        f"ending {path.suffix!r} is not supported; use .csv, .parquet, .jsonl, .bag, a folder of "
+    )
     raise RecordingError(str(path), message + ".npy or a ROS 2 bag")
