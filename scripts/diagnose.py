@@ -26,7 +26,6 @@ def main() -> None:
 
     import torch
     import yaml
-    from tqdm import tqdm
 
     from buggy_rl.diagnosis.pipeline import diagnose
     from buggy_rl.diagnosis.repair import repaired
@@ -34,6 +33,7 @@ def main() -> None:
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
+    from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(1)
     recordings = loaded(config, config.recordings, "drive")
@@ -61,8 +61,7 @@ def main() -> None:
 
 def loaded(config, names, what: str) -> list:
     """Recordings that can be used; says which cannot."""
-    from tqdm import tqdm
-
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
 
     found, refusals = load_recordings(names, config.columns or None, config.dt, iter, config.car)

@@ -20,8 +20,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policies.export.config:ExportConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.export.export import export
 
     torch.set_num_threads(config.threads)

@@ -20,8 +20,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.study.figures:FiguresConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.study.figures import FIGURES, MissingError
     from buggy_rl.viz.style import write_figure
 

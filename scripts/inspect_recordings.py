@@ -25,12 +25,11 @@ def main() -> None:
     if len(folders) != 1:
         raise ValueError(f"name one folder of recordings, not {len(folders)} (--help says more)")
 
-    from tqdm import tqdm
-
     from buggy_rl.files import write_atomically
     from buggy_rl.inspection.folder import inspect_folder
     from buggy_rl.inspection.page import page
     from buggy_rl.inspection.panels import panels
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.inspection import inspection_figure
     from buggy_rl.viz.style import save_figure
 

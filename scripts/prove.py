@@ -24,12 +24,11 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.blind_test.proof:ProofConfig")
 
-    from tqdm import tqdm
-
     from buggy_rl.blind_test.ledger import Ledger, open_once, openings
     from buggy_rl.blind_test.outcome import OURS
     from buggy_rl.blind_test.proof import cases_of, steps
     from buggy_rl.blind_test.score import score
+    from buggy_rl.jobs.bar import tqdm
 
     store, ledger = config.store, Ledger(config.ledger_file)
     for folder in (store.output, store.sealed, store.prepared):

@@ -24,10 +24,10 @@ def main() -> None:
     config = from_command_line(__doc__, SCHEMA, arguments).of_simulators
 
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.files import save_torch
     from buggy_rl.identification.study import ModelRunConfig, load_drives, model_file, model_runs
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
     from buggy_rl.run_log import RunLog

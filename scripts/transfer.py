@@ -21,10 +21,8 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.transfer.plan:TransferConfig")
 
-    from tqdm import tqdm
-
     from buggy_rl.jobs import results
-    from buggy_rl.jobs.bar import run_with_bar
+    from buggy_rl.jobs.bar import run_with_bar, tqdm
     from buggy_rl.transfer.evaluation import judge, unjudged
     from buggy_rl.transfer.jobs import diagnoses, models, trainings, write_factories
     from buggy_rl.transfer.recordings import record, recorded

@@ -2,9 +2,8 @@
 
 from typing import Self
 
-from tqdm import tqdm
-
 from buggy_rl.diagnosis.meter import Reading
+from buggy_rl.jobs.bar import tqdm
 
 FORMAT = "{elapsed} {desc}{postfix}"  # before there is a plan
 PLANNED = "{elapsed} {desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
