@@ -89,10 +89,7 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
         layers = [(argument, read(argument)) for argument in group]
         for part in [layers] if overrides else [[layer] for layer in layers]:
             config = _merge(config, part)
-    missing = OmegaConf.missing_keys(config)
-    if missing:
-        raise ConfigError(f"needed but not given: {', '.join(sorted(missing))}")
-    return OmegaConf.to_object(config)
+    return _complete(config)
 
 
 def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
@@ -102,7 +99,15 @@ def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
         ConfigError: It has a key or value that the class does not take; the message names `source`.
     """
     layer = OmegaConf.create(dict(content))
-    return OmegaConf.to_object(_merge(OmegaConf.structured(cls), [(source, layer)]))
+    return _complete(_merge(OmegaConf.structured(cls), [(source, layer)]), f"{source}: ")
+
+
+def _complete(config: Any, source: str = "") -> Any:
+    """The dataclass of a config in which no needed value is missing."""
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise ConfigError(f"{source}needed but not given: {', '.join(sorted(missing))}")
+    return OmegaConf.to_object(config)
 
 
 def _read_yaml(argument: str):
