@@ -7,8 +7,10 @@ Exit code 0: all recordings are usable; 1: some were refused; 2: none is usable.
 
 import argparse
 import sys
+from difflib import get_close_matches
+from pathlib import Path
 
-LOSSES = (": cut", "too short to use", "if so,", "clipped")  # notes printed without --notes
+SETTINGS = {"columns": None, "dt": 0.01, "car": ""}
 
 
 def main() -> int:
@@ -19,13 +21,14 @@ def main() -> int:
     from buggy_rl.diagnosis.other_sensors import other_sensors
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
+    from buggy_rl.recordings.notes import telling
 
     torch.set_num_threads(1)
     try:
         recordings, refusals = load_recordings(
             arguments.paths,
             arguments.columns,
-            float(arguments.dt),
+            arguments.dt,
             car=arguments.car,
             progress=lambda found: tqdm(found, unit="recording", disable=len(found) < 5),
         )
@@ -34,7 +37,7 @@ def main() -> int:
         return 2
     _print_table(recordings)
     for recording in recordings:
-        shown = [n for n in recording.notes if arguments.notes or any(w in n for w in LOSSES)]
+        shown = recording.notes if arguments.notes else telling(recording.notes)
         if shown:
             print("\n".join([f"\n{recording.name}", *(f"  {note}" for note in shown)]))
     for finding in other_sensors(recordings):
@@ -54,15 +57,22 @@ def _parse() -> argparse.Namespace:
     )
     parser.add_argument("paths", nargs="+", help="files, folders, patterns, and key=value")
     parser.add_argument(
-        "--notes", action="store_true", help="also print what was derived and dropped"
+        "--notes", action="store_true", help="also print how sound recordings were read"
     )
     arguments = parser.parse_intermixed_args()
-    settings = {"columns": None, "dt": 0.01, "car": ""}
+    settings = dict(SETTINGS)
     for word in list(arguments.paths):
         key, equals, value = word.partition("=")
         if equals and key in settings:
             settings[key] = value
             arguments.paths.remove(word)
+        elif equals and key.isidentifier() and not Path(word).exists():
+            meant = "".join(f"; did you mean {name}=?" for name in get_close_matches(key, settings))
+            parser.error(f"{word}: no such file, nor a setting: {', '.join(settings)}{meant}")
+    try:
+        settings["dt"] = float(settings["dt"])
+    except ValueError:
+        parser.error(f"dt={settings['dt']}: write a number of seconds, such as dt=0.01")
     if not arguments.paths:
         parser.error("name at least one file, folder or pattern")
     for key, value in settings.items():

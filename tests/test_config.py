@@ -270,3 +270,8 @@ def test_a_misspelt_effect_is_refused_without_importing_torch():
     assert done.returncode == 0, done.stderr
     [line] = done.stdout.splitlines()
     assert "no effect 'steering_deadtime'; did you mean 'steering_dead_time'?" in line
+
+
+def test_a_value_that_is_left_open_in_a_file_is_asked_for():
+    with pytest.raises(ConfigError, match=r"map\.yaml: needed but not given: inner\.rate"):
+        from_plain(Outer, {"inner": {"rate": "???"}}, "map.yaml")

@@ -89,7 +89,8 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
         layers = [(argument, read(argument)) for argument in group]
         for part in [layers] if overrides else [[layer] for layer in layers]:
             config = _merge(config, part)
-    return _complete(config)
+    _refuse_missing(config)
+    return OmegaConf.to_object(config)
 
 
 def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
@@ -99,15 +100,16 @@ def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
         ConfigError: It has a key or value that the class does not take; the message names `source`.
     """
     layer = OmegaConf.create(dict(content))
-    return _complete(_merge(OmegaConf.structured(cls), [(source, layer)]), f"{source}: ")
+    _refuse_missing(layer, f"{source}: ")  # `???`, which a merge would leave at the default
+    config = _merge(OmegaConf.structured(cls), [(source, layer)])
+    _refuse_missing(config, f"{source}: ")
+    return OmegaConf.to_object(config)
 
 
-def _complete(config: Any, source: str = "") -> Any:
-    """The dataclass of a config in which no needed value is missing."""
+def _refuse_missing(config: Any, source: str = "") -> None:
     missing = OmegaConf.missing_keys(config)
     if missing:
         raise ConfigError(f"{source}needed but not given: {', '.join(sorted(missing))}")
-    return OmegaConf.to_object(config)
 
 
 def _read_yaml(argument: str):

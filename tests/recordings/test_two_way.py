@@ -40,10 +40,12 @@ def test_reverse_is_read_in_full_where_the_command_has_it(make_drive, write, vel
     assert recording.data["action"][:, 0].min() < -0.2
 
 
-def test_without_it_the_note_says_what_to_declare(make_drive, write):
-    recording = load_recording(write(two_way(make_drive)))
-    (note,) = [note for note in recording.notes if "reverses" in note]
-    assert "declare in the column map or the car's file command: {kind: throttle_brake" in note
+def test_without_it_a_throttle_below_rest_in_reverse_is_refused_with_what_to_declare(
+    make_drive, write
+):
+    path = write(two_way(make_drive))
+    with pytest.raises(RecordingError, match=r"column throttle.*command: \{kind: throttle_brake"):
+        load_recording(path)
 
 
 def test_the_car_s_file_declares_it_as_well(make_drive, write, tmp_path):

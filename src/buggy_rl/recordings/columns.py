@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from omegaconf import MISSING
@@ -18,6 +18,8 @@ CHANNELS = (
     *("vx", "vy", "yaw_rate", "throttle", "steering"),
 )
 """Channels of a recording, by their columns in the standard table."""
+QUATERNION = "qw", "qx", "qy", "qz"
+"""Channels of an orientation, w first."""
 BESIDE = "wheel_speed", "gyro"
 """Channels of sensors beside the tracker, by their keys; a recording may have them."""
 COMMANDS = "throttle", "steering", "throttle factor"
@@ -154,6 +156,9 @@ class ColumnMap:
     """[s] Window of the Savitzky-Golay filter that derives velocities."""
     time_from_first: bool = False
     """Count t from the first row, e.g. for stamps that count from 1970."""
+    rate: float | None = None
+    """[Hz] The rows come evenly at it, whatever their stamps: of a file without stamps, or with
+    stamps in whole seconds."""
     topics: Topics = field(default_factory=Topics)
     tables: list[SourceTable] = field(default_factory=list)
     """Tables of a drive that is a folder of several; rows are those of the first."""
@@ -169,6 +174,8 @@ class ColumnMap:
             _refuse_unknown(table.time.values(), UNITS["t"], f"tables: time of {table.file}")
             if not table.time:
                 raise ValueError(f"tables: {table.file} has no time; write time: {{column: s}}")
+        if self.rate is not None and self.rate <= 0:
+            raise ValueError(f"rate is {self.rate} Hz; write one above 0")
         for channel, sign in self.signs.items():
             if sign not in (-1, 1):
                 raise ValueError(f"signs: {channel} is {sign}; write 1 or -1")
@@ -204,9 +211,16 @@ def load_columns(file: str | Path) -> ColumnMap:
         content = yaml.safe_load(Path(file).read_text()) or {}
         if not isinstance(content, Mapping):
             raise ValueError(f"it is {content!r}, expected keys and values")
-        return from_plain(ColumnMap, content, "column map")
+        return from_plain(ColumnMap, _named(content), "column map")
     except (ValueError, yaml.YAMLError, OSError) as error:
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
+
+
+def _named(content: Any) -> Any:
+    """YAML with keys as text: columns of a table without a header are numbers."""
+    if isinstance(content, Mapping):
+        return {str(key): _named(value) for key, value in content.items()}
+    return [_named(value) for value in content] if isinstance(content, list) else content
 
 
 def _both_ways(throttle: Throttle) -> Throttle:

@@ -71,6 +71,12 @@ class Limits:
     """[standard deviations of both sensors' white noise] Granted on top."""
     disagreeing_share: float = 0.02
     """Share of windows; fewer are cut, more refuse the recording."""
+    zero_rest_share: float = 0.8
+    """Share of the rows at a throttle of 0 in which the car stands or slows down, above which 0 is
+    no half drive but rest; 1 admits it. Chosen: 0.95 where it is, 0.5 and less where not."""
+    undriven_gain: float = 1.0
+    """[m/s] Speed that a car gains from a standstill, without any drive, when it is pushed; a
+    slope of 5 % takes 1 m for it."""
     missing_share: float = 0.1
     """Share of rows without a tracker value above which a recording is refused."""
     cut_share: float = 0.5

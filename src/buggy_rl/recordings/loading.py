@@ -104,7 +104,9 @@ def _find(paths: str | Path | Sequence[str | Path], columns: ColumnMap) -> Itera
     for path in [paths] if isinstance(paths, (str, Path)) else paths:
         found = _expand(str(path), columns)
         if not found:
-            message = "none found; expected .csv, .parquet, .bag, a folder of .npy or a ROS 2 bag"
+            message = (
+                "none found; expected .csv, .parquet, .jsonl, .bag, a folder of .npy or a ROS 2 bag"
+            )
             yield RecordingError(str(path), message)
         for recording in found:
             if recording.resolve() not in seen:

@@ -5,17 +5,19 @@ from collections.abc import Mapping
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.checks.cells import QUATERNION, check_cells, check_quaternions
+from buggy_rl.recordings.checks.cells import check_cells
 from buggy_rl.recordings.checks.commands import clip_commands
-from buggy_rl.recordings.columns import BESIDE, CHANNELS, QUANTITY, UNITS, ColumnMap
+from buggy_rl.recordings.checks.quaternions import check_quaternions
+from buggy_rl.recordings.columns import QUANTITY, QUATERNION, UNITS, ColumnMap, Throttle
 from buggy_rl.recordings.errors import RecordingError
+from buggy_rl.recordings.naming import missing_columns, present
 from buggy_rl.recordings.raw_recording import RawRecording, rotate
 from buggy_rl.recordings.readers import Table
+from buggy_rl.recordings.readers.interleaved import merged_by_time
+from buggy_rl.recordings.stamps import CLOCK_ORIGIN, unwound
 
-NEEDED = ("t", "x", "y", "throttle", "steering")
 FAR = 1e4  # [m] from the origin, where float32 resolves 1 mm; on a UTM grid it resolves 0.5 m
 GRID = 1000.0  # [m]
-CLOCK_ORIGIN = 1e6  # [s] stamps above this, 11 days, count from 1970 and not from a start
 
 
 def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
@@ -25,30 +27,38 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
         RecordingError: A column is missing or not numeric, a quaternion is invalid, or a command
             is outside its range.
     """
-    names = _present(table, columns)
-    beside = {channel: names.pop(channel) for channel in BESIDE if channel in names}
+    names, beside = present(table, columns)
+    table = _merged(table, {**names, **beside}, columns)
     labels = {channel: table.label(name) for channel, name in names.items()}
     dropped = _leading_rows(table, columns)
-    values = {channel: table.numbers(name)[dropped:] for channel, name in names.items()}
+    read = [c for c in names if c != "t" or columns.rate is None]
+    values = {channel: table.numbers(names[channel])[dropped:] for channel in read}
     factor = _factor(table, columns)
-    row = (np.arange(len(table)) if table.rows is None else table.rows)[dropped:]
-    row = row + table.first_row
+    row = table.file_rows[dropped:]
     missing = check_cells(table.file, values, labels, row, columns.limits)
-    check_quaternions(table.file, values, labels, row, columns.limits)
+    _refuse_one_command(table, values, labels)
+    check_quaternions(table, values, labels, row, columns.limits)
     si = {channel: _si(channel, column, columns) for channel, column in values.items()}
+    si["t"], jumps = unwound(_stamps(table, names, columns)[dropped:])
+    measured = not columns.derive_velocity
     raw = RawRecording(
         file=table.file,
         t=si["t"] - (si["t"][0] if columns.time_from_first else 0.0),
         pose=np.stack([si["x"], si["y"], _yaw(si, columns)], -1),
-        linear=np.stack([si["vx"], si["vy"]], -1) if "vx" in si and "vy" in si else None,
-        yaw_rate=si.get("yaw_rate"),
+        linear=np.stack([si["vx"], si["vy"]], -1) if measured and {"vx", "vy"} <= set(si) else None,
+        yaw_rate=si.get("yaw_rate") if measured else None,
         action=np.stack([si["throttle"], si["steering"]], -1),
         row=row,
         labels=labels | ({} if "yaw" in si else {"yaw": ", ".join(labels[q] for q in QUATERNION)}),
         notes=list(table.notes),
         beside={c: _si(c, table.numbers(name)[dropped:], columns) for c, name in beside.items()},
         reverse=columns.command.two_way,
+        rest_declared=columns.throttle != Throttle() or columns.command.kind != "throttle",
     )
+    raw.starts[[jump.row for jump in jumps]] = True
+    raw.starts[[start - dropped for start in table.starts if start > dropped]] = True
+    for jump in jumps:
+        raw.note(np.array([jump.row]), "t", f"{jump}: two segments, the stamps count on: cut there")
     _note_reading(raw, dropped, columns, si)
     for channel, cells in missing.items():
         raw.cut(cells, channel, "no value (NaN), the tracker lost the car")
@@ -58,26 +68,38 @@ def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
     return raw
 
 
-def _present(table: Table, columns: ColumnMap) -> dict[str, str]:
-    """Channel -> column, of the channels in the file."""
-    ignored = set(columns.ignore)
-    names = {channel: columns.names.get(channel, channel) for channel in (*CHANNELS, *BESIDE)}
-    there = {c: n for c, n in names.items() if n in table.columns and n not in ignored}
-    stated = [names[c] for c in columns.names if c not in there and names[c] not in ignored]
-    missing = [names[c] for c in NEEDED if c not in there]
-    if "yaw" not in there and not all(q in there for q in QUATERNION):
-        missing.append(f"{names['yaw']} (or {', '.join(names[q] for q in QUATERNION)})")
-    missing += [n for n in stated if n not in missing]
-    if missing:
-        raise _missing(table, ", ".join(missing))
-    if "yaw" in there:
-        there = {c: n for c, n in there.items() if c not in QUATERNION}
-    return there
+def _merged(table: Table, names: Mapping[str, str], columns: ColumnMap) -> Table:
+    """The table with the rows of several sources merged by time."""
+    read = {c: n for c, n in names.items() if c != "t"}
+    if columns.throttle.factor in table.columns:
+        read["throttle factor"] = str(columns.throttle.factor)
+    turn = 360.0 if columns.units.get("yaw") == "deg" else 2 * np.pi
+    return merged_by_time(table, read, _stamps(table, names, columns), columns.limits, turn)
 
 
-def _missing(table: Table, names: str) -> RecordingError:
-    message = f"missing; available: {', '.join(table.columns)}; name the columns in a column map"
-    return RecordingError(table.file, message, column=names)
+def _stamps(table: Table, names: Mapping[str, str], columns: ColumnMap) -> ndarray:
+    """Stamps [T] s."""
+    if columns.rate is not None:
+        return table.file_rows / columns.rate
+    return _si("t", table.numbers(names["t"]), columns)
+
+
+def _refuse_one_command(
+    table: Table, values: Mapping[str, ndarray], labels: Mapping[str, str]
+) -> None:
+    """Throttle and steering are two columns.
+
+    Raises:
+        RecordingError: They are the same numbers.
+    """
+    throttle, steering = values["throttle"], values["steering"]
+    if np.array_equal(throttle, steering) and (throttle != throttle[0]).any():
+        message = (
+            "throttle and steering are the same numbers in all rows; name the column of each in a "
+            "column map"
+        )
+        both = f"{labels['throttle']}, {labels['steering']}"
+        raise RecordingError(table.file, message, column=both)
 
 
 def _leading_rows(table: Table, columns: ColumnMap) -> int:
@@ -86,7 +108,7 @@ def _leading_rows(table: Table, columns: ColumnMap) -> int:
     if drop.column is None:
         return 0
     if drop.column not in table.columns:
-        raise _missing(table, drop.column)
+        raise missing_columns(table, drop.column)
     waiting = table.numbers(drop.column) == drop.equals
     if waiting.all():
         message = f"{drop.equals:g} in all rows; correct drop_leading in the column map"
@@ -99,13 +121,13 @@ def _factor(table: Table, columns: ColumnMap) -> ndarray | None:
     if name is None:
         return None
     if name not in table.columns:
-        raise _missing(table, name)
+        raise missing_columns(table, name)
     factor = table.numbers(name)
     bad = ~np.isfinite(factor)
     if bad.any():
         at = int(np.argmax(bad))
         message = f"{factor[at]} is not finite; correct it, or omit throttle.factor"
-        raise RecordingError(table.file, message, at + table.first_row, name)
+        raise RecordingError(table.file, message, int(table.file_rows[at]), name)
     return factor
 
 

@@ -33,6 +33,8 @@ class RawRecording:
     """Channel -> [T] of sensors beside the tracker, in SI units; NaN where there is no value."""
     reverse: bool = False
     """Whether the command has reverse, so that driving backward is no fault."""
+    rest_declared: bool = False
+    """Whether the column map says what the command is at rest."""
     keep: ndarray = field(init=False)
     """[T] bool, rows that are used."""
     starts: ndarray = field(init=False)
@@ -72,6 +74,17 @@ class RawRecording:
     def rows(self, seconds: float, least: int = 1) -> int:
         """Number of rows in a time span."""
         return max(least, round(seconds / self.period))
+
+    def drop(self, rows: ndarray) -> None:
+        """Takes the rows of a mask [T] away, which `cut` leaves in place."""
+        left = ~rows
+        self.starts[1:] |= rows[:-1] & self.starts[:-1]
+        for name in ("t", "pose", "linear", "yaw_rate", "action", "row"):
+            values = getattr(self, name)
+            setattr(self, name, None if values is None else values[left])
+        for name in ("keep", "starts", "repeated", "backward"):
+            setattr(self, name, getattr(self, name)[left])
+        self.beside = {channel: values[left] for channel, values in self.beside.items()}
 
     def cut(self, rows: ndarray, channel: str, reason: str) -> None:
         """Excludes the rows of a mask [T] and notes them."""

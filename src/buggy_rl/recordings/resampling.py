@@ -73,10 +73,10 @@ def _resampled(
     pose = np.column_stack([raw.pose[segment, :2], np.unwrap(raw.pose[segment, 2])])
     pose = _interpolated(stamps - origin, pose, t - origin)
     velocity = _derived(pose, grid)
-    if raw.linear is not None and not columns.derive_velocity:
+    if raw.linear is not None:
         for axis in (0, 1):
             velocity[:, axis] = np.interp(t, stamps, raw.linear[segment, axis])
-    if raw.yaw_rate is not None and not columns.derive_velocity:
+    if raw.yaw_rate is not None:
         velocity[:, 2] = np.interp(t, stamps, raw.yaw_rate[segment])
     beside = {key: _beside(raw, values, t)[:, None] for key, values in raw.beside.items()}
     return {"t": t[:, None], "pose": pose, "velocity": velocity, **beside}, final
@@ -171,8 +171,8 @@ def _with_commands(raw: RawRecording, columns: ColumnMap, part: Arrays) -> list[
 
 
 def _note_derived(raw: RawRecording, columns: ColumnMap, grid: _Grid) -> None:
-    names = [] if raw.linear is not None and not columns.derive_velocity else ["vx", "vy"]
-    if raw.yaw_rate is None or columns.derive_velocity:
+    names = [] if raw.linear is not None else ["vx", "vy"]
+    if raw.yaw_rate is None:
         names.append("yaw_rate")
     if names:
         raw.notes.append(

@@ -11,13 +11,15 @@ from buggy_rl.recordings.checks.clock import (
     check_rate,
     check_usable_time,
 )
-from buggy_rl.recordings.checks.commands import check_steering_sign
+from buggy_rl.recordings.checks.commands import check_silence, check_steering_sign
 from buggy_rl.recordings.checks.heading import check_heading
 from buggy_rl.recordings.checks.leaps import check_leaps
+from buggy_rl.recordings.checks.position import check_geographic
+from buggy_rl.recordings.checks.rest import check_driven, check_rest
 from buggy_rl.recordings.checks.sensor import check_frozen, check_speed, check_spikes
 
 CHECKS = (
-    *(check_order, check_frozen, check_rate, check_bunched, check_gaps),
-    *(check_speed, check_heading, check_leaps, check_spikes),
-    *(check_linear, check_yaw_rate, check_steering_sign, check_usable_time),
+    *(check_order, check_geographic, check_frozen, check_rate, check_bunched, check_gaps),
+    *(check_speed, check_heading, check_rest, check_driven, check_leaps, check_spikes),
+    *(check_linear, check_yaw_rate, check_steering_sign, check_silence, check_usable_time),
 )

@@ -1,16 +1,21 @@
 """Checks of the time stamps: order, rate, bunches, gaps, and the time left after all cuts."""
 
 import numpy as np
+from numpy import ndarray
 
 from buggy_rl.recordings.limits import Limits
 from buggy_rl.recordings.raw_recording import RawRecording, robust_deviation
 
+COARSE = 0.3  # share of rows that repeat the stamp before them: its digits do not suffice; chosen
+SORTED = 2  # rows out of order, or of one stamp, that are easier deleted one by one; chosen
 SLOW_CLOCK = 1.01  # [nominal periods] granted to a clock that runs 1 % slow
 THIN = "thin the table to the pose's own rate (one row for each new pose, with its own stamp), "
 
 
 def check_order(raw: RawRecording, limits: Limits) -> None:
-    """Time strictly increases.
+    """Time strictly increases; rows that repeat the stamp and the motion of the next are left out.
+
+    Clocks that were set while recording are no matter of this check: `stamps.unwound`.
 
     Raises:
         RecordingError: It does not, or there are fewer than three rows.
@@ -18,15 +23,62 @@ def check_order(raw: RawRecording, limits: Limits) -> None:
     if len(raw.t) < 3:
         raise raw.error(len(raw.t) - 1, "t", f"{len(raw.t)} rows; record 3 or more")
     step = np.diff(raw.t)
+    _refuse_coarse(raw, step)
+    repeated = np.append(step == 0, False) & _same_motion(raw)
+    if repeated.any():
+        raw.note(np.flatnonzero(repeated), "t", "stamp and motion are those of the next: left out")
+        raw.drop(repeated)
+        step = np.diff(raw.t)
     if (step > 0).all():
         return
     at = int(np.argmax(step <= 0)) + 1
     does = "stands still" if step[at - 1] == 0 else f"runs back by {-step[at - 1]:.6g} s"
     message = (
         f"time {does} at {raw.t[at]:.6f} s ({int((step <= 0).sum())} such rows); "
-        "delete the rows, or stamp at the measurement instead of the delivery"
+        f"{_remedy(raw.t, step)}"
     )
     raise raw.error(at, "t", message)
+
+
+def _same_motion(raw: RawRecording) -> ndarray:
+    """[T] bool: rows whose pose and velocity are those of the next row."""
+    same = np.zeros(len(raw.t), bool)
+    signals = [raw.pose, raw.linear, raw.yaw_rate]
+    parts = [s.reshape(len(raw.t), -1) for s in signals if s is not None]
+    values = np.concatenate(parts, -1)
+    same[:-1] = (values[1:] == values[:-1]).all(-1)
+    return same
+
+
+def _refuse_coarse(raw: RawRecording, step: ndarray) -> None:
+    """Refuses stamps with fewer digits than the rows need."""
+    still = float((step == 0).mean())
+    if still < COARSE or not (step > 0).any():
+        return
+    at = int(np.argmax(step == 0)) + 1
+    ticks = np.flatnonzero(step > 0)  # the rows between the first and the last tick are whole
+    inner = len(ticks) > 1
+    rows = ticks[-1] - ticks[0] if inner else len(step)
+    rate = rows / (raw.t[ticks[-1]] - raw.t[ticks[0]]) if inner else rows / step.sum()
+    message = (
+        f"stamps come in steps of {np.median(step[step > 0]):.3g} s, {still:.0%} of the rows have "
+        "that of the row before; export more digits, or, if the rows come evenly, state rate: "
+        f"{rate:.3g} in a column map (rows a second)"
+    )
+    raise raw.error(at, "t", message)
+
+
+def _remedy(t: ndarray, step: ndarray) -> str:
+    """What to do about stamps [T] that do not increase: what brings them in order."""
+    ordered = np.diff(np.sort(t))
+    if (ordered > 0).all() and (step < 0).sum() > SORTED:
+        return "the rows are in another order than their stamps: sort the table by them"
+    if (step == 0).sum() > SORTED:
+        return (
+            "rows of one stamp differ: two sources in one column; keep the rows of one of them, "
+            "or name its topic"
+        )
+    return "delete the rows, or stamp at the measurement instead of the delivery"
 
 
 def check_rate(raw: RawRecording, limits: Limits) -> None:

@@ -12,6 +12,8 @@ LAG_STEP = 0.02  # [s] between the lags that are tried
 SIGNIFICANT = 0.7  # correlation above which the sign of the steering is certain; chosen
 LEAST_STEERING = 0.05  # standard deviation of the commands below which no sign is estimated
 FASTEST_TURN = 20.0  # [rad/s] yaw rate above which a row is next to a cut; a small car makes 7
+SILENT = 3.0  # [s] without a new command; a lap at a steady speed has corners more often
+OFTEN = 0.2  # [s] between commands, median, below which a stop of theirs is told of; chosen
 ROUNDING = 1e-9  # of the command range, from the conversion of units
 
 
@@ -103,6 +105,31 @@ def check_steering_sign(raw: RawRecording, limits: Limits) -> None:
             f"steering left turns the car right (correlation {best:.2f}): if so, state "
             "signs: {steering: -1} in a column map",
         )
+
+
+def check_silence(raw: RawRecording, limits: Limits) -> None:
+    """Notes commands that stop while the car moves: bit for bit the same, where they often change.
+
+    It does not refuse: a steady manoeuvre has the same commands.
+    """
+    changes = np.flatnonzero((np.diff(raw.action, axis=0) != 0).any(-1)) + 1
+    begin = np.concatenate([[0], changes])
+    end = np.concatenate([changes, [len(raw.t)]]) - 1
+    seconds = raw.t[end] - raw.t[begin]
+    if len(changes) < 2 or np.median(np.diff(raw.t[changes])) > OFTEN:
+        return
+    step = np.linalg.norm(np.diff(raw.pose[:, :2], axis=0, append=np.nan), axis=-1)
+    moving = step > limits.moving_speed * raw.period
+    silent = [i for i in np.flatnonzero(seconds > SILENT) if moving[begin[i] : end[i]].mean() > 0.5]
+    if not silent:
+        return
+    longest = max(silent, key=lambda i: seconds[i])
+    raw.note(
+        np.arange(begin[longest], end[longest] + 1),
+        "throttle",
+        f"the commands stop for {seconds[longest]:.2g} s while the car moves ({len(silent)} such "
+        "places): if the radio or the logger was silent, cut these rows",
+    )
 
 
 def speed_along(raw: RawRecording) -> ndarray:

@@ -142,7 +142,7 @@ def reverses(found: Courses) -> bool:
 
 def _cut_reverse(raw: RawRecording, found: Courses) -> None:
     """Cuts the reverse drives, from standstill to standstill."""
-    rows, along = _chords(raw)[0], _speed_along(raw)
+    rows, along = chords(raw)[0], chord_speed(raw)
     backward = np.zeros(len(raw.t), bool)
     backward[found.rows[found.cosine < -ALONG]] = True
     negative = np.zeros(len(raw.t), bool)
@@ -153,7 +153,7 @@ def _cut_reverse(raw: RawRecording, found: Courses) -> None:
     raw.cut(raw.backward, "yaw", DECLARE)
 
 
-def _chords(raw: RawRecording) -> tuple[ndarray, ndarray, ndarray]:
+def chords(raw: RawRecording) -> tuple[ndarray, ndarray, ndarray]:
     """Kept rows in the middle, at the begin and at the end of each chord over `WINDOW`."""
     half, kept = raw.rows(WINDOW / 2), np.flatnonzero(raw.keep)
     if len(kept) <= 2 * half:
@@ -161,16 +161,16 @@ def _chords(raw: RawRecording) -> tuple[ndarray, ndarray, ndarray]:
     return kept[half:-half], kept[: -2 * half], kept[2 * half :]
 
 
-def _speed_along(raw: RawRecording) -> ndarray:
+def chord_speed(raw: RawRecording) -> ndarray:
     """Speed [n] along the heading at the middle of each chord [m/s]; negative backward."""
-    rows, before, after = _chords(raw)
+    rows, before, after = chords(raw)
     yaw = raw.pose[rows, 2]
     chord = raw.pose[after, :2] - raw.pose[before, :2]
     return (chord[:, 0] * np.cos(yaw) + chord[:, 1] * np.sin(yaw)) / (raw.t[after] - raw.t[before])
 
 
 def _courses(raw: RawRecording, limits: Limits) -> Courses:
-    rows, before, after = _chords(raw)
+    rows, before, after = chords(raw)
     time = raw.t[after] - raw.t[before]
     chord = raw.pose[after, :2] - raw.pose[before, :2]
     speed = np.linalg.norm(chord, axis=-1) / time

@@ -4,10 +4,12 @@ import numpy as np
 from numpy import ndarray
 from scipy.ndimage import median_filter
 
+from buggy_rl.recordings.columns import UNITS
 from buggy_rl.recordings.limits import Limits
 from buggy_rl.recordings.raw_recording import RawRecording, robust_deviation
 
 SPEED_WINDOW = 0.1  # [s] over which a speed is taken from positions; 0.7 mm noise makes 10 mm/s
+SCALE = 0.35  # relative difference of a measured speed that still names the unit of the position
 FAST_QUANTILE = 0.9  # of the speeds, compared with `top_speed`; a tenth may be leaps
 
 
@@ -89,11 +91,25 @@ def check_speed(raw: RawRecording, limits: Limits) -> None:
         at = int(kept[count + np.argmax(speed > limits.top_speed)])
         message = (
             f"{fast:.4g} m/s, the 90 % quantile of the speed, exceeds top_speed "
-            f"{limits.top_speed:g} m/s; check the unit of x, y and t or raise top_speed"
+            f"{limits.top_speed:g} m/s; check the unit of x, y and t{_unit(raw, fast, limits)}, or "
+            "raise top_speed"
         )
         raise raw.error(at, "x", message)
     if speed.max() < limits.moving_speed:
         raw.note_column("x", f"the car never moves faster than {speed.max():.2g} m/s")
+
+
+def _unit(raw: RawRecording, fast: float, limits: Limits) -> str:
+    """The units of length in which a speed [in the file's unit /s] is that of a small car."""
+    factors = {unit: factor for unit, factor in UNITS["length"].items() if factor != 1}
+    slow = {u: f * fast for u, f in factors.items() if limits.moving_speed < f * fast}
+    slow = {unit: speed for unit, speed in slow.items() if speed < limits.top_speed}
+    if raw.linear is not None:
+        measured = np.quantile(np.linalg.norm(raw.linear[raw.keep], axis=-1), FAST_QUANTILE)
+        alike = {u: v for u, v in slow.items() if abs(v - measured) < SCALE * measured}
+        slow = alike or slow
+    told = (f"units: {{x: {unit}, y: {unit}}} makes it {v:.2g} m/s" for unit, v in slow.items())
+    return "".join(f"; {text}" for text in told)
 
 
 def check_spikes(raw: RawRecording, limits: Limits) -> None:

@@ -47,8 +47,8 @@ def read(path: Path, columns: ColumnMap) -> Table:
     if is_bag(path) or files_alone(path):
         return read_bag(path, columns)
     if path.is_dir():
-        return read_npy_folder(path)
+        return read_npy_folder(path, columns.rate)
     if path.suffix.lower() in TABLES:
         return TABLES[path.suffix.lower()](path)
-    message = f"ending {path.suffix!r} is not supported; use .csv, .parquet, .bag, .mcap, .db3, a "
-    raise RecordingError(str(path), message + "folder of .npy or of a ROS 2 bag")
+    message = f"ending {path.suffix!r} is not supported; use .csv, .parquet, .jsonl, .bag, .mcap, "
+    raise RecordingError(str(path), message + ".db3, a folder of .npy or of a ROS 2 bag")

@@ -27,10 +27,14 @@ def is_npy_folder(path: Path) -> bool:
     return path.is_dir() and any(path.glob("*.npy"))
 
 
-def read_npy_folder(path: Path) -> Table:
+def read_npy_folder(path: Path, rate: float | None = None) -> Table:
     """Reads `positions`, `orientation` (w first), `linear`, `angular`, `actions`, `timestamp`.
 
     Nothing is unpickled.
+
+    Args:
+        path: The folder.
+        rate: Rows a second [Hz], where the column map states it.
 
     Raises:
         RecordingError: An array is missing, pickled, cut off, or of a wrong shape or length.
@@ -52,7 +56,7 @@ def read_npy_folder(path: Path) -> Table:
             for channel, column in channels.items():
                 table.columns[channel] = array[:, column]
                 table.labels[channel] = f"{name}[{column}]"
-    _add_time(table, arrays["timestamp"])
+    _add_time(table, arrays["timestamp"], rate)
     _check_lengths(path, arrays)
     return table
 
@@ -72,13 +76,16 @@ def _load(path: Path, name: str) -> ndarray | None:
     return array
 
 
-def _add_time(table: Table, timestamp: ndarray | None) -> None:
+def _add_time(table: Table, timestamp: ndarray | None, rate: float | None) -> None:
     if timestamp is not None:
         table.columns["t"] = timestamp.reshape(-1)
         table.labels["t"] = "timestamp"
         return
-    table.columns["t"] = np.arange(len(table)) / RATE
-    table.notes.append(f"column t: no timestamp.npy, {RATE:g} Hz assumed")
+    table.columns["t"] = np.arange(len(table)) / (rate or RATE)
+    if rate is not None:
+        return
+    what = "no timestamp.npy, {rate:g} Hz assumed: if it is another, state rate in a column map"
+    table.notes.append("column t: " + what.format(rate=RATE))
 
 
 def _check_lengths(path: Path, arrays: dict[str, ndarray | None]) -> None:

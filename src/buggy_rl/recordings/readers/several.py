@@ -1,7 +1,6 @@
 """One drive in several tables of one folder, each with its own time stamps, merged into one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,15 @@ from numpy import ndarray
 from buggy_rl.recordings.columns import BESIDE, COMMANDS, UNITS, ColumnMap, SourceTable
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.csv_parquet import read_csv, read_parquet
+from buggy_rl.recordings.readers.json_lines import read_json_lines
+from buggy_rl.recordings.readers.neighbours import interpolated, last_before, near
 from buggy_rl.recordings.readers.table import Table
+from buggy_rl.recordings.stamps import unwound
 
-TABLES = {".csv": read_csv, ".parquet": read_parquet}
+TABLES = {
+    **{".csv": read_csv, ".tsv": read_csv, ".parquet": read_parquet},
+    **{".jsonl": read_json_lines, ".ndjson": read_json_lines},
+}
 """Ending of a file -> its reader."""
 
 
@@ -35,31 +40,37 @@ def read_several(folder: Path, columns: ColumnMap) -> Table:
     Raises:
         RecordingError: A file or column is missing, or stamps run back.
     """
-    parts = {Path(t.file).stem: _read(folder / t.file) for t in columns.tables}
-    stamps = {Path(t.file).stem: _stamps(parts[Path(t.file).stem], t) for t in columns.tables}
+    parts, stamps, notes = {}, {}, []
+    for source in columns.tables:
+        stem, table = Path(source.file).stem, _read(folder / source.file)
+        parts[stem], stamps[stem] = _stamped(table, source)
+        notes += [f"{source.file}: {note}" for note in parts[stem].notes]
     first = Path(columns.tables[0].file).stem
     at, hold = stamps[first], columns.limits.command_hold
-    near = np.ones(len(at), bool)
+    turn = 360.0 if columns.units.get("yaw") == "deg" else 2 * np.pi
+    kept = np.ones(len(at), bool)
     merged: dict[str, ndarray] = {columns.names.get("t", "t"): at}
     for channel, name in _wanted(columns, parts).items():
         stem, _, column = name.partition(".")
         if column not in parts[stem].columns:
-            there = ", ".join(parts[stem].columns)
-            raise RecordingError(parts[stem].file, f"missing; available: {there}", column=column)
+            raise _missing(parts[stem], column)
         values = parts[stem].numbers(column)
         if stem == first:
             merged[name] = values
             continue
-        if channel in BESIDE:
-            there = _near(stamps[stem], at, hold, False)
-            merged[name] = np.where(there, np.interp(at, stamps[stem], values), np.nan)
-            continue
         last = channel in COMMANDS
         merged[name] = (
-            _last(stamps[stem], values, at) if last else np.interp(at, stamps[stem], values)
+            last_before(stamps[stem], values, at)
+            if last
+            else interpolated(channel, stamps[stem], values, at, turn)
         )
-        near &= _near(stamps[stem], at, hold, last)
-    return _kept(Table(str(folder), merged), near, hold)
+        there = near(stamps[stem], at, hold, last)
+        if channel in BESIDE:
+            merged[name] = np.where(there, merged[name], np.nan)
+        else:
+            kept &= there
+    whole = Table(str(folder), merged, notes=notes, starts=parts[first].starts)
+    return _kept(whole, kept, hold, parts[first].file_rows)
 
 
 def _read(file: Path) -> Table:
@@ -71,21 +82,53 @@ def _read(file: Path) -> Table:
     return TABLES[file.suffix.lower()](file)
 
 
-def _stamps(table: Table, source: SourceTable) -> ndarray:
-    """Stamps [T] s of a table: the sum of its time columns."""
+def _missing(table: Table, column: str) -> RecordingError:
+    there = ", ".join(table.columns)
+    if table.headerless:
+        there = f"no header line, columns by their position: 0 to {len(table.columns) - 1}"
+    return RecordingError(table.file, f"missing; available: {there}", column=column)
+
+
+def _stamped(table: Table, source: SourceTable) -> tuple[Table, ndarray]:
+    """A table without the rows that it repeats, and their stamps [T] s.
+
+    The stamps are the sum of its time columns, without the jumps of a clock that was set.
+    """
     missing = [name for name in source.time if name not in table.columns]
     if missing:
-        there = ", ".join(table.columns)
-        raise RecordingError(table.file, f"missing; available: {there}", column=", ".join(missing))
+        raise _missing(table, ", ".join(missing))
     t = sum(UNITS["t"][unit] * table.numbers(name) for name, unit in source.time.items())
     t = np.asarray(t, float)
+    again = _repeats(table, t)
+    if again.any():
+        table, t = table.take(np.flatnonzero(~again)), t[~again]
+        table.notes.append(f"{int(again.sum())} rows repeat the row before them: left out")
+    if np.isfinite(t).all():
+        t, jumps = unwound(t)
+        at = [jump.row for jump in jumps]
+        table.starts = np.union1d(table.starts, at).astype(int)
+        rows = table.file_rows
+        table.notes += [f"row {rows[j.row]}: {j}: two segments: cut there" for j in jumps]
     bad = ~np.isfinite(t)
     bad[1:] |= ~(np.diff(t) > 0)
     if bad.any():
         at, column = int(np.argmax(bad)), ", ".join(source.time)
-        message = f"time {t[at]:.6f} s is not after that of the row before; delete the row"
-        raise RecordingError(table.file, message, at, column)
-    return t
+        message = (
+            f"time {t[at]:.6f} s is not after that of the row before ({int(bad.sum())} such rows); "
+            "delete the row, or sort the table by its stamps"
+        )
+        raise RecordingError(table.file, message, int(table.file_rows[at]), column)
+    return table, t
+
+
+def _repeats(table: Table, t: ndarray) -> ndarray:
+    """[T] bool: rows whose stamp and cells are those of the row before."""
+    again = np.zeros(len(t), bool)
+    again[1:] = np.diff(t) == 0
+    for values in table.columns.values() if again.any() else ():
+        text = values.astype(str)
+        again[1:] &= text[1:] == text[:-1]
+    return again
 
 
 def _wanted(columns: ColumnMap, parts: Mapping[str, Table]) -> dict[str, str]:
@@ -102,21 +145,16 @@ def _wanted(columns: ColumnMap, parts: Mapping[str, Table]) -> dict[str, str]:
     return wanted
 
 
-def _last(stamps: ndarray, values: ndarray, at: ndarray) -> ndarray:
-    """Values at or before times [N]; before the first stamp, where `_near` is false, the first."""
-    return values[np.maximum(np.searchsorted(stamps, at, side="right") - 1, 0)]
+def _kept(table: Table, near: ndarray, hold: float, rows: ndarray) -> Table:
+    """The rows that all tables have values for.
 
-
-def _near(stamps: ndarray, at: ndarray, hold: float, last: bool) -> ndarray:
-    """Whether times [N] have a stamp within `hold` [s] before them and, unless `last`, after."""
-    index = np.searchsorted(stamps, at, side="right")
-    before = np.where(index > 0, at - stamps[np.maximum(index - 1, 0)], np.inf)
-    after = np.where(index < len(stamps), stamps[np.minimum(index, len(stamps) - 1)] - at, np.inf)
-    return (before <= hold) & (last | (before == 0) | (after <= hold))
-
-
-def _kept(table: Table, near: ndarray, hold: float) -> Table:
-    """The rows that all tables have values for."""
+    Args:
+        table: Merged.
+        near: [T] bool, those rows.
+        hold: Longest time to another table's row [s].
+        rows: [T] row in the first file.
+    """
+    table.rows = rows
     if near.all():
         return table
     if not near.any():
@@ -124,5 +162,6 @@ def _kept(table: Table, near: ndarray, hold: float) -> Table:
         raise RecordingError(table.file, message, column="t")
     lost = int((~near).sum())
     note = f"{lost} rows of the first table have no value of another within {hold:g} s: cut"
-    columns = {name: values[near] for name, values in table.columns.items()}
-    return replace(table, columns=columns, notes=[note], rows=np.flatnonzero(near))
+    kept = table.take(np.flatnonzero(near))
+    kept.notes.append(note)
+    return kept

@@ -1,0 +1,64 @@
+"""Clocks that were set while recording: the jump is taken out of the stamps."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray
+
+CLOCK_ORIGIN = 1e6  # [s] stamps above this, 11 days, count from 1970 and not from a start
+LONGEST_PAUSE = 1200.0  # [s] a longer step is a clock that was set: time zones differ by 1800 s
+BESIDE = 5  # steps on each side of a jump back that must be regular
+# A row in the wrong place makes the 5 steps after it last 6 periods or more, a clock set back 5.
+REGULAR = 0.81, 1.19  # mean step beside a jump back, in periods
+ADMITTED = 1 / 20  # share of rows at jumps; with more the stamps are in no order
+
+
+class Jump(NamedTuple):
+    """A place at which the clock was set."""
+
+    row: int
+    """The first row after it."""
+    size: float
+    """By how much [s]; negative where it was set back."""
+
+    def __str__(self) -> str:
+        way = "back" if self.size < 0 else "forward"
+        return f"the clock was set {way} by {abs(self.size):.10g} s"
+
+
+def unwound(t: ndarray) -> tuple[ndarray, list[Jump]]:
+    """Stamps without the jumps of a clock that was set, and the jumps.
+
+    A step back between regular stamps is a jump, and so is one forward that no pause lasts for. The
+    rows beside it are taken to be one period apart. Stamps stay those of the last part where it
+    counts from 1970, otherwise those of the first.
+
+    Args:
+        t: [T] s, finite.
+
+    Returns:
+        Stamps [T] s and the jumps; rows in a wrong order stay as they are.
+    """
+    step = np.diff(t)
+    if not (step > 0).any():
+        return t, []
+    period = float(np.median(step[step > 0]))
+    at = [int(i) for i in np.flatnonzero((step < 0) | (step > LONGEST_PAUSE))]
+    at = [i for i in at if step[i] > 0 or _between_regular(step, i, period)]
+    if not at or len(at) > max(1, ADMITTED * len(t)):
+        return t, []
+    shift = np.zeros(len(t))
+    shift[1:][at] = period - step[at]
+    shift = np.cumsum(shift)
+    if t[-1] > CLOCK_ORIGIN:
+        shift -= shift[-1]
+    return t + shift, [Jump(i + 1, float(step[i]) - period) for i in at]
+
+
+def _between_regular(step: ndarray, at: int, period: float) -> bool:
+    """Whether the steps [T - 1] on both sides of one are those of a clock that runs."""
+    for side in (step[max(at - BESIDE, 0) : at], step[at + 1 : at + 1 + BESIDE]):
+        least, most = (share * period * len(side) for share in REGULAR)
+        if not (side > 0).all() or not least <= side.sum() <= most:
+            return False
+    return True
