@@ -1,7 +1,7 @@
 """Says where a simulator and drives differ, what physics is missing, and gives back the simulator.
 
-    python scripts/diagnose.py simulator=fitted.yaml recordings=[drives/] output=runs/diagnosis
-    python scripts/diagnose.py simulator=my.py:make recordings=[new/] baseline=[old/] output=runs/d
+    python scripts/diagnose.py simulator=fitted.yaml recordings=drives/ output=runs/diagnosis
+    python scripts/diagnose.py simulator=my.py:make recordings=new/ baseline=old/ output=runs/d
 
 Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simulator), report.html.
 Interrupted, it goes on where it stopped when it is started again. With `cars=FOLDER` in place of

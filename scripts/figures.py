@@ -1,8 +1,8 @@
 r"""Draws the figures of a study, each as svg and png.
 
     python scripts/figures.py configs/sample.yaml
-    python scripts/figures.py configs/sample.yaml draw=[bundles,signals] folder=figures
-    python scripts/figures.py configs/sample.yaml draw=[learning,policies] \
+    python scripts/figures.py configs/sample.yaml draw=bundles,signals folder=figures
+    python scripts/figures.py configs/sample.yaml draw=learning,policies \
         'learning.runs.learned=[runs/policies/learned_0,runs/policies/learned_1]' \
         policies.policies.learned=runs/policies/learned_0/best.pt
 

@@ -3,7 +3,7 @@
     python scripts/prove.py configs/proof.yaml
     python scripts/prove.py configs/proof_reference.yaml output=runs/proof_reference
     python scripts/prove.py configs/proof_second.yaml workers=2
-    python scripts/prove.py configs/proof.yaml stages=[score,page]
+    python scripts/prove.py configs/proof.yaml stages=score,page
 
 Stages: prepare (simulators that are fitted first), seal (the hashes of all answers are published,
 then the cases are driven), ask (scripts/diagnose.py, which is given one case and no answer), again

@@ -1,6 +1,6 @@
 """A whole study by one command: from a folder of recordings to study.html.
 
-    python scripts/study.py configs/study.yaml data.recordings=[my/folder] output=runs/my_study
+    python scripts/study.py configs/study.yaml data.recordings=my/folder output=runs/my_study
     python scripts/study.py configs/sample.yaml configs/study.yaml output=runs/sample_study
     python scripts/study.py configs/dart.yaml
 

@@ -1,7 +1,7 @@
 """Trains the models of a study on its recordings.
 
     python scripts/train_models.py configs/sample.yaml
-    python scripts/train_models.py configs/dart.yaml configs/dart_models.yaml only=[gru]
+    python scripts/train_models.py configs/dart.yaml configs/dart_models.yaml only=gru
 
 Writes OUTPUT/models/NAME.pt, its losses by epoch in the folder NAME as CSV and for TensorBoard, and
 a checkpoint after every epoch: run again, it resumes bit for bit and skips finished models

@@ -1,8 +1,8 @@
 """Trains policies for cars in which something is concealed, and drives them there.
 
     python scripts/transfer.py configs/transfer.yaml
-    python scripts/transfer.py configs/transfer.yaml stages=[evaluate,page]
-    python scripts/transfer.py configs/transfer.yaml output=runs/quick steps=1000000 seeds=[0]
+    python scripts/transfer.py configs/transfer.yaml stages=evaluate,page
+    python scripts/transfer.py configs/transfer.yaml output=runs/quick steps=1000000 seeds=0
 
 Four policies for each car, by one budget of PPO: in MuJoCo as fitted before the change, in MuJoCo
 repaired by the diagnosis of two minutes of driving, in a model learned from the same two minutes,
