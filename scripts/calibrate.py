@@ -1,9 +1,9 @@
 """Fits the posterior's weights to ledgers of development cases, and counts what they give.
 
     python scripts/calibrate.py \
-        ledgers=[docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz]
-    python scripts/calibrate.py ledgers=[runs/development/development.jsonl] write=true
-    python scripts/calibrate.py ledgers=[docs/development/fresh.jsonl.gz] apply=true \
+        ledgers=docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz
+    python scripts/calibrate.py ledgers=runs/development/development.jsonl write=true
+    python scripts/calibrate.py ledgers=docs/development/fresh.jsonl.gz apply=true \
         weights=docs/development/weights_418.yaml
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown

@@ -17,9 +17,9 @@ def main() -> int:
     """Checks the recordings named on the command line."""
     arguments = _parse()
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.diagnosis.other_sensors import other_sensors
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
     from buggy_rl.recordings.notes import telling
 

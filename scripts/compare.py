@@ -1,7 +1,7 @@
 r"""Compares policy runs from their folders: curves with bands, a table, config differences.
 
-    python scripts/compare.py runs.small=[runs/small_0,runs/small_1] \
-        runs.large=[runs/large_0,runs/large_1] output=runs/comparison
+    python scripts/compare.py runs.small=runs/small_0,runs/small_1 \
+        runs.large=runs/large_0,runs/large_1 output=runs/comparison
 
 Writes OUTPUT/curves.png, table.csv, table.md and differences.csv. A band ends where the shortest
 run of its group ends; final and best values are those of each whole run.

@@ -16,8 +16,7 @@ def main() -> None:
     """Compiles what is not there."""
     config = from_command_line(__doc__, "buggy_rl.kernels.registry:CompileConfig")
 
-    from tqdm import tqdm
-
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.kernels.kernel import CACHE, FOLDER
     from buggy_rl.kernels.registry import kernels
 

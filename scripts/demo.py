@@ -9,6 +9,7 @@ names it, repairs the simulator, and the sealed answer is shown. Started again, 
 what is there.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tqdm import tqdm
+from buggy_rl.jobs.bar import PERIOD, tqdm
 
 STEPS = (
     ("Are the drives fit for use?", "check_recordings.py", ["data/sample"]),
@@ -84,14 +85,15 @@ def train_policies(output: str) -> None:
 def follow(name: str, command: list[str], position: int) -> tuple[int, list[str]]:
     """Runs a command behind a bar of its own; its exit code and its last lines."""
     lines: deque[str] = deque(maxlen=TAIL)
+    often = {**os.environ, PERIOD: "1"}  # its lines are the bar here
     with (
         subprocess.Popen(
-            command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+            command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=often
         ) as process,
         tqdm(total=100, desc=name, position=position, bar_format=BAR) as bar,
     ):
         assert process.stdout is not None
-        for line in process.stdout:  # text mode: the bar's carriage returns end lines too
+        for line in process.stdout:
             if done := re.search(r"(\d+)%\|", line):
                 told = re.search(r"[\d.]+ closed", line)
                 bar.n = int(done[1])

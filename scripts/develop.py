@@ -21,8 +21,6 @@ def main() -> None:
     """Runs the cases that are missing."""
     config = from_command_line(__doc__, "buggy_rl.blind_test.development:DevelopmentConfig")
 
-    from tqdm import tqdm
-
     from buggy_rl.blind_test.case import Case
     from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import cases_left, developed, entries, line_file
@@ -30,6 +28,7 @@ def main() -> None:
     from buggy_rl.blind_test.sealing import groups
     from buggy_rl.blind_test.simulators import prepare, prepared_name, unprepared
     from buggy_rl.jobs import results
+    from buggy_rl.jobs.bar import tqdm
 
     store, left = config.store, cases_left(config)
     store.prepared.mkdir(parents=True, exist_ok=True)

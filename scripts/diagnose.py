@@ -1,7 +1,7 @@
 """Says where a simulator and drives differ, what physics is missing, and gives back the simulator.
 
-    python scripts/diagnose.py simulator=fitted.yaml recordings=[drives/] output=runs/diagnosis
-    python scripts/diagnose.py simulator=my.py:make recordings=[new/] baseline=[old/] output=runs/d
+    python scripts/diagnose.py simulator=fitted.yaml recordings=drives/ output=runs/diagnosis
+    python scripts/diagnose.py simulator=my.py:make recordings=new/ baseline=old/ output=runs/d
 
 Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simulator), report.html.
 Interrupted, it goes on where it stopped when it is started again. With `cars=FOLDER` in place of
@@ -26,7 +26,6 @@ def main() -> None:
 
     import torch
     import yaml
-    from tqdm import tqdm
 
     from buggy_rl.diagnosis.pipeline import diagnose
     from buggy_rl.diagnosis.repair import repaired
@@ -34,6 +33,7 @@ def main() -> None:
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
+    from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(1)
     recordings = loaded(config, config.recordings, "drive")
@@ -61,8 +61,7 @@ def main() -> None:
 
 def loaded(config, names, what: str) -> list:
     """Recordings that can be used; says which cannot."""
-    from tqdm import tqdm
-
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
     from buggy_rl.recordings.notes import doubtful
 

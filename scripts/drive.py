@@ -48,10 +48,10 @@ def in_browser() -> None:
     from contextlib import ExitStack
 
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.car.deadlines import Deadlines
     from buggy_rl.files import write_json
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.longitudinal import ONE_WAY, declared_by
     from buggy_rl.policies import live_drive
     from buggy_rl.policies.drive_note import DriveNote, note_file

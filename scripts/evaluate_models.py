@@ -19,12 +19,12 @@ def main() -> None:
 
     import pandas as pd
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.identification.open_loop import measured
     from buggy_rl.identification.rollouts import save_rollouts
     from buggy_rl.identification.study import candidates, fit_file, load_drives
     from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.rollouts import rollout_figure
     from buggy_rl.viz.tables import table_figure
 

@@ -16,8 +16,8 @@ def main() -> None:
 
     import pandas as pd
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.drives import car_name
     from buggy_rl.policies.human_table import human_drives
     from buggy_rl.policies.tables import mean_interval, results, tables

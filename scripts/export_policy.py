@@ -2,7 +2,7 @@ r"""Writes a trained policy for the car's computer: numpy and JSON, ONNX, and co
 
     python scripts/export_policy.py policy=runs/mujoco/best.pt output=runs/mujoco/car/policy
     python scripts/export_policy.py policy=runs/mujoco/best.pt output=runs/mujoco/car/policy \
-        course=[lap,random,my_course.csv]
+        course=lap,random,my_course.csv
 
 Before that it is compared with the simulator that it was trained in: observation and command of
 every step of whole drives, and on random poses and velocities. Above `tolerance` nothing is
@@ -20,8 +20,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policies.export.config:ExportConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.export.export import export
 
     torch.set_num_threads(config.threads)

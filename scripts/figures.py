@@ -1,8 +1,8 @@
 r"""Draws the figures of a study, each as svg and png.
 
     python scripts/figures.py configs/sample.yaml
-    python scripts/figures.py configs/sample.yaml draw=[bundles,signals] folder=figures
-    python scripts/figures.py configs/sample.yaml draw=[learning,policies] \
+    python scripts/figures.py configs/sample.yaml draw=bundles,signals folder=figures
+    python scripts/figures.py configs/sample.yaml draw=learning,policies \
         'learning.runs.learned=[runs/policies/learned_0,runs/policies/learned_1]' \
         policies.policies.learned=runs/policies/learned_0/best.pt
 
@@ -20,8 +20,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.study.figures:FiguresConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.study.figures import FIGURES, MissingError
     from buggy_rl.viz.style import write_figure
 

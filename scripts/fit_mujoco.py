@@ -24,12 +24,12 @@ def main() -> None:
 
     import torch
     import yaml
-    from tqdm import tqdm
 
     from buggy_rl.engines import make_engine
     from buggy_rl.identification.fit_result import as_simulator
     from buggy_rl.identification.least_squares import fit, second_pass
     from buggy_rl.identification.study import fit_file, fit_setup, load_drives
+    from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, tqdm.write, config.car)

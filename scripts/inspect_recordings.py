@@ -25,12 +25,11 @@ def main() -> None:
     if len(folders) != 1:
         raise ValueError(f"name one folder of recordings, not {len(folders)} (--help says more)")
 
-    from tqdm import tqdm
-
     from buggy_rl.files import write_atomically
     from buggy_rl.inspection.folder import inspect_folder
     from buggy_rl.inspection.page import page
     from buggy_rl.inspection.panels import panels
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.inspection import inspection_figure
     from buggy_rl.viz.style import save_figure
 
@@ -43,10 +42,19 @@ def main() -> None:
     write_atomically(output / "inspection.html", page(found, drawn))
     write_atomically(output / "columns.yaml", found.proposal)
     save_figure(inspection_figure(drawn), output / "inspection.png")
+    for line in found.first:
+        print(line)
     for channel, guess in found.commands.items():
         print(f"{channel}: column {guess.column}: {guess.evidence}")
     for line in found.missing:
         print(f"missing: {line}")
+    for note in dict.fromkeys(note for drive in found.drives for note in drive.notes):
+        if not any(reason in note for drive in found.drives for reason in drive.reasons.values()):
+            print(f"note: {note}")
+    if found.missing:
+        print("numeric columns of the longest drive: range, rate of change, and what it may be")
+    for facts in found.columns if found.missing else ():
+        print(f"  {facts.line()}")
     for line in found.suggestions:
         print(f"drive next: {line}")
     print(f"written: {output}/inspection.html, columns.yaml (a proposal: check and edit it)")

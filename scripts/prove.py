@@ -3,7 +3,7 @@
     python scripts/prove.py configs/proof.yaml
     python scripts/prove.py configs/proof_reference.yaml output=runs/proof_reference
     python scripts/prove.py configs/proof_second.yaml workers=2
-    python scripts/prove.py configs/proof.yaml stages=[score,page]
+    python scripts/prove.py configs/proof.yaml stages=score,page
 
 Stages: prepare (simulators that are fitted first), seal (the hashes of all answers are published,
 then the cases are driven), ask (scripts/diagnose.py, which is given one case and no answer), again
@@ -24,12 +24,11 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.blind_test.proof:ProofConfig")
 
-    from tqdm import tqdm
-
     from buggy_rl.blind_test.ledger import Ledger, open_once, openings
     from buggy_rl.blind_test.outcome import OURS
     from buggy_rl.blind_test.proof import cases_of, steps
     from buggy_rl.blind_test.score import score
+    from buggy_rl.jobs.bar import tqdm
 
     store, ledger = config.store, Ledger(config.ledger_file)
     for folder in (store.output, store.sealed, store.prepared):

@@ -27,9 +27,9 @@ def main() -> None:
 
     import torch
     from tensordict import TensorDict
-    from tqdm import tqdm
 
     from buggy_rl import keys
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.longitudinal import ONE_WAY, declared_by
     from buggy_rl.policies.controllers.recording import driven, make_driver
     from buggy_rl.recordings import Recording, save_command, save_recording

@@ -19,9 +19,9 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.blind_test.twin:TwinConfig")
 
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.blind_test.twin import ANSWER, recorded
+    from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(1)
     folder = Path(config.output)

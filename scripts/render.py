@@ -22,8 +22,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.viz.film.options:RenderConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.film.film import director, frames
     from buggy_rl.viz.film.source import Source
     from buggy_rl.viz.film.video import check_ending, write_video

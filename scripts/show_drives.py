@@ -16,10 +16,10 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
 
     from tensordict import TensorDict
-    from tqdm import tqdm
 
     from buggy_rl import keys
     from buggy_rl.identification.study import load_drives
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings.windows import mirror
     from buggy_rl.viz.histograms import histogram_figure
     from buggy_rl.viz.style import save_figure

@@ -15,8 +15,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policies.drives:ShowPoliciesConfig")
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.drives import panels
     from buggy_rl.viz.policies import policies_figure
     from buggy_rl.viz.style import save_figure

@@ -1,6 +1,6 @@
 """A whole study by one command: from a folder of recordings to study.html.
 
-    python scripts/study.py configs/study.yaml data.recordings=[my/folder] output=runs/my_study
+    python scripts/study.py configs/study.yaml data.recordings=my/folder output=runs/my_study
     python scripts/study.py configs/sample.yaml configs/study.yaml output=runs/sample_study
     python scripts/study.py configs/dart.yaml
 
@@ -23,10 +23,9 @@ def main() -> None:
     import json
     from datetime import date
 
-    from tqdm import tqdm
-
     from buggy_rl.files import write_atomically
     from buggy_rl.identification.study import load_drives
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.study.page import Made, page
     from buggy_rl.study.stages import Plan
 
@@ -48,9 +47,8 @@ def main() -> None:
 
 def follow(wave, config) -> None:
     """Runs the stages of a wave, with a line for each that has ended."""
-    from tqdm import tqdm
-
     from buggy_rl.jobs import run_jobs
+    from buggy_rl.jobs.bar import tqdm
 
     waiting = {stage.job.name: stage.title for stage in wave if not stage.job.done}
     with tqdm(bar_format="{elapsed} {desc}") as bar:

@@ -18,9 +18,8 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.policies.sweep_config:SweepConfig")
 
     import pandas as pd
-    from tqdm import tqdm
 
-    from buggy_rl.jobs.bar import run_with_bar
+    from buggy_rl.jobs.bar import run_with_bar, tqdm
     from buggy_rl.policies.sweep import Sweep, confirmed
     from buggy_rl.viz.sweep import sweep_figure
 

@@ -1,7 +1,7 @@
 """Trains the models of a study on its recordings.
 
     python scripts/train_models.py configs/sample.yaml
-    python scripts/train_models.py configs/dart.yaml configs/dart_models.yaml only=[gru]
+    python scripts/train_models.py configs/dart.yaml configs/dart_models.yaml only=gru
 
 Writes OUTPUT/models/NAME.pt, its losses by epoch in the folder NAME as CSV and for TensorBoard, and
 a checkpoint after every epoch: run again, it resumes bit for bit and skips finished models
@@ -24,10 +24,10 @@ def main() -> None:
     config = from_command_line(__doc__, SCHEMA, arguments).of_simulators
 
     import torch
-    from tqdm import tqdm
 
     from buggy_rl.files import save_torch
     from buggy_rl.identification.study import ModelRunConfig, load_drives, model_file, model_runs
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.models.factory import load_about, make_model, save_model
     from buggy_rl.models.training import Training
     from buggy_rl.run_log import RunLog

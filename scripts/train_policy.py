@@ -27,8 +27,8 @@ def main() -> None:
     config = config.single
 
     import torch
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.ppo import NonFiniteLossError
     from buggy_rl.policies.run import PolicyRun
     from buggy_rl.run_log import RunLog

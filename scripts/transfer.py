@@ -1,8 +1,8 @@
 """Trains policies for cars in which something is concealed, and drives them there.
 
     python scripts/transfer.py configs/transfer.yaml
-    python scripts/transfer.py configs/transfer.yaml stages=[evaluate,page]
-    python scripts/transfer.py configs/transfer.yaml output=runs/quick steps=1000000 seeds=[0]
+    python scripts/transfer.py configs/transfer.yaml stages=evaluate,page
+    python scripts/transfer.py configs/transfer.yaml output=runs/quick steps=1000000 seeds=0
 
 Four policies for each car, by one budget of PPO: in MuJoCo as fitted before the change, in MuJoCo
 repaired by the diagnosis of two minutes of driving, in a model learned from the same two minutes,
@@ -21,10 +21,8 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.transfer.plan:TransferConfig")
 
-    from tqdm import tqdm
-
     from buggy_rl.jobs import results
-    from buggy_rl.jobs.bar import run_with_bar
+    from buggy_rl.jobs.bar import run_with_bar, tqdm
     from buggy_rl.transfer.evaluation import judge, unjudged
     from buggy_rl.transfer.jobs import diagnoses, models, trainings, write_factories
     from buggy_rl.transfer.recordings import record, recorded

@@ -19,8 +19,8 @@ def main() -> None:
     import pandas as pd
     import torch
     import yaml
-    from tqdm import tqdm
 
+    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.controller_tables import results, table, tuned
 
     torch.set_num_threads(config.threads)

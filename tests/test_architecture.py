@@ -10,7 +10,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "buggy_rl"
 
 GROUND = {
     *("keys", "parameters", "vehicle", "similarity", "car_file", "config", "files", "jobs"),
-    *("stepping", "kernels", "longitudinal", "realisation"),
+    *("stepping", "kernels", "longitudinal", "realisation", "option_values"),
 }
 SIMULATION = GROUND | {"recordings", "models", "engines", "effects", "task"}
 ALLOWED = {  # a part of the package and what it may import of ours, beside itself
@@ -21,7 +21,8 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "longitudinal": set(),
     "realisation": set(),
     "car_file": {"config", "longitudinal", "similarity", "vehicle"},
-    "config": set(),
+    "config": {"option_values"},
+    "option_values": set(),
     "files": set(),
     "jobs": {"files"},
     "stepping": set(),

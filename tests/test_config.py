@@ -163,7 +163,7 @@ def test_help_answers_without_importing_torch(script: Path):
     [
         ("runs: {MLP: {kind: mlp}}", r"unknown key 'runs\.MLP\.kind'; available: model, prep"),
         ("runs: [a, b]", "study.yaml"),
-        ("data: {recordings: data/sample}", r"write \[one, two\]"),
+        ("data: {recordings: {a: data/sample}}", r"write \[one, two\]"),
         ("runs: {MLP: {preparations: [foo]}}", "expected one of"),
     ],
 )
@@ -184,3 +184,94 @@ def test_an_option_that_a_class_declares_anew_is_described_once():
         "  recordings=[]"
     )
     assert {"launcher", "cars", "stretches"} <= set(options)
+
+
+@dataclass(frozen=True)
+class Lists:
+    paths: list[str] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    file: str = ""
+    columns: str | None = None
+    data: dict[str, Outer] = field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("text", "items"),
+    [
+        ("drives", ["drives"]),
+        ("[drives]", ["drives"]),
+        ("a.csv,b.csv", ["a.csv", "b.csv"]),
+        ("[a.csv, b.csv]", ["a.csv", "b.csv"]),
+        ("rec/d[1].csv", ["rec/d[1].csv"]),
+        ("[rec/d[1].csv,rec/d[2].csv]", ["rec/d[1].csv", "rec/d[2].csv"]),
+        ("rec/drive #1.csv", ["rec/drive #1.csv"]),
+        ("[rec/drive #1.csv, b: c.csv]", ["rec/drive #1.csv", "b: c.csv"]),
+        ("""["drive 1, fast.csv",'it''s.csv',c.csv]""", ["drive 1, fast.csv", "it's.csv", "c.csv"]),
+        ("", []),
+        ("[]", []),
+        ("[true,1e3]", ["true", "1e3"]),
+    ],
+)
+def test_a_list_of_names_needs_no_brackets_and_takes_any_character(text, items):
+    assert build(Lists, [f"paths={text}"]).paths == items
+
+
+@pytest.mark.parametrize("text", ["0", "[0]"])
+def test_a_list_of_numbers_needs_no_brackets(text):
+    assert build(Lists, [f"numbers={text}"]).numbers == [0]
+    assert build(Lists, ["numbers=0,1,2"]).numbers == [0, 1, 2]
+
+
+def test_a_file_with_a_comma_in_its_name_is_one_item_or_refused_with_the_quotes(tmp_path: Path):
+    name = str(tmp_path / "drive 1, fast.csv")
+    Path(name).write_text("")
+    (tmp_path / "other.csv").write_text("")
+    for text in (name, f"[{name}]", f'["{name}"]'):
+        assert build(Lists, [f"paths={text}"]).paths == [name]
+    both = f"{tmp_path}/other.csv, {name}"
+    with pytest.raises(ConfigError, match=r"""a comma in its name: put it in quotes.*key=\[\"/"""):
+        build(Lists, [f"paths=[{both}]"])
+    quoted = build(Lists, [f'paths=[{tmp_path}/other.csv,"{name}"]'])
+    assert quoted.paths == [f"{tmp_path}/other.csv", name]
+
+
+def test_a_list_that_the_shell_has_split_is_refused_with_the_quotes():
+    with pytest.raises(ConfigError, match=r"paths: no \] at the end of '\[rec/drive': put the"):
+        build(Lists, ["paths=[rec/drive", "1.csv]"])
+
+
+def test_a_text_is_taken_as_it_stands():
+    taken = build(Lists, ["file=runs/a #1", "columns=on", "data.a.name=1e3"])
+    assert (taken.file, taken.columns, taken.data["a"].name) == ("runs/a #1", "on", "1e3")
+    assert build(Lists, ["file='runs/a'", "columns=null"]) == Lists(file="runs/a", columns=None)
+
+
+def test_a_single_value_in_a_file_is_a_list_of_one(tmp_path: Path):
+    file = tmp_path / "a.yaml"
+    file.write_text("paths: drives\nnumbers: 3\n")
+    assert build(Lists, [str(file)]) == Lists(["drives"], [3])
+
+
+def test_a_key_that_belongs_to_a_part_is_found_there():
+    with pytest.raises(ConfigError, match=r"unknown key 'rate'; did you mean 'inner\.rate'\?"):
+        build(Outer, ["rate=1"])
+
+
+def test_a_misspelt_effect_is_refused_without_importing_torch():
+    code = (
+        "import sys, runpy\n"
+        "sys.argv = ['scripts/diagnose.py', 'simulator=a.yaml', 'recordings=drives',"
+        " 'output=runs/x', 'effects=payload,steering_deadtime']\n"
+        "try:\n    runpy.run_path(sys.argv[0], run_name='__main__')\n"
+        "except SystemExit as stop:\n    print(stop.code)\n"
+        "assert 'torch' not in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    [line] = done.stdout.splitlines()
+    assert "no effect 'steering_deadtime'; did you mean 'steering_dead_time'?" in line
+
+
+def test_a_value_that_is_left_open_in_a_file_is_asked_for():
+    with pytest.raises(ConfigError, match=r"map\.yaml: needed but not given: inner\.rate"):
+        from_plain(Outer, {"inner": {"rate": "???"}}, "map.yaml")

@@ -4,12 +4,12 @@
 defaults, YAML only what differs; what comes later wins, and unknown keys are refused. A file is one
 layer, and so are overrides that follow one another, in any order among themselves. Options that
 belong to a name (`belongs_to`) go when a later layer gives another name. `--help` reads the
-dataclass's source instead of importing it, so it answers without torch.
+dataclass's source instead of importing it, so it answers without torch. What a text on the command
+line means follows from the option's type (`option_values`): brackets about a list may be left out.
 """
 
 import ast
 import dataclasses
-import difflib
 import importlib
 import importlib.util
 import json
@@ -19,6 +19,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,18 @@ import yaml
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
+from buggy_rl.option_values import (
+    is_list,
+    is_text,
+    list_of,
+    nearest,
+    option_names,
+    option_type,
+    text_of,
+)
+
 OWNER = "owner"  # key of a field's metadata
+OPTIONS = "Options, as key=value, lists as key=one,two (or in a YAML file):"
 
 
 def from_command_line(doc: str | None, schema: str, argv: Sequence[str] | None = None) -> Any:
@@ -43,14 +55,14 @@ def from_command_line(doc: str | None, schema: str, argv: Sequence[str] | None =
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     if any(argument in ("-h", "--help") for argument in argv):
-        print(f"{(doc or '').strip()}\n\nOptions, as key=value (or in a YAML file):\n")
+        print(f"{(doc or '').strip()}\n\n{OPTIONS}\n")
         print("\n".join(describe(schema)))
         raise SystemExit(0)
     module, _, name = schema.partition(":")
     try:
         return build(getattr(importlib.import_module(module), name), argv)
     except ConfigError as error:
-        raise SystemExit(f"error: {error}\n(--help lists every option)") from None
+        raise SystemExit(f"error: {error} (--help lists every option)") from None
 
 
 class ConfigError(ValueError):
@@ -73,13 +85,11 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
     """
     config = OmegaConf.structured(cls)
     for overrides, group in groupby(arguments, lambda argument: "=" in argument):
-        read = _override if overrides else _read_yaml
+        read = partial(_override, cls) if overrides else _read_yaml
         layers = [(argument, read(argument)) for argument in group]
         for part in [layers] if overrides else [[layer] for layer in layers]:
             config = _merge(config, part)
-    missing = OmegaConf.missing_keys(config)
-    if missing:
-        raise ConfigError(f"needed but not given: {', '.join(sorted(missing))}")
+    _refuse_missing(config)
     return OmegaConf.to_object(config)
 
 
@@ -90,7 +100,16 @@ def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
         ConfigError: It has a key or value that the class does not take; the message names `source`.
     """
     layer = OmegaConf.create(dict(content))
-    return OmegaConf.to_object(_merge(OmegaConf.structured(cls), [(source, layer)]))
+    _refuse_missing(layer, f"{source}: ")  # `???`, which a merge would leave at the default
+    config = _merge(OmegaConf.structured(cls), [(source, layer)])
+    _refuse_missing(config, f"{source}: ")
+    return OmegaConf.to_object(config)
+
+
+def _refuse_missing(config: Any, source: str = "") -> None:
+    missing = OmegaConf.missing_keys(config)
+    if missing:
+        raise ConfigError(f"{source}needed but not given: {', '.join(sorted(missing))}")
 
 
 def _read_yaml(argument: str):
@@ -103,18 +122,51 @@ def _read_yaml(argument: str):
         raise ConfigError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
 
 
-def _override(argument: str):
+def _override(cls: type, argument: str):
+    key, _, text = argument.partition("=")
+    kind = option_type(cls, key)
     try:
+        if is_list(kind):
+            return _nested(key, list_of(kind, text))
+        if is_text(kind):
+            return _nested(key, text_of(kind, text))
         return OmegaConf.from_dotlist([argument])
+    except ValueError as error:
+        raise ConfigError(f"{key}: {error}") from None
     except Exception as error:
-        raise ConfigError(f"{argument!r} is not key=value: {error}") from None
+        message = " ".join(str(error).split())
+        raise ConfigError(f"{argument!r} is not key=value: {message}") from None
+
+
+def _nested(key: str, value: Any) -> DictConfig:
+    """A config with one value, under a dotted key."""
+    for part in reversed(key.split(".")):
+        value = {part: value}
+    return OmegaConf.create(value)
+
+
+def _listed(cls: Any, part: Any, source: str, key: str = "") -> Any:
+    """Plain content of a layer, with single values in lists where the class has lists."""
+    listed = bool(key) and is_list(option_type(cls, key))
+    if isinstance(part, Mapping):
+        if listed:
+            raise ConfigError(f"{source}: {key}: a list is expected: write [one, two]")
+        inner = f"{key}." if key else ""
+        return {name: _listed(cls, value, source, f"{inner}{name}") for name, value in part.items()}
+    single = not isinstance(part, list) and part is not None and str(part)[:2] != "${"
+    return [part] if listed and single else part
 
 
 def _merge(config, layers):
     """Merges the parts of one layer, each with its source, into a config."""
+    cls: Any = OmegaConf.get_type(config)
+    layers = [
+        (source, OmegaConf.create(_listed(cls, OmegaConf.to_container(part), source)))
+        for source, part in layers
+    ]
     _empty_options(config, [OmegaConf.to_container(part) for _, part in layers])
     for source, part in layers:
-        with _naming(source):
+        with _naming(source, cls):
             config = OmegaConf.merge(config, part)
     return config
 
@@ -138,27 +190,25 @@ def _empty_options(config, parts) -> None:
 
 
 @contextmanager
-def _naming(source: str) -> Iterator[None]:
+def _naming(source: str, cls: type) -> Iterator[None]:
     """Turns what OmegaConf raises into one line that names the source."""
     try:
         yield
     except ConfigKeyError as error:
-        raise ConfigError(f"{source}: {_unknown_key(error)}") from None
+        raise ConfigError(f"{source}: {_unknown_key(error, cls)}") from None
     except (OmegaConfBaseException, TypeError, AttributeError) as error:
         what = str(error).splitlines()[0]
         place = getattr(error, "full_key", None)
         where = f"{source}: {place}" if place else source
-        if "ListConfig" in what:
-            what = "a list is expected: write [one, two], also for a single one"
         raise ConfigError(f"{where}: {what}") from None
 
 
-def _unknown_key(error) -> str:
+def _unknown_key(error, cls: type) -> str:
     key = str(error.full_key or error.key)
     fields = dataclasses.fields(error.object_type) if error.object_type else ()
-    known = sorted(field.name for field in fields)
-    close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    known, own = sorted(field.name for field in fields), key.rpartition(".")[2]
+    elsewhere = [name for name in option_names(cls) if name.rpartition(".")[2] == own]
+    hint = nearest(own, known) or (f"did you mean {elsewhere[0]!r}? " if elsewhere else "")
     return f"unknown key {key!r}; {hint}available: {', '.join(known)}"
 
 

@@ -126,3 +126,35 @@ def test_a_search_beyond_its_plan_leaves_the_answer_its_share():
     _, before = plan.before("answer")
     assert shown[-1].planned - shown[-1].done == plan.steps - before > 0
     assert shown[-1].left > 0
+
+
+def test_the_share_that_is_shown_is_of_the_time_and_not_of_the_steps(monkeypatch):
+    now, shown = [0.0], []
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    plan = planned(QUESTION, replace(BATCHED, each=0.0), 0.0)  # a step of few takes as long
+    meter = Meter(shown.append, lambda _: None)
+    meter.begin(plan)
+    for rollout in (r for r in plan.rollouts if r.stage != "answer"):
+        for _ in range(rollout.times):
+            now[0] += plan.cost.seconds(rollout.environments, rollout.rows)
+            meter.rolled(rollout.environments, rollout.rows)
+    meter.stage("answer")
+    last, seconds = shown[-1], plan.before("answer")[0]
+    assert last.done / last.planned > 0.95
+    assert last.left == pytest.approx(plan.seconds - seconds, rel=0.05)
+    assert last.share < 0.9
+    assert last.share == pytest.approx(seconds / plan.seconds, abs=0.03)
+
+
+def test_a_machine_that_gets_busy_and_idle_again_changes_the_time_left_soon(monkeypatch):
+    now, shown = [0.0], []
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    plan = planned(QUESTION, BATCHED, 10.0)
+    meter = Meter(shown.append, lambda _: None)
+    meter.begin(plan, "search")
+    each = plan.seconds / 200
+    rows = round(each / (BATCHED.fixed + BATCHED.each))
+    for slower in [1.0] * 60 + [3.0] * 50 + [1.0] * 50:
+        now[0] += slower * plan.cost.seconds(1, rows)
+        meter.rolled(1, rows)
+    assert meter.slower == pytest.approx(1.0, abs=0.05)

@@ -283,5 +283,5 @@ def test_a_bag_that_is_cut_off_is_refused(frame, tmp_path):
     path.write_bytes(path.read_bytes()[:20_000])
     assert "cannot be read" in str(refusal(path))
     folder = write_bag(tmp_path / "cut", frame, KINDS[0], ros1=False)
-    (folder / "metadata.yaml").unlink()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
     assert "metadata" in str(refusal(folder))

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 from omegaconf import MISSING
 
+from buggy_rl.effects import refuse_unknown
+
 
 @dataclass(frozen=True)
 class SearchConfig:
@@ -75,6 +77,9 @@ class DiagnosisConfig:
     workers: int = 0
     """Processes among which large rollouts are divided; 0 for one a core."""
     search: SearchConfig = field(default_factory=SearchConfig)
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.effects)
 
     @property
     def dt(self) -> float:

@@ -31,8 +31,9 @@ class FleetConfig(DiagnosisConfig, Launching):
     diagnosed by itself, `workers` at a time on any launcher."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if bool(self.recordings) == bool(self.cars):
-            raise ValueError("give either recordings=[...] of one car, or cars=FOLDER of several")
+            raise ValueError("give either recordings=FOLDER of one car, or cars=FOLDER of several")
 
     @property
     def single(self) -> DiagnosisConfig:

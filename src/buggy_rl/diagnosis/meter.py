@@ -1,12 +1,14 @@
 """How far a diagnosis is, in environment steps, and how long it will take."""
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from buggy_rl.diagnosis.plan import Plan, Stage
 
 SETTLED = 0.1  # [-] of the plan done, from which its own speed counts fully
+RECENT = 0.2  # [-] of the plan: the last part of it, by whose speed the rest is expected
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,22 @@ class Reading:
     """Environment steps; a search may end before."""
     left: float
     """Time left [s]."""
+    spent: float = 0.0
+    """Since the plan began [s]."""
+
+    @property
+    def share(self) -> float:
+        """Of the time, that has passed: steps of few environments take longer than of many."""
+        whole = self.spent + self.left
+        return self.spent / whole if whole else 0.0
 
 
 class Meter:
     """Counts rollouts against a plan.
 
-    The time left is what the plan has left, times how much longer it took so far than planned. A
-    stage that takes more than planned leaves to the later ones what was planned for them.
+    The time left is what the plan has left, times how much longer its last fifth took than planned:
+    other programs come and go. A stage that takes more than planned leaves to the later ones what
+    was planned for them.
 
     Args:
         show: Told after every rollout.
@@ -39,10 +50,12 @@ class Meter:
         self._ends: tuple[float, int] = (0.0, 0)  # of the stage, by the plan: seconds and steps
         self._begun = self._due = self._rolled = 0.0
         self._steps = self._passed = 0  # rolled out, and of the plan, that skips what is not needed
+        self._recent: deque[tuple[float, float]] = deque()  # time [s], and expected seconds rolled
 
     def begin(self, plan: Plan, stage: Stage = "prepare") -> None:
         """Takes a plan: from the first seconds on the time left is shown."""
         self._plan, self._begun, self._rolled = plan, time.perf_counter(), 0.0
+        self._recent = deque([(self._begun, 0.0)])
         self.stage(stage)
 
     def stage(self, stage: Stage) -> None:
@@ -59,11 +72,27 @@ class Meter:
             self._passed += environments * rows
             expected = self._plan.cost.seconds(environments, rows)
             self._due, self._rolled = self._due + expected, self._rolled + expected
+            self._recent.append((time.perf_counter(), self._rolled))
+            while len(self._recent) > 2 and self._rolled - self._recent[1][1] > RECENT * self._all:
+                self._recent.popleft()
             self._tell(self._plan)
 
+    @property
+    def slower(self) -> float:
+        """How many times longer than planned rollouts take of late, as far as it is known."""
+        if not self._rolled:
+            return 1.0
+        (begun, before), (now, after) = self._recent[0], self._recent[-1]
+        known = min(1.0, self._rolled / self._all / SETTLED)
+        return known * (now - begun) / (after - before) + 1 - known
+
+    @property
+    def _all(self) -> float:
+        """Seconds of the whole plan."""
+        return self._plan.seconds if self._plan is not None else 0.0
+
     def _tell(self, plan: Plan) -> None:
-        slower = (time.perf_counter() - self._begun) / self._rolled if self._rolled else 1.0
-        known = min(1.0, self._rolled / plan.seconds / SETTLED)
         seconds, steps = self._ends
-        left = (plan.seconds - min(self._due, seconds)) * (known * slower + 1 - known)
-        self._show(Reading(self._steps, self._steps + plan.steps - min(self._passed, steps), left))
+        left = (plan.seconds - min(self._due, seconds)) * self.slower
+        planned = self._steps + plan.steps - min(self._passed, steps)
+        self._show(Reading(self._steps, planned, left, time.perf_counter() - self._begun))

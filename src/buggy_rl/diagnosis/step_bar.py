@@ -1,20 +1,19 @@
-"""A progress bar of a diagnosis, in environment steps."""
+"""A progress bar of a diagnosis, in time."""
 
 from typing import Self
 
-from tqdm import tqdm
-
 from buggy_rl.diagnosis.meter import Reading
+from buggy_rl.jobs.bar import tqdm
 
 FORMAT = "{elapsed} {desc}{postfix}"  # before there is a plan
-PLANNED = "{elapsed} {desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
+PLANNED = "{elapsed} {desc} {percentage:3.0f}%|{bar}|{postfix}"
 
 
 class StepBar:
-    """What is being done, environment steps done and planned, and the time left."""
+    """What is being done, the share of the time that has passed, steps, and the time left."""
 
     def __init__(self) -> None:
-        self._bar = tqdm(bar_format=FORMAT, unit_scale=True)
+        self._bar = tqdm(bar_format=FORMAT)
 
     def __enter__(self) -> Self:
         return self
@@ -29,8 +28,9 @@ class StepBar:
     def show(self, reading: Reading) -> None:
         """How far it is."""
         self._bar.bar_format = PLANNED
-        self._bar.total, self._bar.n = reading.planned, reading.done
-        self._bar.set_postfix_str(f"steps, about {in_words(reading.left)} left")
+        self._bar.total, self._bar.n = 1.0, reading.share
+        done, planned = (tqdm.format_sizeof(n) for n in (reading.done, reading.planned))
+        self._bar.set_postfix_str(f"{done}/{planned} steps, about {in_words(reading.left)} left")
 
 
 def in_words(seconds: float) -> str:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from buggy_rl.config import load_named
 from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.option_values import nearest
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from buggy_rl.effects.base import Effect
@@ -105,13 +106,23 @@ def effect_class(name: str) -> type["Effect"]:
     Raises:
         ValueError: There is none; the message lists the known ones.
     """
+    refuse_unknown([name])
     named = {**EFFECTS, **{n: place for n, (place, _, _) in OF_A_COMMAND.items()}, **CORRECTIONS}
-    if name not in named and ":" not in name:
-        raise ValueError(
-            f"no effect {name!r}; available: {', '.join(sorted(STACK))}, or your own as "
-            "file.py:Class"
-        )
     return load_named(named.get(name, name))
+
+
+def refuse_unknown(names: Iterable[str]) -> None:
+    """Refuses names of no effect, without importing one.
+
+    Raises:
+        ValueError: A name is not in `STACK` or `CORRECTIONS`, nor that of a user's own class.
+    """
+    for name in names:
+        if name not in STACK and name not in CORRECTIONS and ":" not in name:
+            raise ValueError(
+                f"no effect {name!r}; {nearest(name, STACK)}available: "
+                f"{', '.join(sorted(STACK))}, or your own as file.py:Class"
+            )
 
 
 def make_effect(name: str, values: Mapping[str, Any] | None = None, **options: Any) -> "Effect":

@@ -1,7 +1,7 @@
 """Which columns are commands and measured rates, in which unit and sign, with the evidence."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +19,7 @@ MEASURED = 0.8  # correlation above which a column measures a rate of the pose; 
 COMMANDS = 0.4  # correlation above which a column is proposed as a command; chosen
 UNIT_SLACK = 0.2  # relative difference of a slope from a unit's factor that still names the unit
 SETPOINT = 0.6, 1.4  # slope of speed on a command that is a speed setpoint in m/s
-ANGLE = re.compile(r"delta|angle", re.IGNORECASE)
 LARGEST_RATIO = 1.2  # value above which a command is no ratio
-STANDING = 0.1  # [m/s] speed below which the car stands
-AT_ZERO = 0.02  # share of standing rows at a command of exactly 0 that makes 0 its rest; chosen
-OFTEN = 0.1  # share of the standing rows at one value that makes it the rest; chosen
 OTHER = re.compile(
     r"throttle|pedal|gas|vel|speed|encoder|odom|imu|acc|gyro|rate|yaw|W \(|(^|[._ ])[avw][xyz]?$",
     re.IGNORECASE,
@@ -58,12 +54,17 @@ class Guess:
 
 
 def find_steering(signals: Signals) -> Guess | None:
-    """The column that the curvature follows."""
+    """The column that the curvature follows.
+
+    A telling name comes first; where the path does not bend with it, but with the column that is
+    named as the throttle, both are exchanged.
+    """
     found = responses(signals, signals.curvature, signals.moving, 0.0)
-    named = [r for r in found if STEERING.search(r.column)]
+    named = _named(found, STEERING)
     # Without a telling name, something that the car follows late is a command, not a measurement.
-    late = [r for r in found if r.lag > 0 and not OTHER.search(r.column)]
-    for r in named or late:
+    late = [r for r in found if r.lag > 0 and not OTHER.search(own_name(r.column))]
+    instead = [r for r in _named(found, THROTTLE) if r.lag > 0 and r not in named]
+    for r in (*named, *instead) if named else late:
         if abs(r.correlation) > COMMANDS:
             what = "left" if r.correlation > 0 else "right"
             text = (
@@ -78,21 +79,79 @@ def find_steering(signals: Signals) -> Guess | None:
     return None
 
 
+def why_no_steering(signals: Signals) -> str:
+    """Which column comes nearest to one that the curvature follows."""
+    found = responses(signals, signals.curvature, signals.moving, 0.0)
+    named = _named(found, STEERING)
+    if not found:
+        return (
+            "the car moves for too short a time" if signals.columns else "no other column changes"
+        )
+    nearest = (named or found)[0]
+    late = "" if nearest.lag > 0 else ", which does not come later, as a measured rate does"
+    return (
+        f"{'named so is' if named else 'nearest comes'} {nearest.column}, correlation "
+        f"{nearest.correlation:+.2f} with the curvature{late} (above {COMMANDS:g} is needed)"
+    )
+
+
+def _named(found: Sequence[Response], words: re.Pattern[str]) -> list[Response]:
+    """Responses of columns, by the last part of their names: `drive.csv` says nothing."""
+    return [r for r in found if words.search(own_name(r.column))]
+
+
+def own_name(column: str) -> str:
+    """A column's name, without its table's where it is a number: that of a table says nothing."""
+    name = column.rpartition(".")[2]
+    return name if name.isdigit() else column
+
+
+def exchanged(commands: Mapping[str, Guess]) -> bool:
+    """Whether each command is in a column that is named as the other."""
+    if set(commands) != {"steering", "throttle"}:
+        return False
+    steering, throttle = (commands[c].column for c in ("steering", "throttle"))
+    return bool(
+        (THROTTLE.search(steering) and not STEERING.search(steering))
+        and (STEERING.search(throttle) and not THROTTLE.search(throttle))
+    )
+
+
 def find_throttle(signals: Signals, steering: Guess | None) -> Guess | None:
     """The column that speed or acceleration follow; `unit` is `m/s` for a speed setpoint."""
     used = steering.column if steering else ""
     table = used.rpartition(".")[0]
     beside = table + "." if table else None  # in a table of their own commands stand together
+    instead = (
+        bool(used) and not STEERING.search(own_name(used)) and bool(THROTTLE.search(own_name(used)))
+    )
     best: tuple[float, Guess] | None = None
     for name in signals.columns:
-        named = bool(THROTTLE.search(name))
+        named = bool(THROTTLE.search(own_name(name)))
         together = beside is not None and name.startswith(beside)
-        if name == used or not (named or together):
+        other = instead and bool(STEERING.search(own_name(name)))  # each named as the other
+        if name == used or not (named or together or other):
             continue
         guess = _throttle(signals, name)
         if guess is not None and (best is None or guess[0] + named > best[0]):
             best = guess[0] + named, guess[1]
     return None if best is None else best[1]
+
+
+def why_no_throttle(signals: Signals, steering: Guess | None) -> str:
+    """Which column comes nearest to one that speed or acceleration follow."""
+    used = steering.column if steering else ""
+    pulls = responses(signals, signals.acceleration, signals.known, 0.0)
+    pulls = [r for r in pulls if r.column != used]
+    named = _named(pulls, THROTTLE)
+    if not pulls:
+        return "no other column changes"
+    nearest = max(named or pulls, key=lambda r: abs(r.correlation))
+    return (
+        f"{'named so is' if named else 'nearest comes'} {nearest.column}, correlation "
+        f"{nearest.correlation:+.2f} with the acceleration (above {COMMANDS / 2:g} is needed, or "
+        "with the speed)"
+    )
 
 
 def _throttle(signals: Signals, name: str) -> tuple[float, Guess] | None:
@@ -163,43 +222,3 @@ def find_gravity(columns: Mapping[str, ndarray]) -> list[str]:
         elif abs(abs(mean) - 9.81) < 0.5:
             notes.append(f"{name}: mean {mean:.2f}, so accelerations there are in m/s^2")
     return notes
-
-
-def command_range(guess: Guess, signals: Signals) -> dict[str, float]:
-    """Ends of a throttle: value at rest, largest, and smallest where it is below rest."""
-    assert guess.values is not None
-    values = guess.values[np.isfinite(guess.values)]
-    still = signals.known & (np.abs(signals.speed) < STANDING) & np.isfinite(guess.values)
-    standing = guess.values[still]
-    if len(standing) and np.mean(standing == 0) < AT_ZERO:
-        rest = _usual(standing)
-    else:  # a dead band hides where a ramp's rest is, but nobody rests off a zero that is used
-        rest = float(min(values.min(), 0.0)) if not len(standing) else 0.0
-    ends = {"rest": rest, "full": float(values.max())}
-    if values.min() < rest:
-        ends["lowest"] = float(values.min())
-    return {name: round(value, 4) for name, value in ends.items()}
-
-
-def _usual(standing: ndarray) -> float:
-    """Command while the car stands: the most frequent one, or the median where none is frequent.
-
-    A car whose stick brakes too often stands under its brake.
-    """
-    values, counts = np.unique(standing, return_counts=True)
-    often = counts.max() > OFTEN * len(standing)
-    return float(values[counts.argmax()] if often else np.median(standing))
-
-
-def steering_range(guess: Guess) -> dict[str, float]:
-    """Ends of a steering command: -1 and 1 where it stays within, else the farthest seen.
-
-    A command about another centre, such as a servo's pulse, keeps that centre.
-    """
-    assert guess.values is not None
-    values = guess.values[np.isfinite(guess.values)]
-    centre = guess.middle
-    most = float(np.abs(values - centre).max())
-    most = 1.0 if 0.3 < most <= 1.0 and not ANGLE.search(guess.column) else most
-    ends = {"right": centre - guess.sign * most, "left": centre + guess.sign * most}
-    return {name: float(f"{value:.5g}") for name, value in ends.items()}

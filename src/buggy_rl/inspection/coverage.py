@@ -62,10 +62,15 @@ def coverage(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> Covera
 
 def missing(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[str]:
     """What the files lack, one line each."""
-    found = [f"no column was found for {c}" for c in ("steering", "throttle") if c not in commands]
-    lost = [d.name for d in drives if d.pose is None]
+    found = []
+    for channel in (c for c in ("steering", "throttle") if c not in commands):
+        why = next((d.reasons[channel] for d in drives if channel in d.reasons), "no pose")
+        found.append(f"no column was found for {channel}: {why}")
+    lost = [d for d in drives if d.pose is None]
     if lost:
-        found.append(f"{len(lost)} drives without a pose: {', '.join(lost[:5])}")
+        names = ", ".join(d.name for d in lost[:5])
+        why = next((d.reasons["pose"] for d in lost if "pose" in d.reasons), "it cannot be read")
+        found.append(f"{len(lost)} drives without a pose: {names}: {why}")
     slow = [d for d in drives if d.pose and 1 / d.pose.clock.period < SLOWEST_RATE]
     if slow:
         rate = min(1 / d.pose.clock.period for d in slow if d.pose)

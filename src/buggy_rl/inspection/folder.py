@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from buggy_rl.inspection.columns import Guess
+from buggy_rl.inspection.columns import Guess, exchanged
 from buggy_rl.inspection.coverage import Coverage, coverage, missing, suggestions
 from buggy_rl.inspection.drive import DriveFacts, inspect_drive
-from buggy_rl.inspection.proposal import chosen_commands, proposal
+from buggy_rl.inspection.listing import ColumnFacts, listing
+from buggy_rl.inspection.proposal import EXCHANGED, chosen_commands, proposal
 from buggy_rl.inspection.raw_drive import find_drives
 
 Found = tuple[str, list[Path]]
@@ -38,6 +39,10 @@ class Inspection:
     """What to drive next, one line each."""
     proposal: str
     """A column map to be edited."""
+    first: list[str]
+    """What to know before anything else, one line each."""
+    columns: list[ColumnFacts]
+    """Of the longest drive: every numeric column."""
 
 
 def inspect_folder(
@@ -69,4 +74,16 @@ def inspect_folder(
         missing(drives, commands),
         list(suggestions(seen, len(drives))),
         proposal(drives, commands),
+        [EXCHANGED] if exchanged(commands) else [],
+        listing(_longest(drives)),
     )
+
+
+def _longest(drives: list[DriveFacts]) -> DriveFacts:
+    """The drive with the longest pose, or without any the one with the most rows."""
+
+    def length(drive: DriveFacts) -> tuple[float, int]:
+        rows = max(map(len, drive.raw.tables.values()), default=0) if drive.raw else 0
+        return (drive.pose.clock.seconds if drive.pose else 0.0), rows
+
+    return max(drives, key=length)

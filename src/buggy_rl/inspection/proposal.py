@@ -4,8 +4,9 @@ import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from buggy_rl.inspection.columns import Guess, command_range, steering_range
+from buggy_rl.inspection.columns import Guess, exchanged, own_name
 from buggy_rl.inspection.drive import DriveFacts
+from buggy_rl.inspection.ends import UNKNOWN, seen, stands, steering_ends, throttle_ends
 from buggy_rl.inspection.raw_drive import qualified
 from buggy_rl.recordings.mapping import CLOCK_ORIGIN
 
@@ -14,8 +15,10 @@ HEAD = (
     "# the evidence of each. Check and edit it; nothing reads it by itself. Then:",
     "#   python scripts/check_recordings.py FOLDER columns=THIS_FILE",
 )
-
-
+EXCHANGED = (
+    "throttle and steering are exchanged: the path bends with the column that is named as the "
+    "throttle, and the car speeds up with the other"
+)
 TELLING = {
     "gyro": ("yaw_rate", re.compile(r"gyro|imu|angular", re.IGNORECASE), "how late the pose is"),
     "wheel_speed": ("vx", re.compile(r"wheel|enc|rpm|odom", re.IGNORECASE), "how wheels slip"),
@@ -51,6 +54,8 @@ def proposal(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> str:
     drive = typical(drives)
     if drive is None or drive.pose is None or drive.raw is None:
         return "\n".join([*lines, "# No drive has a position that moves along a heading."]) + "\n"
+    if exchanged(commands):
+        lines += ["", f"# {EXCHANGED}"]
     lines += _tables(drive, commands)
     lines += _names(drive, commands)
     lines += _units(drive)
@@ -75,7 +80,7 @@ def _tables(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
     lines = ["", "tables:  # rows are those of the first"]
     for table in dict.fromkeys(used):
         clock = drive.clocks[table]
-        time = ", ".join(f"{column}: {unit}" for column, unit in clock.columns.items())
+        time = ", ".join(f"{_quoted(column)}: {unit}" for column, unit in clock.columns.items())
         file = drive.raw.files[table]
         lines.append(f"  - {{file: {file}, time: {{{time}}}}}  # {clock.evidence}")
     return lines
@@ -111,7 +116,7 @@ def _names(drive: DriveFacts, commands: dict[str, Guess]) -> list[str]:
 def _beside(drive: DriveFacts) -> dict[str, Guess]:
     """Sensors beside the tracker, by their columns' names and what they go with."""
     found = {
-        channel: [g for g in drive.rates.get(rate, []) if named.search(g.column)]
+        channel: [g for g in drive.rates.get(rate, []) if named.search(own_name(g.column))]
         for channel, (rate, named, _) in TELLING.items()
     }
     return {channel: guesses[0] for channel, guesses in found.items() if guesses}
@@ -143,40 +148,40 @@ def _units(drive: DriveFacts) -> list[str]:
 
 
 def _ranges(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[str]:
+    """Ends of the commands; `???` where a value was reached but shows no end."""
     lines = [""]
     if "throttle" in commands:
         guess = commands["throttle"]
-        ends = [
-            command_range(d.throttle, d.signals)
-            for d in drives
-            if d.throttle is not None and d.signals and d.throttle.column == guess.column
-        ]
-        rest = sorted(e["rest"] for e in ends)[len(ends) // 2]
-        values = {"rest": rest, "full": max(e["full"] for e in ends)}
-        lowest = min(e.get("lowest", rest) for e in ends)
-        if lowest < rest:
-            values["lowest"] = lowest
-        text = ", ".join(f"{name}: {value:g}" for name, value in values.items())
-        what = "largest seen; a speed setpoint in m/s" if guess.unit == "m/s" else "largest seen"
-        lines.append(f"throttle: {{{text}}}  # rest: while standing; full: {what}")
-        lines += _command(drives, guess, values)
+        ends = throttle_ends(drives, guess)
+        what = " a speed setpoint in m/s;" if guess.unit == "m/s" else ""
+        rest = "while standing" if stands(drives, guess) else "a guess, the car never stands"
+        why = f"rest: {rest};{what} {_ends_words(ends)}{seen(drives, 'throttle', guess)}"
+        lines.append(f"throttle: {_flow(ends)}  # {why}")
+        lines += _command(drives, guess, ends)
     if "steering" in commands:
         guess = commands["steering"]
-        same = [d.steering for d in drives if d.steering and d.steering.column == guess.column]
-        ends = max((steering_range(g) for g in same), key=lambda e: abs(e["left"]))
-        text = ", ".join(f"{name}: {value:g}" for name, value in ends.items())
-        lines.append(f"steering: {{{text}}}  # the largest seen")
+        ends = steering_ends(drives, guess)
+        words = _ends_words(ends)
+        lines.append(f"steering: {_flow(ends)}  # {words}{seen(drives, 'steering', guess)}")
     return lines
 
 
-def _command(drives: Sequence[DriveFacts], throttle: Guess, ends: Mapping[str, float]) -> list[str]:
+def _flow(ends: Mapping[str, str]) -> str:
+    return "{" + ", ".join(f"{name}: {value}" for name, value in ends.items()) + "}"
+
+
+def _ends_words(ends: Mapping[str, str]) -> str:
+    return f"write the car's own for {UNKNOWN}; " if UNKNOWN in ends.values() else ""
+
+
+def _command(drives: Sequence[DriveFacts], throttle: Guess, ends: Mapping[str, str]) -> list[str]:
     """The kind of the first command, where the car reverses under values below rest."""
     backward = max((d.pose.backward for d in drives if d.pose and d.pose.reverses), default=0.0)
     if not backward or "lowest" not in ends:
         return []
     kind = "throttle_brake_reverse"
     if throttle.unit == "m/s":
-        kind = f"speed, reverse: true, full_speed: {ends['full']:g}"
+        kind = f"speed, reverse: true, full_speed: {ends['full']}"
     why = f"the car drives backward in up to {backward:.0%} of the moving time"
     return [f"command: {{kind: {kind}}}  # {why}; or kind: current"]
 

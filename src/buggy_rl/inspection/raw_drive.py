@@ -12,6 +12,8 @@ from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers import Table, is_recording, read
 
 TABLES = (".csv", ".parquet")
+FULL = 0.9  # share of numbers in a column that is read as it is
+LEAST = 50  # numbers of a column with blanks, for anything to be seen in it
 
 
 @dataclass(frozen=True)
@@ -30,18 +32,45 @@ class RawDrive:
         return len(self.tables) > 1
 
 
-def numeric_columns(table: Table) -> dict[str, ndarray]:
-    """Columns [T] of numbers that change and are finite in nine rows of ten, as float64."""
+def numbers(table: Table) -> dict[str, ndarray]:
+    """Columns [T] of numbers, as float64; blanks are NaN. Text is left out: a frame's name."""
     found = {}
     for name in table.columns:
         try:
             values = table.numbers(name)
         except RecordingError:
-            continue  # text: a label, a frame's name
-        finite = values[np.isfinite(values)]
-        if len(finite) >= 0.9 * len(values) and len(finite) > 2 and finite.min() < finite.max():
+            continue
+        if np.isfinite(values).any():
             found[name] = values
     return found
+
+
+def numeric_columns(table: Table) -> dict[str, ndarray]:
+    """Columns [T] of numbers that change and are finite in nine rows of ten, as float64."""
+    return {
+        name: values
+        for name, values in numbers(table).items()
+        if np.isfinite(values).mean() >= FULL and changes(values)
+    }
+
+
+def filled(table: Table, t: ndarray) -> dict[str, ndarray]:
+    """Columns [T] that change and have blanks, interpolated over the stamps [T].
+
+    Rows of several sources in one table, such as a pose and the commands, leave one another blank.
+    """
+    found = {}
+    for name, values in numbers(table).items():
+        known = np.isfinite(values)
+        if LEAST <= known.sum() < FULL * len(values) and changes(values):
+            found[name] = np.interp(t, t[known], values[known])
+    return found
+
+
+def changes(values: ndarray) -> bool:
+    """Whether a column [T] has different numbers."""
+    finite = values[np.isfinite(values)]
+    return len(finite) > 2 and bool(finite.min() < finite.max())
 
 
 def find_drives(folder: Path) -> Iterator[tuple[str, list[Path]]]:

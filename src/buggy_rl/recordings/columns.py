@@ -118,9 +118,15 @@ class Topics:
     """Topics of a bag; None selects the only topic of a suitable type."""
 
     odometry: str | None = None
+    """Pose: odometry, or a pose or transform of motion capture."""
     action: str | None = None
     action_fields: list[str] = field(default_factory=list)
-    """Throttle and steering in the message, e.g. `["axes[1]", "axes[0]"]`."""
+    """Throttle and steering in the message, e.g. `["axes[1]", "axes[0]"]`; with a topic for each
+    `["/commands/motor/speed:data", "/commands/servo/position:data"]`."""
+    odometry_source: str | None = None
+    """Node or frame whose messages are read, where several publish the topic of the pose."""
+    action_source: str | None = None
+    """The same of the commands."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from buggy_rl.recordings.columns import ColumnMap
 from buggy_rl.recordings.errors import RecordingError
-from buggy_rl.recordings.readers.bag import is_bag, read_bag
+from buggy_rl.recordings.readers.bag import files_alone, is_bag, read_bag
 from buggy_rl.recordings.readers.npy import is_npy_folder, read_npy_folder
 from buggy_rl.recordings.readers.several import TABLES, holds_tables, read_several
 from buggy_rl.recordings.readers.table import Table
@@ -44,13 +44,11 @@ def read(path: Path, columns: ColumnMap) -> Table:
         raise RecordingError(str(path), "no such file; correct the path")
     if columns.tables and path.is_dir():
         return read_several(path, columns)
-    if is_bag(path):
-        return read_bag(path, columns.topics)
+    if is_bag(path) or files_alone(path):
+        return read_bag(path, columns)
     if path.is_dir():
         return read_npy_folder(path, columns.rate)
     if path.suffix.lower() in TABLES:
         return TABLES[path.suffix.lower()](path)
-    message = (
-        f"ending {path.suffix!r} is not supported; use .csv, .parquet, .jsonl, .bag, a folder of "
-    )
-    raise RecordingError(str(path), message + ".npy or a ROS 2 bag")
+    message = f"ending {path.suffix!r} is not supported; use .csv, .parquet, .jsonl, .bag, .mcap, "
+    raise RecordingError(str(path), message + ".db3, a folder of .npy or of a ROS 2 bag")
