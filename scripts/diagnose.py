@@ -63,10 +63,14 @@ def loaded(config, names, what: str) -> list:
     """Recordings that can be used; says which cannot."""
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
+    from buggy_rl.recordings.notes import doubtful
 
     found, refusals = load_recordings(names, config.columns or None, config.dt, iter, config.car)
     for refusal in refusals:
         tqdm.write(f"refused: {refusal}")
+    for recording in found:
+        for note in doubtful(recording.notes):
+            tqdm.write(f"{recording.name}: {note}")
     if not found:
         raise ValueError(f"no {what} is left to look at: the lines above say why")
     return found

@@ -136,6 +136,14 @@ def test_a_table_without_a_header_is_named_by_position(frame, save, tmp_path):
     same_drive(load_recording(path, tmp_path / "map.yaml"), frame)
 
 
+def test_a_first_row_with_one_cell_is_no_line_of_units(frame, save):
+    frame.loc[0, frame.columns[1:-2]] = np.nan
+    frame.loc[0, "x"] = frame.x[1]
+    table = read_csv(save(plain(frame)))
+    assert len(table) == len(frame)
+    assert table.notes == []
+
+
 def test_names_that_are_numbers_are_names(frame, save):
     path = save(plain(frame.set_axis([str(i) for i in range(9)], axis=1)))
     assert not read_csv(path).headerless

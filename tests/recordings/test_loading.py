@@ -46,6 +46,16 @@ def test_files_folders_and_patterns_mix_and_each_recording_is_read_once(folder):
     assert len(refusals) == 1
 
 
+@pytest.mark.parametrize("name", ["d [1]", "drive 1, fast", "a#b", "x{y}"])
+def test_names_may_have_brackets_commas_and_spaces(name, folder):
+    (folder / "sub").rename(folder / name)
+    paths = [folder / name / "good.parquet", f"{folder / name}/*.parquet", folder / name]
+    for path in paths:
+        recordings, refusals = load_recordings(path)
+        assert refusals == []
+        assert [r.source for r in recordings] == [str(folder / name / "good.parquet")]
+
+
 @pytest.mark.parametrize("path", ["missing.csv", "missing/*.csv", "README.md", "empty"])
 def test_a_path_without_a_recording_is_refused(path, folder):
     (folder / "empty").mkdir()
@@ -87,6 +97,25 @@ def test_the_script_prints_which_recordings_are_usable_and_exits_with_its_code(f
 def test_the_script_reports_what_was_cut(make_drive, write, check):
     path = write(make_drive(seconds=4, noise=2e-4).drop(index=range(200, 220)))
     assert "  row 200, column t: rows missing before it" in check(path)[1]
+
+
+def test_the_script_prints_what_matters_without_being_asked(make_drive, write, check):
+    turned = make_drive(noise=2e-4).drop(columns=["vx", "vy", "yaw_rate"])
+    path = write(turned.assign(yaw=turned.yaw + 0.5))
+    out = check(path)[1]
+    assert "if the tracker is mounted so, state mount: {yaw: 0." in out
+    assert "derived from the pose" not in out
+    assert "derived from the pose" in check(path, "--notes")[1]
+
+
+@pytest.mark.parametrize(
+    ("word", "says"),
+    [("colums=map.yaml", "did you mean columns=?"), ("dt=fast", "dt=fast: write a number")],
+)
+def test_the_script_refuses_a_mistyped_setting(word, says, folder, check, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        check(folder, word)
+    assert says in capsys.readouterr().err
 
 
 def test_help_needs_neither_torch_nor_pandas(repository):

@@ -16,6 +16,7 @@ from buggy_rl.models.factory import ModelConfig, load_model
 from buggy_rl.models.training import TrainingConfig
 from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.filters import Preparation
+from buggy_rl.recordings.notes import doubtful
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.splits import split
 from buggy_rl.task.env import make_simulator
@@ -102,11 +103,11 @@ class Drives:
 
 
 def load_drives(config: DataConfig, on_refusal: Callable[[str], None], car: str = "") -> Drives:
-    """Reads a study's drives and splits them; what is refused is told, one line each.
+    """Reads a study's drives and splits them; what is refused or doubtful is told, one line each.
 
     Args:
         config: Which.
-        on_refusal: Told of each that is refused.
+        on_refusal: Told of each that is refused, and of what may be wrong with the others.
         car: Name or file of the car that the checks are for.
 
     Raises:
@@ -115,6 +116,9 @@ def load_drives(config: DataConfig, on_refusal: Callable[[str], None], car: str 
     recordings, refusals = load_recordings(config.recordings, config.columns or None, car=car)
     for refusal in refusals:
         on_refusal(str(refusal))
+    for recording in recordings:
+        for note in doubtful(recording.notes):
+            on_refusal(f"{recording.name}: {note}")
     if not recordings:
         raise ValueError(f"no drive could be read from {', '.join(config.recordings)}")
     return divide(recordings, config)

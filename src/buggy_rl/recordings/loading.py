@@ -119,12 +119,20 @@ def _expand(path: str, columns: ColumnMap) -> list[Path]:
     if Path(path).exists() or not glob.has_magic(path):
         matches = [Path(path)]
     else:
-        matches = [Path(match) for match in sorted(glob.glob(path, recursive=True))]
+        matches = [Path(match) for match in sorted(glob.glob(_pattern(path), recursive=True))]
         matches = [match for match in matches if match.is_dir() or is_recording(match)]
     found = []
     for match in matches:
         found += recordings_below(match, columns) if match.is_dir() else [match]
     return found
+
+
+def _pattern(path: str) -> str:
+    """A glob pattern in which folders that are there stand for themselves, brackets and all."""
+    parts, known = Path(path).parts, 0
+    while known < len(parts) and Path(*parts[: known + 1]).is_dir():
+        known += 1
+    return str(Path(glob.escape(str(Path(*parts[:known]))), *parts[known:]))
 
 
 def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:

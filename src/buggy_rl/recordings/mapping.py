@@ -18,6 +18,7 @@ from buggy_rl.recordings.stamps import CLOCK_ORIGIN, unwound
 
 FAR = 1e4  # [m] from the origin, where float32 resolves 1 mm; on a UTM grid it resolves 0.5 m
 GRID = 1000.0  # [m]
+DRIVES = 0.1  # [m, or the file's unit] of position that a car which stands does not cover
 
 
 def map_columns(table: Table, columns: ColumnMap) -> RawRecording:
@@ -90,10 +91,12 @@ def _refuse_one_command(
     """Throttle and steering are two columns.
 
     Raises:
-        RecordingError: They are the same numbers.
+        RecordingError: They are one column, or the same numbers in a drive.
     """
     throttle, steering = values["throttle"], values["steering"]
-    if np.array_equal(throttle, steering) and (throttle != throttle[0]).any():
+    drives = max(float(np.nanmax(values[c]) - np.nanmin(values[c])) for c in ("x", "y")) > DRIVES
+    one = labels["throttle"] == labels["steering"]
+    if np.array_equal(throttle, steering) and (one or (drives and np.ptp(throttle) > 0)):
         message = (
             "throttle and steering are the same numbers in all rows; name the column of each in a "
             "column map"

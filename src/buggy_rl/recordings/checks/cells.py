@@ -31,7 +31,8 @@ def check_cells(
             continue
         first = int(row[np.argmax(blank)])
         if channel in NEVER_MISSING:
-            raise RecordingError(file, "no value (NaN); delete the row", first, labels[channel])
+            rows = "delete the row" if blank.sum() == 1 else f"delete these {blank.sum()} rows"
+            raise RecordingError(file, f"no value (NaN); {rows}", first, labels[channel])
         if blank.mean() > limits.missing_share:
             message = (
                 f"no value (NaN) in {blank.mean():.0%} of the rows exceeds missing_share "

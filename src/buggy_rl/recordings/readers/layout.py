@@ -71,11 +71,16 @@ def cells(line: str, separator: str) -> list[str]:
 
 
 def is_row(found: Sequence[str]) -> bool:
-    """Whether cells are a row and not names: half of those that are not empty are numbers."""
+    """Whether cells are a row and not names: half of those that are not empty are numbers.
+
+    Names may be numbers, too: 0, 1, 2 and so on, as a table without names has them.
+    """
     told = [cell for cell in found if cell]
     numbers = sum(_is_number(cell) for cell in told)
-    counted = [cell for cell in found if cell] == [str(i) for i in range(len(told))]
-    return numbers >= min(2, len(found)) and 2 * numbers >= len(told) and not counted
+    if told == [str(i) for i in range(len(told))]:
+        return False
+    alone = numbers == len(told) and len(found) > 1  # what an outer join has in a row
+    return alone or (numbers >= min(2, len(found)) and 2 * numbers >= len(told))
 
 
 def _is_number(cell: str) -> bool:
