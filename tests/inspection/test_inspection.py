@@ -57,7 +57,9 @@ def test_columns_units_and_signs_are_found_with_their_evidence(found):
     assert "steering: servo" in text
     assert "throttle: throttle_pwm" in text
     assert 'steering: {right: "???", left: "???"}' in text  # what was reached is no end
-    right, left = map(float, re.search(r"right ([\d.]+), left ([\d.]+)", text).groups())
+    found_ends = re.search(r"right ([\d.]+), left ([\d.]+)", text)
+    assert found_ends is not None
+    right, left = map(float, found_ends.groups())
     assert right > 1500 > left  # more pulse is more to the right
     assert "correlation" in found.commands["steering"].evidence
     assert found.commands["steering"].sign == -1  # the servo turns the other way

@@ -161,7 +161,7 @@ def test_a_stated_column_that_is_missing_is_refused_with_what_there_is(frame, re
         ("[names]", "expected keys and values"),
         ("mount: {yaw: left}", "mount.yaw: Value 'left'"),
         ("velocity_frame: car", "expected one of ['body', 'world']"),
-        ("ignore: vx", "a list is expected"),
+        ("ignore: {vx: 1}", "a list is expected"),
         ("topics: {action_fields: [x]}", "needs two names"),
         ("names: {t: [", "map.yaml"),
     ],
