@@ -13,7 +13,7 @@ from buggy_rl.viz.film.embedded import embedded_film
 from buggy_rl.viz.film.track import Track
 
 LENGTHS = (2.0, 1.0)  # [s] of the film, as long as a gap-free part of the recordings is
-MOST = 10  # segments of which the worst is chosen
+MOST, FEWEST = 10, 3  # segments of which the worst is chosen
 FAR = 1.0  # [m] of the buggy, from the measured car, at which a simulated one has left the picture
 SHORTEST = 0.3  # [s]
 NAMES = ("measured", "as given", "repaired")
@@ -63,9 +63,11 @@ def worst_segment(case: Case, found: SearchResult) -> Film | None:
 
 
 def _cut(case: Case) -> Segments | None:
-    for seconds in LENGTHS:
+    """Segments of the film's length, fewer and shorter ones of a slow simulator."""
+    most = max(FEWEST, round(case.budget.share * MOST))
+    for seconds in LENGTHS if case.budget.longer else LENGTHS[-1:]:
         try:
-            return cut_segments(case.recordings, seconds, seconds).spread(MOST)
+            return cut_segments(case.recordings, seconds, seconds).spread(most)
         except ValueError:
             continue  # no gap-free part is that long
     return None
