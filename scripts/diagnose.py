@@ -29,7 +29,7 @@ def main() -> None:
 
     from buggy_rl.diagnosis.pipeline import diagnose
     from buggy_rl.diagnosis.repair import repaired
-    from buggy_rl.diagnosis.report import report
+    from buggy_rl.diagnosis.report import report, sheet_of
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
     from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
@@ -44,11 +44,11 @@ def main() -> None:
         done = diagnose(config, recordings, bar.says, baseline, folder / STAGES, bar.show)
         answer = done.answer
         bar.says("drawing the report")
-        page = report(done.case, done.found, answer)
+        content = repaired(config.simulator, done, folder)
+        page = report(done.case, done.found, answer, sheet_of(config, content))
     for note in answer.notes:
         tqdm.write(f"note: {note}")
     (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
-    content = repaired(config.simulator, done, folder)
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
     (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from buggy_rl.config import build, plain
+from buggy_rl.effects import EFFECTS
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.run import PolicyRunConfig
 from buggy_rl.task.transforms.rate_limit import RateLimit
@@ -41,6 +42,19 @@ def test_the_example_swaps_one_transform_in_five_lines(monkeypatch, capsys):
     before = [type(t) for t in space["env"].transform]
     assert RateLimit in before
     assert swapped == [kind for kind in before if kind is not RateLimit]
+
+
+def test_every_effect_of_the_library_is_in_the_table_and_no_count_of_them_ages():
+    rows = set(re.findall(r"^\| `(\w+)` \|", README, re.M))
+    assert set(EFFECTS) <= rows
+    assert not re.search(r"\b\d+ effects\b", README)
+
+
+def test_every_page_that_the_readme_links_is_there_and_the_tour_is_one_of_them():
+    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", README)]
+    local = {link for link in links if link and "://" not in link}
+    assert [link for link in sorted(local) if not (ROOT / link).exists()] == []
+    assert "docs/tour.ipynb" in local
 
 
 def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):

@@ -1,6 +1,9 @@
 """The runtime is Python 3.6: its grammar, its standard library, annotations too."""
 
 import ast
+import io
+import tokenize
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -56,7 +59,14 @@ def faults(source):
         tree = ast.parse(source, feature_version=(3, 6))
     except SyntaxError as error:
         return [f"grammar: {error.msg}"]
-    return [fault for node in ast.walk(tree) for fault in _node_faults(node)]
+    return [*_string_faults(source), *(f for node in ast.walk(tree) for f in _node_faults(node))]
+
+
+def _string_faults(source):
+    """`{a=}` in an f-string: the parser of 3.12 takes it for 3.6 too, but its tokens tell."""
+    tokens = [t.string for t in tokenize.generate_tokens(io.StringIO(source).readline)]
+    if any(one == "=" and other in ("}", "!", ":") for one, other in pairwise(tokens)):
+        yield "f-string with {name=}"
 
 
 def _node_faults(node):

@@ -11,7 +11,7 @@ from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
-from buggy_rl.effects import EFFECTS, effect_class, make_effect, make_effects
+from buggy_rl.effects import EFFECTS, STACK, effect_class, make_effect, make_effects
 from buggy_rl.effects.base import EffectParameter
 from tests.contracts.test_engines import make
 from tests.effects.faults import batched, fault, follow, neutral, over, start
@@ -93,6 +93,13 @@ def effects(request):
 def test_the_names_and_parameters_agreed_on_are_still_there():
     units = {n: {p.name: p.unit for p in effect_class(n).declared} for n in CONTRACT}
     assert units == CONTRACT
+
+
+def test_each_effect_of_the_library_says_where_to_look_on_the_car():
+    sentences = {name: effect_class(name).look_at for name in STACK}
+    assert [name for name, said in sentences.items() if not said.endswith((".", "?"))] == []
+    assert max(map(len, sentences.values())) <= 100
+    assert len(set(sentences.values())) == len(STACK)
 
 
 def test_it_says_what_it_is(name):

@@ -11,6 +11,7 @@ from buggy_rl.identification.study import Drives, RunConfig
 from buggy_rl.study.config import WholeStudyConfig
 from buggy_rl.study.page import Made, page
 from buggy_rl.study.stages import Plan
+from buggy_rl.viz.style import COLOURS, MEASURED
 from tests.drives import toy_drive
 from tests.study import made
 
@@ -88,6 +89,28 @@ def test_the_player_has_the_fitted_simulator_and_the_best_ones(html):
     assert list(first["made"]) == ["mujoco, fitted", "MLP", "mujoco, as shipped"]
     off = {"mujoco, fitted": 0.1, "MLP": 0.1, "mujoco, as shipped": 0.5}
     assert first["error"] == pytest.approx(off)
+
+
+def test_the_player_has_the_colours_of_all_figures_and_no_two_are_alike(html):
+    content = json.loads(re.search(r'id="played">(.*?)</script>', html)[1])
+    shown = [*content["colours"], content["colour_measured"]]
+    assert shown == [*COLOURS, MEASURED]
+    simulators = shown[: len(content["segments"][0]["made"])]
+    for colour in simulators:  # none is a grey
+        channels = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        assert max(channels) - min(channels) > 50
+    dark = [sum(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in content["ramp"]]
+    assert dark == sorted(dark, reverse=True)
+    assert "colours[i % colours.length]" in html  # lines, cars and legend take one list
+
+
+@pytest.mark.parametrize(("after", "said"), [(0.0005, False), (0.003, True)])
+def test_a_repair_that_makes_things_worse_is_said_to(tmp_path, after, said):
+    made.write(tmp_path)
+    made.table(tmp_path / "repair", {"fitted": 0.002, "repaired": after})
+    config = WholeStudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    html = page(Plan(config, [], Path("scripts")), Drives([], [], []), [], Made("", "", ""))
+    assert ("keep the fitted one" in text(html)) == said
 
 
 def test_a_picture_too_large_for_the_page_is_left_out(html):

@@ -1,6 +1,7 @@
 """What is asked of a diagnosis, and the numerical settings of its search."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from omegaconf import MISSING
 
@@ -43,8 +44,9 @@ RATES = (20.0, 200.0)  # [Hz] 50 ms is a car's length at 5 m/s; above 200 Hz not
 class DiagnosisConfig:
     """Which simulator is compared with which recordings."""
 
-    simulator: str = MISSING
-    """Any engine, .yaml, .pt or file.py:factory."""
+    simulator: Any = MISSING
+    """Any engine, .yaml, .pt or file.py:factory; in Python a factory itself, too, which is stepped
+    in one process."""
     recordings: list[str] = MISSING
     """Files and folders that it should have predicted."""
     baseline: list[str] = field(default_factory=list)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
 from buggy_rl.estimation.segments import CHANNELS, WARM_UP, Segments
 
 STEERED = 0.1  # [s] over which the rate of the steering command is taken
@@ -115,7 +115,9 @@ def features(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
     }
 
 
-def charged(simulation: Simulation, segments: Segments, noise: Tensor) -> tuple[Tensor, Tensor]:
+def charged(
+    simulation: Simulation, segments: Segments, noise: Tensor, settings: Settings = AS_GIVEN
+) -> tuple[Tensor, Tensor]:
     """Errors of short rollouts, each instant charged its own.
 
     How far a velocity's residual changed since the instant before, in noise standard deviations:
@@ -125,18 +127,23 @@ def charged(simulation: Simulation, segments: Segments, noise: Tensor) -> tuple[
         simulation: Plays into the simulator.
         segments: Segments of drives.
         noise: [6] of a reading.
+        settings: One parameter set of the simulator.
 
     Returns:
         Changes [N, K, 3] of vx, vy and yaw_rate, and the rows [K] after the start they are at.
     """
     fine = replace(simulation, every=max(1, round(SHORT / segments.dt / 3)))
-    residual = fine.residuals(segments)[0].double()[..., 3:]  # (N, K, 3)
+    residual = fine.residuals(segments, settings)[0].double()[..., 3:]  # (N, K, 3)
     change = torch.cat([torch.zeros_like(residual[:, :1]), residual], 1).diff(dim=1) / noise[3:]
     return change.nan_to_num(LARGE).clamp(-LARGE, LARGE), fine.instants(segments)
 
 
 def locate(
-    simulation: Simulation, segments: Segments, noise: Tensor, names: Sequence[str]
+    simulation: Simulation,
+    segments: Segments,
+    noise: Tensor,
+    names: Sequence[str],
+    settings: Settings = AS_GIVEN,
 ) -> Located:
     """Looks for the excess error of short rollouts.
 
@@ -147,8 +154,9 @@ def locate(
         segments: Segments of drives.
         noise: [6] of a reading.
         names: Of the drives.
+        settings: One parameter set of the simulator.
     """
-    change, instants = charged(simulation, segments, noise)
+    change, instants = charged(simulation, segments, noise, settings)
     excess = (change.square() - 2.0).clamp_min(0.0)  # two readings' noise
     of_channel = (excess.mean((0, 1)) - LEFT_BY_NOISE).clamp_min(0.0)  # (3,)
     total = float(of_channel.sum()) or 1.0

@@ -6,6 +6,7 @@ from typing import Any
 
 from torchrl.envs import EnvBase
 
+from buggy_rl.engines import Factory
 from buggy_rl.task.env import make_simulator
 
 
@@ -13,8 +14,8 @@ from buggy_rl.task.env import make_simulator
 class Maker:
     """Builds a simulator for a number of environments, once for each number."""
 
-    simulator: str
-    """Any engine, .yaml, .pt or file.py:factory."""
+    simulator: str | Factory
+    """Any engine, .yaml, .pt or file.py:factory, or a factory itself."""
     parameters: Mapping[str, float] | None = None
     """Of its own, where they are not as its file says."""
     options: Mapping[str, Any] = field(default_factory=dict)

@@ -39,7 +39,7 @@ from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import answered
 from buggy_rl.effects import offered
 from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.engines import ENGINES, read_simulator
+from buggy_rl.engines import ENGINES, Factory, read_simulator, simulator_name
 from buggy_rl.estimation.baseline import Correction, correct
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
@@ -98,10 +98,13 @@ def diagnose(
             message says which and what to do.
     """
     begun = time.perf_counter()
+    name, count = simulator_name(config.simulator), config.workers
+    if callable(config.simulator):  # no other process finds it, and no file tells what it does
+        kept, count = None, 1
     stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
-    with blaming(config.simulator), Workers(config.workers) as workers:
+    with blaming(name), Workers(count) as workers:
         step = _step(config, recordings)
         simulation = Simulation(
             maker(config, options=step.options), workers=workers, rolled=meter.rolled
@@ -117,7 +120,7 @@ def diagnose(
         )
         notes += [*more, *plan.notes, *([correction.note] if correction else [])]
         short = check_blocks(case.problem.segments)
-        notes += _checked(case, config.simulator)
+        notes += _checked(case, name)
         done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step={**_own(config), **step.options})
         again = left_open(done.found.posterior, done.found.best.effects, done.answer.proof)
@@ -164,7 +167,7 @@ def _own(config: DiagnosisConfig) -> dict[str, Any]:
     engine, own = _engine(config.simulator), dict[str, Any]()
     if engine in ENGINES or engine.endswith(".pt"):
         own |= {} if config.dt == CONTROL_PERIOD else {"dt": config.dt}
-    if config.car and config.simulator in ENGINES:  # a file says itself which car it is
+    if config.car and str(config.simulator) in ENGINES:  # a file says itself which car it is
         own["car"] = config.car
     return own
 
@@ -176,7 +179,7 @@ def _preflight(
     if baseline:
         notes += check_drives(baseline, config.seconds, config.dt)
     make = maker(config)
-    notes += check_simulator(make, config.simulator, config.dt)
+    notes += check_simulator(make, simulator_name(config.simulator), config.dt)
     refuse_another_rest([*recordings, *baseline], make(1))
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
@@ -312,8 +315,10 @@ def _step(config: DiagnosisConfig, recordings: Sequence[Recording]) -> Step:
     )
 
 
-def _engine(simulator: str) -> str:
-    """The engine of a simulator file."""
+def _engine(simulator: str | Factory) -> str:
+    """The engine of a simulator file; none of a factory."""
+    if callable(simulator):
+        return ""
     while simulator.endswith((".yaml", ".yml")):
         simulator = str(read_simulator(Path(simulator))["engine"])
     return simulator

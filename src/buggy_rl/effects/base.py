@@ -80,6 +80,8 @@ class Effect(Transform):
     equation: ClassVar[str]
     source: ClassVar[str]
     """Textbook or paper of the equation: author, year, chapter or equation."""
+    look_at: ClassVar[str] = ""
+    """What to check on the car where this is found, in a sentence; optional."""
     declared: ClassVar[tuple[EffectParameter, ...]]  # type: ignore[assignment]
     deciding: ClassVar[tuple[str, ...]] = ()
     """Parameters each of which makes the effect neutral by itself; empty: all must be neutral."""

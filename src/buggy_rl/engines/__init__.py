@@ -1,7 +1,7 @@
 """Engines by name: each moves the car by one kind of physics, all with the same keys."""
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,20 @@ from buggy_rl.config import load_named
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import EnvBase
 
+    from buggy_rl.engines.adapters import from_gymnasium, from_step
+    from buggy_rl.engines.mujoco.mjcf import from_mjcf
+
+__all__ = [
+    "ENGINES",
+    "as_car",
+    "from_gymnasium",
+    "from_mjcf",
+    "from_step",
+    "make_engine",
+    "read_simulator",
+    "simulator_name",
+]
+
 ENGINES = {
     "learned": "buggy_rl.engines.learned:LearnedEngine",
     "mujoco": "buggy_rl.engines.mujoco:MujocoEngine",
@@ -20,10 +34,31 @@ ENGINES = {
     "kinematic": "buggy_rl.engines.kinematic:KinematicEngine",
     "hold": "buggy_rl.engines.hold:HoldEngine",
 }
+ADAPTERS = {  # of a user's own simulator; imported when they are asked for
+    "from_step": "buggy_rl.engines.adapters:from_step",
+    "from_gymnasium": "buggy_rl.engines.adapters:from_gymnasium",
+    "from_mjcf": "buggy_rl.engines.mujoco.mjcf:from_mjcf",
+}
+Factory = Callable[[int, str], "EnvBase"]
+"""A user's own simulator as an object: batch size, device -> EnvBase."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in ADAPTERS:
+        return load_named(ADAPTERS[name])
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def simulator_name(simulator: str | Path | Factory) -> str:
+    """What a simulator is called in messages: as it was given, or an object by its own name."""
+    if isinstance(simulator, (str, Path)):
+        return str(simulator)
+    inner = getattr(simulator, "func", simulator)  # of a partial
+    return getattr(inner, "__qualname__", type(inner).__name__)
 
 
 def make_engine(
-    simulator: str | Path,
+    simulator: str | Path | Factory,
     batch_size: int | Sequence[int] = (),
     device: str = "cpu",
     parameters: Mapping[str, float] | None = None,
@@ -33,8 +68,9 @@ def make_engine(
 
     Args:
         simulator: A name in `ENGINES`; a `.yaml` file with `engine`, `parameters` and `options`;
-            a learned model's `.pt` file; or a user's own as `path/to/file.py:factory` or
-            `package.module:factory` with `factory(batch_size, device) -> EnvBase`.
+            a learned model's `.pt` file; or a user's own as `path/to/file.py:factory`,
+            `package.module:factory` or the factory itself, with `factory(batch_size, device) ->
+            EnvBase`.
         batch_size: Number of environments or a shape.
         device: Where the state lives.
         parameters: Physical parameters that differ from the engine's own.
@@ -44,6 +80,8 @@ def make_engine(
     Raises:
         ValueError: The name is unknown; the message lists the known ones.
     """
+    if callable(simulator):
+        return _users_own(simulator, batch_size, device, parameters, options)
     name = str(simulator)
     if options.get("car") and not name.endswith((".yaml", ".yml")):
         made = as_car(name, str(options.pop("car")))
@@ -83,8 +121,9 @@ def as_car(engine: str, car: str) -> dict[str, dict[str, Any]]:
     return load_car(car).of_engine(engine)
 
 
-def _users_own(name: str, batch_size, device, parameters, options) -> Any:
+def _users_own(simulator: str | Factory, batch_size, device, parameters, options) -> Any:
     """A simulator from outside this package: the contract gives it two arguments, no more."""
+    name = simulator_name(simulator)
     ranges = options.pop("ranges", {})
     if options:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
@@ -94,7 +133,7 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
     from buggy_rl.engines.serial import in_batch
     from buggy_rl.engines.single_precision import in_single_precision
 
-    factory = load_named(name)
+    factory = load_named(simulator) if isinstance(simulator, str) else simulator
     try:
         inspect.signature(factory).bind(batch_size, device)
     except TypeError as error:

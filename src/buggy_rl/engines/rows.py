@@ -22,4 +22,4 @@ class RowsEngine(Engine):
 
     def _tensor(self, rows: Any) -> Tensor:
         """Rows [n, ...] as a tensor [*batch, ...]."""
-        return torch.as_tensor(rows).reshape(*self.batch_size, *rows.shape[1:]).to(self.device)
+        return torch.as_tensor(rows).reshape(self._shape(*rows.shape[1:])).to(self.device)

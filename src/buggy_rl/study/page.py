@@ -15,6 +15,8 @@ from buggy_rl.study import results
 from buggy_rl.study.figures import FIGURES
 from buggy_rl.study.player import player
 from buggy_rl.study.stages import Plan, Stage
+from buggy_rl.viz.errors import RAMP
+from buggy_rl.viz.style import COLOURS, MEASURED
 
 TYPES = {".png": "image/png", ".mp4": "video/mp4", ".svg": "image/svg+xml"}
 PLAYED = 5  # simulators in the player: the best ones, the fitted and the one as shipped
@@ -96,6 +98,7 @@ def _played(folder: Path, table: Sequence[Mapping[str, Any]], fitted: str) -> st
     names = [row["simulator"] for row in table]
     shown = list(dict.fromkeys([*names[: PLAYED - 1], *(n for n in names if n == fitted)]))
     content = player(load_rollouts(folder / "rollouts.npz"), shown)
+    content |= {"colours": COLOURS, "colour_measured": MEASURED, "ramp": RAMP}
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 

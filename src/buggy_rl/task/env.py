@@ -22,7 +22,7 @@ from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 from buggy_rl import keys
 from buggy_rl.config import belongs_to, one_line
 from buggy_rl.effects import make_effects
-from buggy_rl.engines import make_engine, read_simulator
+from buggy_rl.engines import Factory, make_engine, read_simulator
 from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.task.paths.making import PathConfig, make_paths
@@ -109,7 +109,7 @@ class TaskEnv(TransformedEnv):
 
 
 def make_simulator(
-    simulator: str | Path,
+    simulator: str | Path | Factory,
     batch_size: int | Sequence[int] = (),
     device: str = "cpu",
     parameters: Mapping[str, float] | None = None,
@@ -120,7 +120,7 @@ def make_simulator(
     Raises:
         ValueError: A name is unknown; the message lists the known ones.
     """
-    if not str(simulator).endswith((".yaml", ".yml")):
+    if callable(simulator) or not str(simulator).endswith((".yaml", ".yml")):
         return make_engine(simulator, batch_size, device, parameters, **options)
     content = read_simulator(Path(simulator))
     merged = {**content["parameters"], **(parameters or {})}
@@ -153,7 +153,7 @@ def _parts(simulator: EnvBase) -> tuple[EnvBase, list[Transform]]:
 
 
 def make_env(
-    engine: EnvBase | str | Path,
+    engine: EnvBase | str | Path | Factory,
     effects: Sequence[Transform] = (),
     task: TaskConfig | None = None,
     batch_size: int | Sequence[int] = (),

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex
 from matplotlib.figure import Figure
 
 from buggy_rl.viz.style import tidy
@@ -13,6 +13,8 @@ CELLS = 9, 8  # of steering and of speed
 FEW = 3  # instants below which a cell is left out
 BRIGHTEST = 0.97  # quantile of the errors at the end of the colour scale; excludes spins
 COLOURS = LinearSegmentedColormap.from_list("error", ["#f3ede6", "#edae49", "#d1495b", "#5c1a33"])
+RAMP = [to_hex(COLOURS(share)) for share in np.linspace(0.3, 1.0, 8)]
+"""Small errors to large ones as lines on a white page, where the palest would not be seen."""
 LABEL = "error [noise standard deviations]"
 
 

@@ -8,6 +8,7 @@ from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.localisation import charged, features
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.misfit import CAP
+from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
 from buggy_rl.estimation.segments import WARM_UP, Segments
 from buggy_rl.viz.errors import InstantErrors
 from buggy_rl.viz.replays import Replay
@@ -20,9 +21,22 @@ def is_repaired(case: Case, found: SearchResult) -> bool:
     return bool(found.best.effects) or case.retuned_from is not None
 
 
-def errors(case: Case) -> InstantErrors:
-    """Of the simulator as given, on all segments, by `localisation.charged`."""
-    change, instants = charged(case.given, case.problem.segments, case.problem.noise.sd)
+def repaired_settings(case: Case, found: SearchResult) -> Settings:
+    """Numbers of the repaired simulator."""
+    return case.problem.library.settings([(found.best.fit, found.best.fit.vector)])
+
+
+def left(case: Case, found: SearchResult) -> tuple[Simulation, Settings]:
+    """The simulator whose errors are left: the repaired one, or else as given."""
+    if is_repaired(case, found):
+        return case.problem.simulation, repaired_settings(case, found)
+    return case.given, AS_GIVEN
+
+
+def errors(case: Case, found: SearchResult) -> InstantErrors:
+    """Of the repaired simulator, or else as given, on all segments, by `localisation.charged`."""
+    simulation, settings = left(case, found)
+    change, instants = charged(simulation, case.problem.segments, case.problem.noise.sd, settings)
     size = (change.square().mean(-1) / 2).sqrt()  # a difference of two readings has twice the noise
     seen = features(case.problem.segments, instants)
     columns = {n: seen[n].flatten().numpy() for n in ("x", "y", "vx", "steering")}
@@ -35,8 +49,8 @@ def replays(case: Case, found: SearchResult) -> list[Replay]:
     segments = problem.segments[torch.tensor([row for row, _ in chosen])]
     residuals = [replace(case.given, every=1).residuals(segments)]
     if is_repaired(case, found):
-        settings = problem.library.settings([(found.best.fit, found.best.fit.vector)])
-        residuals.append(replace(problem.simulation, every=1).residuals(segments, settings))
+        simulation = replace(problem.simulation, every=1)
+        residuals.append(simulation.residuals(segments, repaired_settings(case, found)))
     measured = segments.motion_from_start  # (n, K, 6)
     read = measured + torch.cat(residuals)  # (1 or 2, n, K, 6)
     return [

@@ -1,25 +1,39 @@
 """The report as one file that needs no other."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from buggy_rl.diagnosis.answer import Answer, described
+from buggy_rl.diagnosis.answer import OPEN, Answer, described
+from buggy_rl.diagnosis.behaviour import differing
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.constancy import WORDS
+from buggy_rl.diagnosis.equivalents import Equivalents
+from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.report import wording
-from buggy_rl.diagnosis.report.figures import errors, is_repaired, replays
+from buggy_rl.diagnosis.report.figures import errors, is_repaired, left, replays
+from buggy_rl.diagnosis.report.film import Film, worst_segment
+from buggy_rl.diagnosis.report.manoeuvre import suggested
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking
+from buggy_rl.diagnosis.report.sheet import Sheet
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.estimation.segments import WARM_UP
 from buggy_rl.viz.errors import map_figure, situation_figure
+from buggy_rl.viz.manoeuvre import manoeuvre_figure
 from buggy_rl.viz.replays import replay_figure
 from buggy_rl.viz.svg import svg
 
 RANKED = 10  # single effects in the chart of evidence
 REJECTED = 5  # alternatives listed for each effect
+LEAST_NATS = 10.0  # of a full bar in the chart of evidence
+SPOKEN = 5  # differences of behaviour at the head of a page that names nothing surely
+NOISE = 0.1  # [-] excess misfit below which what is left is noise, as `described` says
+LOCATED = 5  # intervals with large errors that are listed
+MANY = 2  # parameters of the simulator's own, above which they share a table
+NAMED = ("missing_physics", "wrong_parameters")  # verdicts whose first effect heads the page
 PROOF = {  # column of the proof -> its heading
     "before": "as given",
     "retuned": "re-tuned only",
@@ -30,18 +44,43 @@ PROOF = {  # column of the proof -> its heading
 Drawing = tuple[str, str]  # caption and SVG element
 
 
-def report(case: Case, found: SearchResult, answer: Answer) -> str:
+@dataclass(frozen=True)
+class Pictures:
+    """All that is drawn on the page; what there is nothing to draw of is empty."""
+
+    film: Film | None = None
+    segments: Sequence[Drawing] = ()
+    manoeuvre: Sequence[Drawing] = ()
+    maps: Sequence[Drawing] = ()
+
+
+NO_PICTURES, NO_SHEET = Pictures(), Sheet()
+
+
+def report(case: Case, found: SearchResult, answer: Answer, sheet: Sheet = NO_SHEET) -> str:
     """The report: readable on a phone, printed, and without a network.
 
     Args:
         case: What was compared.
         found: Result of the search.
         answer: Of the diagnosis.
+        sheet: What was asked, by what and when, and the repaired simulator's file.
 
     Returns:
         HTML.
     """
-    return rendered(case, found, answer, drawn(case, found), error_maps(case))
+    pictures = Pictures(
+        film=worst_segment(case, found),
+        segments=drawn(case, found),
+        manoeuvre=planned(case, found, answer),
+        maps=error_maps(case, found) if something_is_left(answer) else (),
+    )
+    return rendered(case, found, answer, pictures, sheet)
+
+
+def something_is_left(answer: Answer) -> bool:
+    """Whether a part of the error is not explained, which can be located."""
+    return answer.remaining.excess >= NOISE
 
 
 def drawn(case: Case, found: SearchResult) -> list[Drawing]:
@@ -54,13 +93,25 @@ def drawn(case: Case, found: SearchResult) -> list[Drawing]:
     return result
 
 
-def error_maps(case: Case) -> list[Drawing]:
-    """Errors over the floor, and over steering and speed."""
-    seen = errors(case)
-    over = "Error of the simulator as given by position; noise alone is 1."
-    within = (
-        "Error of the simulator as given by speed and steering. Hatched: hardly or never driven."
+def planned(case: Case, found: SearchResult, answer: Answer) -> list[Drawing]:
+    """The manoeuvre to drive next."""
+    plan = suggested(case, found, answer)
+    if plan is None:
+        return []
+    caption = (
+        f"{wording.capital(answer.manoeuvres[0].words)}, from rest: what to command, and what each "
+        "of the hypotheses left predicts."
     )
+    return [(caption, svg(manoeuvre_figure, plan, caption))]
+
+
+def error_maps(case: Case, found: SearchResult) -> list[Drawing]:
+    """Errors that are left over the floor, and over steering and speed."""
+    seen, who = errors(case, found), "repaired simulator"
+    if not is_repaired(case, found):
+        who = "simulator as given"
+    over = f"Error of the {who} by position; noise alone is 1."
+    within = f"Error of the {who} by speed and steering. Hatched: hardly or never driven."
     return [
         (over, svg(map_figure, seen, over)),
         (within, svg(situation_figure, seen, within)),
@@ -71,8 +122,8 @@ def rendered(
     case: Case,
     found: SearchResult,
     answer: Answer,
-    segments: Sequence[Drawing],
-    maps: Sequence[Drawing],
+    pictures: Pictures = NO_PICTURES,
+    sheet: Sheet = NO_SHEET,
 ) -> str:
     """The template, filled in."""
     templates = Environment(
@@ -84,17 +135,26 @@ def rendered(
         undefined=StrictUndefined,
     )
     templates.filters |= wording.FILTERS
-    library = case.as_given
+    library, ranks = case.as_given, ranking(found, RANKED)
+    equivalents = {e.effects[0]: e for e in answer.equivalents}
+    own = [e for e in answer.effects if e.kind == "parameter"]
+    cards = [e for e in answer.effects if e not in own or len(own) <= MANY]
     return templates.get_template("report.html.jinja").render(
         case=case,
         found=found,
         answer=answer,
-        segments=segments,
-        maps=maps,
+        pictures=pictures,
+        sheet=sheet,
+        heading=_heading(answer, equivalents),
+        cards=cards,
+        own=own if len(own) > MANY else [],
+        equivalents=equivalents,
         meaning=wording.MEANINGS[answer.verdict],
         repaired=is_repaired(case, found),
-        lags=wording.lags(answer.located.lags),
-        ranks=ranking(found, RANKED),
+        located=_located(case, found, answer),
+        differing=differing(answer.behaviours)[:SPOKEN] if answer.verdict in OPEN else [],
+        ranks=ranks,
+        most=max([LEAST_NATS, *(rank.nats for rank in ranks)]),
         given={e.name: {p.name: p for p in library.numbers(e.name)} for e in answer.effects},
         conditions=WORDS,
         alternatives=_alternatives(found, answer),
@@ -102,6 +162,33 @@ def rendered(
         proof=_proof(answer),
         made=_made(case, found, answer),
     )
+
+
+def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[str, str]:
+    """The finding in words where one is named surely, and the verdict; else the verdict alone."""
+    verdict = answer.lines()[0]
+    if answer.verdict not in NAMED or not answer.effects:
+        return verdict, ""
+    first = answer.effects[0]
+    if first.name in equivalents:
+        return equivalents[first.name].line(), verdict
+    return f"{wording.capital(first.sentence)}.", verdict
+
+
+def _located(case: Case, found: SearchResult, answer: Answer) -> dict[str, Any]:
+    """Where errors are that the repair does not explain; nothing where noise is left."""
+    if not something_is_left(answer):
+        return {}
+    where = answer.located
+    if is_repaired(case, found):
+        simulation, settings = left(case, found)
+        segments, noise = case.problem.segments, case.problem.noise.sd
+        where = locate(simulation, segments, noise, case.names, settings)
+    return {
+        "regions": [wording.region(region) for region in where.regions],
+        "intervals": where.intervals[:LOCATED],
+        "lags": wording.lags(where.lags),
+    }
 
 
 def _alternatives(found: SearchResult, answer: Answer) -> list[tuple[str, list[str], list[str]]]:
@@ -146,6 +233,7 @@ def _made(case: Case, found: SearchResult, answer: Answer) -> list[str]:
     scale = 1000 * fit.coordinates[-1].parameter.size  # [ms] the clock's prior scale
     sd = float(found.best.cross_validated.covariance[-1, -1].clamp_min(0.0).sqrt())
     offset, spread = scale * float(fit.vector[-1]), scale * NORMAL * sd
+    bounds = wording.between((offset - spread, offset + spread), "ms")
     return [
         f"{len(case.names)} recordings, {seconds:.0f} s: {', '.join(case.names)}.",
         f"{len(segments)} rollout segments of {segments.horizon * segments.dt:g} s; in the "
@@ -153,7 +241,7 @@ def _made(case: Case, found: SearchResult, answer: Answer) -> list[str]:
         "states settle.",
         f"{len(case.problem.library.names)} effects and parameters in the library, "
         f"{len(found.tried)} hypotheses fitted.",
-        f"Clock offset: commands act {offset:+z.0f} ms later than stamped (95% interval "
-        f"{offset - spread:+z.0f} to {offset + spread:+z.0f} ms); fitted in every hypothesis.",
+        f"Clock offset: commands act {offset:+z.1f} ms later than stamped"
+        f"{f' (95 % interval {bounds})' if bounds else ''}; fitted in every hypothesis.",
         *answer.notes,
     ]

@@ -3,11 +3,14 @@
 import math
 
 from buggy_rl.diagnosis.answer import Verdict
+from buggy_rl.diagnosis.behaviour import Behaviour
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region
 from buggy_rl.diagnosis.named_effect import SUREST
+from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import OWN
 
+MOST_DIGITS = 6  # of a bound of an interval
 MEANINGS: dict[Verdict, str] = {
     "missing_physics": "With the effects below, the simulator predicts recordings that it was not "
     "fitted to.",
@@ -72,8 +75,33 @@ def number(value: float) -> str:
 
 
 def quantity(value: float, symbol: str) -> str:
-    """A number with its unit."""
-    return number(value) + unit(symbol)
+    """A number with its unit; less than a second in milliseconds."""
+    scale, symbol = _scaled(abs(value), symbol)
+    return number(scale * value) + unit(symbol)
+
+
+def between(bounds: tuple[float, float], symbol: str) -> str:
+    """Bounds of an interval with as many digits as tell them apart; empty where it has no width."""
+    scale, symbol = _scaled(max(map(abs, bounds)), symbol)
+    for digits in range(3, MOST_DIGITS):
+        low, high = (f"{scale * bound:.{digits}g}" for bound in bounds)
+        if low != high:
+            return f"{low} to {high}{unit(symbol)}"
+    return ""
+
+
+def repaired_quantity(found: Behaviour) -> str:
+    """A quantity of the repaired simulator with its interval; unchanged, if it has none."""
+    bounds = between((found.low, found.high), found.unit)
+    value = quantity(found.value, found.unit)
+    if not bounds and value == quantity(found.given, found.unit):
+        return "unchanged"
+    return f"{value} ({bounds})" if bounds else value
+
+
+def _scaled(size: float, symbol: str) -> tuple[float, str]:
+    """How many of the unit that is printed are one of a unit, and that unit."""
+    return (1000.0, "ms") if symbol == "s" and size < 1 else (1.0, symbol)
 
 
 def neutral(value: float, symbol: str) -> str:
@@ -94,6 +122,20 @@ def confidence(probability: float) -> str:
 def sentence(fault: FormFault) -> str:
     """A fault of the form, as a list item."""
     return f"{capital(fault.line()).replace('^2', '²')}."
+
+
+def closes(share: float) -> str:
+    """How much of the residual an effect closes; an estimate beyond all or none is one of these."""
+    if not math.isfinite(share) or share < 0.005:
+        return "none"
+    return "all" if share >= 0.995 else percent(share)
+
+
+def look_at(name: str) -> str:
+    """What to check on the car for an effect; of a parameter, what it is compared with."""
+    if name.startswith(OWN):
+        return f"Compare {plain(name.removeprefix(OWN))} of the simulator with that of the car."
+    return effect_class(name).look_at
 
 
 def width(share: float) -> str:
@@ -144,6 +186,10 @@ FILTERS = {
         capital,
         number,
         quantity,
+        between,
+        repaired_quantity,
+        closes,
+        look_at,
         neutral,
         percent,
         confidence,

@@ -37,6 +37,10 @@ class BrakeGain(BrakeEffect):
     """
 
     name = "brake_gain"
+    look_at = (
+        "Check the brake strength that is set in the speed controller, and the radio's "
+        "brake end point."
+    )
     equation = "brake' - onset = gain (brake - onset) while the car rolls forward"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 3 (brake gain)"
     declared = (
@@ -62,6 +66,7 @@ class ReverseDeadband(BrakeEffect):
     """Dead zone of brake and reverse; above it all, part or none of the range is restored."""
 
     name = "reverse_deadband"
+    look_at = "Calibrate the speed controller's neutral and full-reverse points."
     equation = "brake' = max(0, brake - width) (1 + restored width / (1 - width))"
     source = "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (dead zone)"
     deciding = ("width",)

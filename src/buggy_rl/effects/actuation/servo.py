@@ -47,6 +47,9 @@ class SteeringRateLimit(ServoEffect):
     """
 
     name = "steering_rate_limit"
+    look_at = (
+        "Check the servo: its rated speed, its supply voltage, and how freely the linkage moves."
+    )
     equation = "|du'/dt| <= rate"
     source = "Stein 2003, Respect the Unstable, IEEE Control Systems Magazine 23(4) (rate limit)"
     declared = (
@@ -89,6 +92,9 @@ class SteeringBacklash(ServoEffect):
     """
 
     name = "steering_backlash"
+    look_at = (
+        "Hold the servo and move the front wheels by hand: play in horn, linkage, servo saver."
+    )
     equation = "|servo - steering'| <= width / 2, and steering' rests while it can"
     source = "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (backlash)"
     declared = (

@@ -16,6 +16,9 @@ class SteeringGain(CommandEffect):
     """Another gain of the steering, up to full lock."""
 
     name = "steering_gain"
+    look_at = (
+        "Measure the wheels' angle at full command: servo end points (EPA), horn length, linkage."
+    )
     channel = 1
     equation = "steering' = gain steering"
     source = f"{STEERING_MAP} (slope of the map from steering command to road-wheel angle)"
@@ -37,6 +40,7 @@ class SteeringOffset(CommandEffect):
     """Road wheels that are not straight at zero command."""
 
     name = "steering_offset"
+    look_at = "Check the steering trim and that the servo horn is centred when the command is 0."
     channel = 1
     equation = "steering' = steering + offset"
     source = f"{STEERING_MAP} (offset of the map from steering command to road-wheel angle)"
@@ -64,6 +68,9 @@ class SteeringAsymmetry(CommandEffect):
     """
 
     name = "steering_asymmetry"
+    look_at = (
+        "Measure the wheels' angle at full left and full right: end points, length of both rods."
+    )
     channel = 1
     equation = "steering' = sqrt(q) steering to the left, steering / sqrt(q) to the right"
     source = f"{STEERING_MAP} (separate branches of that map to the left and to the right)"

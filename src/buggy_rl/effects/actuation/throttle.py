@@ -60,6 +60,7 @@ class ThrottleGain(DriveGainEffect):
     """Another gain of the drive, up to full drive."""
 
     name = "throttle_gain"
+    look_at = "Check the battery's voltage, the throttle's end point (EPA) and the gearing."
     equation = "drive' - onset = gain (drive - onset)"
     source = (
         "Lyons et al. 2024, DART, dart_dynamic_models.py (force in proportion to the throttle "
@@ -81,6 +82,7 @@ class ThrottleOffset(CommandEffect):
     """A throttle channel whose zero is shifted, as by the trim of a radio."""
 
     name = "throttle_offset"
+    look_at = "Check the throttle trim, and calibrate the speed controller's neutral point."
     channel = 0
     equation = "throttle' = throttle + offset"
     source = (
@@ -111,6 +113,9 @@ class ThrottleDeadband(DriveEffect):
     """
 
     name = "throttle_deadband"
+    look_at = (
+        "Open the throttle slowly until the wheels turn; calibrate the speed controller's neutral."
+    )
     equation = "drive' = max(0, drive - width) (1 + restored width / (1 - width))"
     source = (
         "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (dead zone); with restored = 0 the "
@@ -143,6 +148,7 @@ class BatterySag(DriveGainEffect):
     """
 
     name = "battery_sag"
+    look_at = "Measure the battery's voltage under load at the start and at the end of a drive."
     equation = "drive' - onset = (1 - loss_per_minute elapsed / 60 s) (drive - onset)"
     source = (
         "Linden & Reddy 2002, Handbook of Batteries, 3rd ed., ch. 3 (voltage during discharge), "

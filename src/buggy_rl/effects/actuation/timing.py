@@ -79,6 +79,9 @@ class ThrottleDeadTime(DeadTime):
     """The throttle acts with a dead time."""
 
     name = "throttle_dead_time"
+    look_at = (
+        "Look for delays between command and motor: radio, message queues, controller firmware."
+    )
     declared = dead_time(0.05)
     channel = 0
     subject = "throttle"
@@ -88,6 +91,9 @@ class SteeringDeadTime(DeadTime):
     """The steering acts with a dead time."""
 
     name = "steering_dead_time"
+    look_at = (
+        "Look for delays between command and servo: radio, message queues, the PWM update rate."
+    )
     declared = dead_time(0.10)
     channel = 1
     subject = "steering"
@@ -97,6 +103,7 @@ class ThrottleLag(Lag):
     """The throttle acts through a first-order lag."""
 
     name = "throttle_lag"
+    look_at = "Check the speed controller's ramp (soft start, punch) and filters on the command."
     declared = time_constant(0.10)
     channel = 0
     response = "the throttle builds up"
@@ -106,6 +113,7 @@ class SteeringLag(Lag):
     """The steering acts through a first-order lag."""
 
     name = "steering_lag"
+    look_at = "Check the servo: torque, supply voltage, servo saver; and filters on the command."
     declared = time_constant(0.13)
     channel = 1
     response = "the wheels turn"

@@ -20,6 +20,7 @@ class DragBrake(MotionEffect):
     """A brake that is on while the command is within the dead zone: at most to a stop."""
 
     name = "drag_brake"
+    look_at = "Check the drag brake that is set in the speed controller."
     equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s) without a command"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 3 (constant retardation)"
     declared = (
@@ -60,6 +61,7 @@ class BrakeBalance(MotionEffect):
     """
 
     name = "brake_balance"
+    look_at = "Check which axle brakes how much: differentials, slipper clutch, a mechanical brake."
     equation = "front brake share' = front brake share + shift"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 3 (brake proportioning)"
     declared = (

@@ -41,6 +41,7 @@ class SpeedControllerLag(ControllerEffect):
     """
 
     name = "speed_controller_lag"
+    look_at = "Check the gains and the acceleration limit of the speed controller."
     equation = "time_constant dF/dt = K (v_set - v) - F"
     source = LAG_SOURCE
     declared = (
@@ -77,6 +78,9 @@ class DrivenAxleSlip(ControllerEffect):
     """
 
     name = "driven_axle_slip"
+    look_at = (
+        "Check the driven tyres, their diameter in the speed controller, and the slipper clutch."
+    )
     equation = "a = speed_gain (v_set - vx - |vx| slip_per_acceleration a)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 4.1.2 (slip ratio)"
     declared = (

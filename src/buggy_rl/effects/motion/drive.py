@@ -32,6 +32,7 @@ class Payload(MotionEffect):
     """
 
     name = "payload"
+    look_at = "Weigh the car with all that it carries."
     equation = "(dvx/dt + rolling + braking of the turned wheels) / mass_ratio"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1)"
     declared = (
@@ -72,6 +73,9 @@ class MotorPowerLimit(MotorEffect):
     """Limit of the motor's power: force at most power / speed."""
 
     name = "motor_power_limit"
+    look_at = (
+        "Check the controller's current limit, the battery's discharge rating and the motor's heat."
+    )
     equation = "drive acceleration <= power_per_mass / vx"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 2 (power-limited acceleration)"
     declared = (
@@ -108,6 +112,7 @@ class TopSpeed(MotorEffect):
     """
 
     name = "top_speed"
+    look_at = "Check the battery's cells and voltage, the motor's kV and the gearing."
     equation = "drive acceleration - speed_loss vx (1 / speed_ratio - 1)"
     source = (
         "Franklin, Powell & Emami-Naeini 2010, Feedback Control of Dynamic Systems, 6th ed., "

@@ -23,6 +23,7 @@ class FloorSlope(MotionEffect):
     """A floor that is not level: a constant acceleration in the world."""
 
     name = "floor_slope"
+    look_at = "Put a spirit level on the floor: does the car roll by itself?"
     equation = "dv_world/dt = (along_x, along_y) tanh(speed / 0.1 m/s)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1) (m g sin(slope))"
     declared = (
@@ -52,6 +53,7 @@ class Wind(MotionEffect):
     """
 
     name = "wind"
+    look_at = "Look for moving air: fans, air conditioning, open doors; outdoors the wind."
     equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 4.1.1 (drag with wind)"
     declared = (

@@ -24,6 +24,7 @@ class AerodynamicDrag(MotionEffect):
     """
 
     name = "aerodynamic_drag"
+    look_at = "Look at the body shell and the wing: another shape, a loose part."
     equation = "dv/dt = -coefficient |v| v"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (aerodynamic drag)"
     declared = (
@@ -47,6 +48,7 @@ class RollingResistance(MotionEffect):
     """Dry friction of wheels and gear, multiplied by tanh(|vx| / 0.05 m/s)."""
 
     name = "rolling_resistance"
+    look_at = "Push the car by hand: tyres, wheel bearings, gear mesh, the floor's surface."
     equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s)"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (rolling resistance)"
     declared = (
@@ -67,6 +69,7 @@ class ViscousDrag(MotionEffect):
     """Resistance in proportion to vx; exact over a step: vx' = vx exp(-rate dt)."""
 
     name = "viscous_drag"
+    look_at = "Spin the drivetrain by hand: bearings, grease, gear mesh; and the drag brake."
     equation = "dvx/dt = -rate vx"
     source = "Armstrong-Helouvry, Dupont & Canudas de Wit 1994, Automatica 30(7) (viscous friction)"
     declared = (
@@ -87,6 +90,7 @@ class CorneringDrag(MotionEffect):
     """Drag in turns, in proportion to the lateral acceleration vx yaw_rate."""
 
     name = "cornering_drag"
+    look_at = "Check toe and differentials: what binds or scrubs in a turn?"
     equation = "dvx/dt = -coefficient |vx yaw_rate|"
     source = (
         "Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.3 (longitudinal part of the "

@@ -47,6 +47,7 @@ class OneSidedDrag(YawEffect):
     """
 
     name = "one_sided_drag"
+    look_at = "Compare left and right: a dragging wheel, bearing, tyre diameter, toe."
     equation = "dr/dt = yaw_acceleration tanh(vx / 0.3 m/s)"
     source = (
         "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., ch. 8 (yaw moment of unequal left "
@@ -76,6 +77,7 @@ class YawDamping(YawEffect):
     """Damping of the yaw rate; exact over a step: r' = r exp(-rate dt)."""
 
     name = "yaw_damping"
+    look_at = "Check the differentials (locked, stiff) and the tyres: what resists turning?"
     equation = "dr/dt = -rate r"
     source = "Milliken & Milliken 1995, Race Car Vehicle Dynamics, ch. 5 (yaw damping derivative)"
     declared = (

@@ -17,6 +17,7 @@ class SensorLeverArm(MemorylessSensing):
     """Lever arm: the sensor measures another point of the car than believed."""
 
     name = "sensor_lever_arm"
+    look_at = "Measure where the tracker sits on the car, from the point that it should show."
     equation = "position + R(yaw) (x, y); vx - y r, vy + x r"
     source = "Siciliano et al. 2009, Robotics, ch. 3 (velocities of the points of a rigid body)"
     declared = (
@@ -45,6 +46,7 @@ class SensorYaw(MemorylessSensing):
     """Misalignment: the sensor is turned on the car, and with it all directions it measures."""
 
     name = "sensor_yaw"
+    look_at = "Check the tracker's mount: is it turned against the car's long axis?"
     equation = "yaw + angle; R(-angle) (vx, vy)"
     source = f"{INERTIAL}, ch. 12 (misalignment)"
     declared = (
@@ -67,6 +69,7 @@ class SpeedScale(MemorylessSensing):
     """Scale factor of the measured speed; the position is right."""
 
     name = "speed_scale"
+    look_at = "Check the tracker's scale: drive a measured distance and compare."
     equation = "ratio (vx, vy)"
     source = f"{INERTIAL}, ch. 4 (scale-factor error)"
     declared = (
@@ -90,6 +93,7 @@ class GyroBias(MemorylessSensing):
     """Bias of the measured yaw rate; the heading is measured by itself and is right."""
 
     name = "gyro_bias"
+    look_at = "Let the car stand still: does the yaw rate read 0?"
     equation = "yaw_rate + bias"
     source = f"{INERTIAL}, ch. 4 (fixed bias)"
     declared = (EffectParameter("bias", 0.0, -2.0, 2.0, "rad/s", "Measured at rest.", 0.02, 0.01),)

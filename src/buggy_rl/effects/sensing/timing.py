@@ -38,6 +38,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
     """
 
     name = "sensor_latency"
+    look_at = "Check clocks and delay of the tracker: when is a measurement stamped?"
     declared = dead_time(0.03)
     equation = "z(t) = (pose, velocity)(t - dead_time)"
 
@@ -103,6 +104,7 @@ class SensorLag(SensingEffect):
     """
 
     name = "sensor_lag"
+    look_at = "Check filters on the tracker's pose and velocity."
     equation = "time_constant dz/dt = (pose, velocity) - z"
     source = LAG_SOURCE
     declared = time_constant(0.03)

@@ -22,6 +22,7 @@ class TireGrip(TyreEffect):
     """
 
     name = "tire_grip"
+    look_at = "Look at tyres and floor: wear, dust, another surface, cold tyres."
     equation = "|F_axle| <= grip friction load, at the same stiffness; |ay| <= max_acceleration"
     source = f"{PACEJKA}, sec. 4.2 (similarity method)"
     alternatives = ("max_acceleration",)
@@ -62,6 +63,7 @@ class GripBalance(TyreEffect):
     """Friction of the front axle against the rear one; their product stays."""
 
     name = "grip_balance"
+    look_at = "Compare front and rear tyres (compound, wear, dust) and the weight on each axle."
     equation = "front friction sqrt(q), rear friction / sqrt(q), at the same stiffness"
     source = f"{PACEJKA}, sec. 4.2 (similarity method), by axle"
     declared = (
@@ -92,6 +94,7 @@ class GripPatch(TyreEffect):
     """Another friction inside a circle on the floor, of each axle by its own place."""
 
     name = "grip_patch"
+    look_at = "Look at the floor at this place: dust, liquid, a mat, another surface."
     equation = "tire_grip within radius of (x, y)"
     source = f"{PACEJKA}, sec. 4.2 (similarity method), by place"
     deciding = ("grip",)

@@ -77,7 +77,7 @@ def make_cars(
     if backend not in get_args(Backend):
         raise ValueError(f"backend is {backend!r}; expected one of {', '.join(get_args(Backend))}")
     if backend == "cpu":
-        return CpuCars(car, count, fields, nthread)
+        return CpuCars(car.model, count, fields, nthread)
     try:
         from buggy_rl.engines.mujoco.warp_cars import WarpCars
     except ModuleNotFoundError as error:
@@ -93,13 +93,14 @@ class CpuCars:
     dtype = torch.float64
 
     def __init__(
-        self, car: Car, count: int, fields: Mapping[str, NDArray], nthread: int = 1
+        self, model: mujoco.MjModel, count: int, fields: Mapping[str, NDArray], nthread: int = 1
     ) -> None:
-        self._batch = Batch(car.model, count, nthread)
+        self._batch = Batch(model, count, nthread)
         for name, field in fields.items():
             self._batch.expand(name)[:] = field
         self._batch.set_const()
         self.qpos, self.qvel = self._batch.qpos, self._batch.qvel
+        self.ctrl, self.act = self._batch.ctrl, self._batch.act
         self.xfrc_applied, self.qfrc_applied = self._batch.xfrc_applied, self._batch.qfrc_applied
 
     def array(self, tensor: Tensor) -> NDArray:
