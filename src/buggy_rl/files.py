@@ -1,7 +1,8 @@
 """Files that are there as a whole or not at all."""
 
 import json
-from collections.abc import Iterator
+import pickle
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,13 +29,39 @@ def write_atomically(file: Path, content: str | bytes) -> None:
         partial.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
+def remove_folder(folder: Path, names: Iterable[str] = ()) -> None:
+    """Takes files of these names away, and the folder if nothing else is in it."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+        (folder / f"{name}.partial").unlink(missing_ok=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
 def write_json(file: Path, content: object) -> None:
     """Writes JSON, one space of indent a level."""
     write_atomically(file, json.dumps(content, indent=1) + "\n")
 
 
+def load_torch(file: Path | str) -> Any:
+    """Reads what `save_torch` wrote: tensors and plain values, on the CPU; no code is run.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    import torch
+
+    try:
+        return torch.load(file, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError) as error:
+        why = str(error).partition("\n")[0]
+        raise ValueError(
+            f"{file} holds more than weights and plain values, or is cut off: it is not read ({why})"
+        ) from None
+
+
 def save_torch(file: Path, content: Any) -> None:
-    """Writes what `torch.load` reads."""
+    """Writes what `load_torch` reads."""
     import torch
 
     with replacing(file) as partial:

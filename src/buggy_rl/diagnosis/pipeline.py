@@ -98,7 +98,7 @@ def diagnose(
             message says which and what to do.
     """
     begun = time.perf_counter()
-    stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
+    stages, meter = Stages(kept, config, recordings, baseline), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
     with blaming(config.simulator), Workers(config.workers) as workers:
@@ -144,7 +144,7 @@ def opened(
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
     simulation, library, _ = _measured(config, simulation, own=not baseline)
-    stages, drives = Stages(None, config, ()), (recordings, baseline)
+    stages, drives = Stages(None, config), (recordings, baseline)
     return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
 

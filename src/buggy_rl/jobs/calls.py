@@ -2,19 +2,19 @@
 
 import hashlib
 import pickle
-import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.files import write_atomically
+from buggy_rl.files import remove_folder, write_atomically
 from buggy_rl.jobs.job import RECORD, Job
 from buggy_rl.jobs.launching import Launching
-from buggy_rl.jobs.process import DONE
+from buggy_rl.jobs.process import DONE, LOCK, LOG, OUTCOME, STOP
 from buggy_rl.jobs.running import LOCAL, run_jobs
 
 CALL, RESULT = "call.pkl", "result.pkl"
+OWN = (CALL, RESULT, RECORD, OUTCOME, LOG, LOCK, STOP)  # files of a call's folder
 
 
 def results(
@@ -48,8 +48,7 @@ def results(
     for progress in run_jobs(left, workers, launching):
         if progress.outcome and progress.outcome.status == DONE:
             yield from _taken(progress.job)
-    if folder.exists() and not any(folder.iterdir()):
-        folder.rmdir()
+    remove_folder(folder)
 
 
 def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path) -> Job:
@@ -59,7 +58,7 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
     digest = hashlib.sha256(said.encode()).hexdigest()
     job = Job(name, own, ("-m", "buggy_rl.jobs.call", str(own.resolve()), digest))
     if own.exists() and not ((own / RECORD).exists() and digest in (own / RECORD).read_text()):
-        shutil.rmtree(own)
+        remove_folder(own, OWN)
     if not (own / CALL).exists():
         content = pickle.dumps((list(sys.path), pickle.dumps((function, arguments))))
         write_atomically(own / CALL, content)
@@ -69,4 +68,4 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
 def _taken(job: Job) -> Iterator[Any]:
     """The result; its folder goes when the receiver asks for the next one, so has kept it."""
     yield pickle.loads((job.folder / RESULT).read_bytes())
-    shutil.rmtree(job.folder)
+    remove_folder(job.folder, OWN)
