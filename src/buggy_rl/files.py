@@ -56,7 +56,7 @@ def load_torch(file: Path | str) -> Any:
     except (pickle.UnpicklingError, RuntimeError, EOFError) as error:
         why = str(error).partition("\n")[0]
         raise ValueError(
-            f"{file} holds more than weights and plain values, or is cut off: it is not read ({why})"
+            f"{file} holds more than weights and plain values, or is cut off; it is not read: {why}"
         ) from None
 
 

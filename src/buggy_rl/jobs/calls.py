@@ -1,6 +1,7 @@
 """Functions called in processes of their own, as jobs: arguments and result lie in files."""
 
 import hashlib
+import json
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -13,8 +14,9 @@ from buggy_rl.jobs.launching import Launching
 from buggy_rl.jobs.process import DONE, LOCK, LOG, OUTCOME, STOP
 from buggy_rl.jobs.running import LOCAL, run_jobs
 
-CALL, RESULT = "call.pkl", "result.pkl"
-OWN = (CALL, RESULT, RECORD, OUTCOME, LOG, LOCK, STOP)  # files of a call's folder
+CALL, RESULT = "call.pkl", "result.json"
+# Files of a call's folder; earlier versions wrote a result that ran code when it was read.
+OWN = (CALL, RESULT, "result.pkl", RECORD, OUTCOME, LOG, LOCK, STOP)
 
 
 def results(
@@ -30,7 +32,8 @@ def results(
     taken. A result that is there from an interrupted run is taken without a call.
 
     Args:
-        function: Can be pickled, and so can its result.
+        function: Can be pickled; its result is plain values, as JSON has them; a path becomes
+            its name.
         calls: A name of each call, which names its folder, and its arguments, which can be pickled
             and whose `repr` says what they are.
         folder: Of the calls.
@@ -59,7 +62,9 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
     job = Job(name, own, ("-m", "buggy_rl.jobs.call", str(own.resolve()), digest))
     if own.exists() and not ((own / RECORD).exists() and digest in (own / RECORD).read_text()):
         remove_folder(own, OWN)
-    if not (own / CALL).exists():
+    if not (own / RESULT).exists():
+        (own / OUTCOME).unlink(missing_ok=True)
+        # Also where one is there: it would be run, whoever wrote it.
         content = pickle.dumps((list(sys.path), pickle.dumps((function, arguments))))
         write_atomically(own / CALL, content)
     return job
@@ -67,5 +72,5 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
 
 def _taken(job: Job) -> Iterator[Any]:
     """The result; its folder goes when the receiver asks for the next one, so has kept it."""
-    yield pickle.loads((job.folder / RESULT).read_bytes())
+    yield json.loads((job.folder / RESULT).read_text())
     remove_folder(job.folder, OWN)

@@ -25,10 +25,10 @@ from buggy_rl.task.paths.making import make_paths
 CLOCKED = ("speed", "seconds_left")
 """Metrics that depend on the machine: left out of policy files, which are those of the training."""
 SCHEMA = 1  # of checkpoints: raised when other code would not go on from them
-# Of the config: these change no training.
+# Of the config: these change no policy.
 IGNORED = (
     *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
-    *("validations", "checkpoint_batches"),
+    "checkpoint_batches",
 )
 
 
@@ -97,9 +97,14 @@ def task_of(about: dict[str, Any], file: Path | str) -> TaskConfig:
 
 
 def asked(config: PolicyRunConfig) -> Question:
-    """What a training depends on; a constant learning rate lets it be made longer."""
-    longer = ("ppo.steps",) if config.ppo.schedule == "constant" else ()
-    return question(config, ignoring=(*IGNORED, *longer), schema=schema(SCHEMA))
+    """What the policy of a training depends on."""
+    return question(config, ignoring=IGNORED)
+
+
+def _so_far(asked: Question) -> Question:
+    """What a training depends on up to a checkpoint; at a constant rate not on what follows."""
+    later = {"validations"} | ({"ppo.steps"} if asked.get("ppo.schedule") == "constant" else set())
+    return {name: value for name, value in asked.items() if name not in later}
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
@@ -162,7 +167,7 @@ class PolicyRun:
 
     def __init__(self, config: PolicyRunConfig) -> None:
         self.config, self.folder = config, Path(config.output)
-        self._asked = asked(config)
+        self._asked = {**asked(config), "schema": schema(SCHEMA)}
         state = self._kept() if config.resume else None
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
@@ -183,7 +188,8 @@ class PolicyRun:
         file = self.folder / "checkpoint.pt"
         state = load_checkpoint(file)
         remedy = "resume with the settings of the first run, or start without resume=true"
-        refuse_another(state.pop("question", None), self._asked, str(file), remedy)
+        kept = state.pop("question", None)
+        refuse_another(kept and _so_far(kept), _so_far(self._asked), str(file), remedy)
         return state
 
     def close(self) -> None:
