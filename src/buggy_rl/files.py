@@ -2,8 +2,9 @@
 
 import json
 import pickle
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,26 @@ def remove_folder(folder: Path, names: Iterable[str] = ()) -> None:
         (folder / f"{name}.partial").unlink(missing_ok=True)
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
+
+
+def clear_folder(folder: Path, own: Collection[str]) -> None:
+    """Takes away a folder of files whose names, within it, match patterns.
+
+    Raises:
+        ValueError: It holds another file; nothing is taken away then.
+    """
+    files = [file for file in folder.rglob("*") if not file.is_dir()]
+    named = {file: file.relative_to(folder).as_posix().removesuffix(".partial") for file in files}
+    others = [f for f, name in named.items() if not any(fnmatch(name, n) for n in own)]
+    if others:
+        raise ValueError(
+            f"{others[0]} was not written by what is to be written there anew: move it elsewhere"
+        )
+    for file in files:
+        file.unlink()
+    places = [place for place in folder.rglob("*") if place.is_dir()]
+    for place in [*sorted(places, reverse=True), *([folder] if folder.is_dir() else [])]:
+        place.rmdir()
 
 
 def write_json(file: Path, content: object) -> None:

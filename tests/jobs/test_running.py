@@ -288,7 +288,7 @@ def test_what_lies_in_a_folder_that_was_handed_on_is_not_run(tmp_path):
     attack = pickle.dumps(Attack())
     for name in ("result.json", "result.pkl", "call.pkl"):
         (one / name).write_bytes(attack)
-    with pytest.raises(ValueError):  # no result as it is written here
+    with pytest.raises(ValueError, match=r"result\.json is no result of a call: take .* away"):
         list(results(called, {"one": (1,)}, calls, 1))
     (one / "result.json").unlink()
     (found,) = results(called, {"one": (1,)}, calls, 1)

@@ -96,7 +96,7 @@ def test_a_run_is_not_resumed_with_another_question(train, tmp_path, simulator):
         with pytest.raises(SystemExit, match=f"checkpoint.pt answers another question: .*{said}"):
             train(*longer, more)
     (tmp_path / "helper.py").write_text("DELAY = 2\n")
-    with pytest.raises(SystemExit, match="helper.py has other content now; resume with the set"):
+    with pytest.raises(SystemExit, match=r"helper\.py has other content now; resume with the set"):
         train(*longer)
     # Nothing in the folder has changed: what is there belongs together.
     assert files == {file: file.read_bytes() for file in files}

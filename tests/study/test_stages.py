@@ -109,9 +109,11 @@ def test_a_finished_stage_of_another_question_is_refused_with_what_differs(confi
     read = {"content of recording one": "abc"}
     for stage in first_wave(config, read):
         stage.job.prepared(1)
-    longer = replace(config, runs={**config.runs, "MLP": RunConfig(training=TrainingConfig(epochs=3))})
+    longer = replace(
+        config, runs={**config.runs, "MLP": RunConfig(training=TrainingConfig(epochs=3))}
+    )
     models, fit = first_wave(longer, read)
-    with pytest.raises(ValueError, match="runs.MLP.training.epochs was 60, now 3; use another"):
+    with pytest.raises(ValueError, match=r"runs\.MLP\.training\.epochs was 60, now 3; use another"):
         _ = models.job.done
     assert not fit.job.done  # it does not depend on it
     models, fit = first_wave(config, {"content of recording one": "other"})

@@ -72,5 +72,10 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
 
 def _taken(job: Job) -> Iterator[Any]:
     """The result; its folder goes when the receiver asks for the next one, so has kept it."""
-    yield json.loads((job.folder / RESULT).read_text())
+    file = job.folder / RESULT
+    try:
+        result = json.loads(file.read_text())
+    except ValueError as error:
+        raise ValueError(f"{file} is no result of a call: take {job.folder} away") from error
+    yield result
     remove_folder(job.folder, OWN)
