@@ -15,7 +15,14 @@ from buggy_rl.engines import make_engine
 from buggy_rl.recordings import save_recording
 from tests.diagnosis.planted import planted_drives
 
-KEPT = ("diagnosis.json", "repaired.yaml", "report.html", "config.yaml", "run.json", "stages/mine.pt")
+KEPT = (
+    "diagnosis.json",
+    "repaired.yaml",
+    "report.html",
+    "config.yaml",
+    "run.json",
+    "stages/mine.pt",
+)
 SIMULATOR = "tests/plain_env.py:make_quick"
 
 
