@@ -65,7 +65,9 @@ class Job:
                 f"{self.folder} was begun by {' '.join(record['command'])!r}, now wanted is "
                 f"{' '.join(self.recorded)!r}: {REMEDY}"
             )
-        if changed := [name for name, was in record["inputs"].items() if digest(name) != was]:
+        # Earlier versions recorded a file by itself, without what it names.
+        inputs = record["inputs"].items()
+        if changed := [n for n, was in inputs if was not in (digest(n), _of_file(Path(n)))]:
             raise ValueError(
                 f"{self.folder} was begun before {', '.join(changed)} had changed: {REMEDY}"
             )
@@ -104,8 +106,9 @@ def digest(name: str) -> str:
     Args:
         name: A file, or `path/to/file.py:attribute`.
     """
-    files = files_read(name) or [Path(name)] * Path(name).is_file()
-    each = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
-    if len(each) < 2:
-        return "".join(each)
-    return hashlib.sha256("".join(sorted(each)).encode()).hexdigest()
+    each = [_of_file(file) for file in files_read(name) or [Path(name)]]
+    return each[0] if len(each) == 1 else hashlib.sha256("".join(sorted(each)).encode()).hexdigest()
+
+
+def _of_file(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
