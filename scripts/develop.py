@@ -32,7 +32,6 @@ def main() -> None:
 
     store, left = config.store, cases_left(config)
     store.prepared.mkdir(parents=True, exist_ok=True)
-    save_run(config, store.output)
     scripts = Path(__file__).parent
     wanted = unprepared(left, store.prepared)
     jobs = [(case, store.prepared, scripts) for case in wanted]
@@ -58,6 +57,7 @@ def main() -> None:
             for line in lines:
                 line_file(store, Case(**line["case"])).unlink()
             bar.update(len(lines))
+    save_run(config, store.output)
     done = entries(config.file)
     failed = sum("failed" in entry for entry in done)
     print(f"{config.file}: {len(done)} cases, {failed} of them failed")

@@ -9,7 +9,6 @@ recordings, every folder in it is one car's recordings: each is diagnosed by its
 `workers` at a time on any `launcher` (docs/scale.md), and OUTPUT/fleet.csv has a row for each.
 """
 
-import shutil
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
@@ -31,15 +30,18 @@ def main() -> None:
     from buggy_rl.diagnosis.repair import repaired
     from buggy_rl.diagnosis.report import report, sheet_of
     from buggy_rl.diagnosis.stages import FOLDER as STAGES
+    from buggy_rl.diagnosis.stages import asked, begun_otherwise, clear
     from buggy_rl.diagnosis.step_bar import StepBar
     from buggy_rl.estimation.baseline import FILE
+    from buggy_rl.files import write_atomically
     from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(1)
     recordings = loaded(config, config.recordings, "drive")
     baseline = loaded(config, config.baseline, "baseline drive") if config.baseline else []
     folder = Path(config.output)
-    save_run(config, folder)
+    if why := begun_otherwise(folder / STAGES, asked(config, recordings, baseline)):
+        tqdm.write(f"note: begun anew, not gone on with what is in {folder / STAGES}: {why}")
     with StepBar() as bar:
         done = diagnose(config, recordings, bar.says, baseline, folder / STAGES, bar.show)
         answer = done.answer
@@ -48,12 +50,15 @@ def main() -> None:
         page = report(done.case, done.found, answer, sheet_of(config, content))
     for note in answer.notes:
         tqdm.write(f"note: {note}")
-    (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n")
+    # Until here the folder may hold the answer to another question, with its config: now, at once.
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "diagnosis.json", json.dumps(answer.to_dict(), indent=2) + "\n")
     if done.correction is not None and done.correction.effect is not None:
         done.correction.effect.network.save(folder / FILE)
-    (folder / "repaired.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    shutil.rmtree(folder / STAGES)  # the answer is written: nothing is left to go on with
+    write_atomically(folder / "repaired.yaml", yaml.safe_dump(content, sort_keys=False))
+    write_atomically(folder / "report.html", page)
+    save_run(config, folder)
+    clear(folder / STAGES)  # the answer is written: nothing is left to go on with
     print("\n".join(answer.lines()))
     names = ("report.html", "diagnosis.json", "repaired.yaml")
     print(f"written: {', '.join(str(folder / name) for name in names)}")

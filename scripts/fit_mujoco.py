@@ -5,9 +5,10 @@
     python scripts/fit_mujoco.py my_study.yaml fit_simulator=single_track car=f1tenth
 
 Fits on the study's training drives, by least squares over windows of 1 s, and writes
-OUTPUT/FITTED.yaml (mujoco_fitted.yaml), which every script takes as a simulator. Prints each
-parameter with its 95 % interval, and warns about what these drives cannot determine, and about a
-fit that did not converge, ends at the edge of a range or is no better than holding the velocity.
+OUTPUT/FITTED.yaml (mujoco_fitted.yaml), which every script takes as a simulator, and its config as
+FITTED.config.yaml. Prints each parameter with its 95 % interval, and warns about what these drives
+cannot determine, and about a fit that did not converge, ends at the edge of a range or is no better
+than holding the velocity.
 """
 
 import sys
@@ -26,6 +27,7 @@ def main() -> None:
     import yaml
 
     from buggy_rl.engines import make_engine
+    from buggy_rl.files import write_atomically
     from buggy_rl.identification.fit_result import as_simulator
     from buggy_rl.identification.least_squares import fit, second_pass
     from buggy_rl.identification.study import fit_file, fit_setup, load_drives
@@ -55,9 +57,9 @@ def main() -> None:
         line = f"{e.parameter.name:24} {e.value:9.4g} {interval:>21} {e.parameter.value:8.4g}  "
         print(line + e.parameter.unit + "".join(f"\n    ! {warning}" for warning in e.warnings))
     file = Path(config.output) / fit_file(config)
-    save_run(config, file.parent)
     content = as_simulator(config.fit_simulator, fitted, options, parameters)
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    write_atomically(file, yaml.safe_dump(content, sort_keys=False))
+    save_run(config, file.parent, file.stem)  # others in the folder have a config of their own
     print(f"written: {file}")
     for warning in fitted.warnings:
         print(f"WARNING: {warning}", file=sys.stderr)

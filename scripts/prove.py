@@ -33,7 +33,6 @@ def main() -> None:
     store, ledger = config.store, Ledger(config.ledger_file)
     for folder in (store.output, store.sealed, store.prepared):
         folder.mkdir(parents=True, exist_ok=True)
-    save_run(config, store.sealed)  # beside the answers: it tells what they were drawn from
     drawn = cases_of(config)
 
     for step in steps(config, drawn, Path(__file__).parent):
@@ -42,6 +41,7 @@ def main() -> None:
                 bar.update(count)
                 if message:
                     bar.write(message)
+    save_run(config, store.sealed)  # beside the answers: it tells what they were drawn from
     if "settle" in config.stages:
         count = ledger.settle(store, compared="compare" in config.stages)
         print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")

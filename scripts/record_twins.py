@@ -25,11 +25,10 @@ def main() -> None:
 
     torch.set_num_threads(1)
     folder = Path(config.output)
-    (folder / ANSWER).mkdir(parents=True, exist_ok=True)
-    save_run(config, folder / ANSWER)  # it names what has changed
     with tqdm(total=1.0, desc="driving", bar_format="{l_bar}{bar}| {elapsed}") as bar:
         for share in recorded(config):
             bar.update(share - bar.n)
+    save_run(config, folder / ANSWER)  # it names what has changed
     print(f"2 x {config.drives} drives of {config.seconds:g} s of {config.car!r} in {folder}")
 
 

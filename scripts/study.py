@@ -13,34 +13,41 @@ run by hand; its log lies in OUTPUT/stages/NAME. Started again, it does not run 
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.config import from_command_line, made_by, run, save_run
 
 
 def main() -> None:
     """Runs the stages, then writes the page."""
     config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig")
 
-    import json
     from datetime import date
 
     from buggy_rl.files import write_atomically
     from buggy_rl.identification.study import load_drives
     from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.question import contents
     from buggy_rl.study.page import Made, page
     from buggy_rl.study.stages import Plan
 
     folder = Path(config.output)
-    save_run(config, folder)
     drives = load_drives(config.data, tqdm.write, config.car)
     compared = drives.held_out if config.diagnosed == "fitted" else drives.training
-    plan = Plan(config, [r.source for r in compared], Path(__file__).parent)
-    plan.write()
+    read = (
+        contents(drives.training)
+        | contents(drives.validation, "validation recording")
+        | contents(drives.held_out, "held-out recording")
+    )
+    plan = Plan(config, [r.source for r in compared], Path(__file__).parent, read)
     stages = []
-    for wave in plan.waves():
+    for number, wave in enumerate(plan.waves()):
+        if number == 0:
+            for stage in wave:
+                _ = stage.job.done  # refused before anything is written
+            plan.write()
         stages += wave
         follow(wave, config)
-    commit = json.loads((folder / "run.json").read_text())["commit"]
-    made = Made(" ".join(["python", *sys.argv]), commit, date.today().isoformat())
+    made = Made(" ".join(["python", *sys.argv]), made_by()["commit"], date.today().isoformat())
+    save_run(config, folder)
     write_atomically(folder / "study.html", page(plan, drives, stages, made))
     print(f"written: {folder / 'study.html'}")
 

@@ -24,7 +24,6 @@ def main() -> None:
     from buggy_rl.viz.sweep import sweep_figure
 
     sweep = Sweep(config, Path(__file__).with_name("train_policy.py"))
-    save_run(config, config.folder)
     with tqdm(desc="trials", total=config.trials, initial=len(sweep.ended()), unit="trial") as bar:
         for trial in sweep.run():
             best = max(trial.curve, default=float("nan"))
@@ -55,6 +54,7 @@ def main() -> None:
         ]
     )
     table.to_csv(config.folder / "sweep.csv", index=False)
+    save_run(config, config.folder)
     sweep_figure(trials, seeds).savefig(config.folder / "sweep.png", dpi=130)
     print(f"{table.to_string(index=False)}\nwritten: {config.folder / 'sweep.csv'}, sweep.png")
 

@@ -12,7 +12,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, run, save_run
+from buggy_rl.config import from_command_line, made_by, plain, run, save_run
 
 SCHEMA = "buggy_rl.study.config:WholeStudyConfig"
 
@@ -25,30 +25,32 @@ def main() -> None:
 
     import torch
 
-    from buggy_rl.files import save_torch
+    from buggy_rl.files import load_torch, save_torch
     from buggy_rl.identification.study import ModelRunConfig, load_drives, model_file, model_runs
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.models.factory import load_about, make_model, save_model
-    from buggy_rl.models.training import Training
+    from buggy_rl.models.training import SCHEMA as CHECKPOINT
+    from buggy_rl.models.training import Training, asked
+    from buggy_rl.question import refuse_another, schema
     from buggy_rl.run_log import RunLog
     from buggy_rl.study.model_media import model_bundles
 
     torch.set_num_threads(config.threads)
-    save_run(config, Path(config.output) / "models")
     drives = load_drives(config.data, tqdm.write, config.car)
     for name, model_config, training_config in model_runs(config):
         file = model_file(config, name)
         checkpoint = file.with_suffix(".checkpoint")
+        now = asked(model_config, training_config, drives.training, drives.validation)
+        half_done = {**now, "schema": schema(CHECKPOINT)}
         about = {
             "dt": drives.training[0].dt,
             "training": plain(training_config),
             "drives": [r.name for r in drives.training + drives.validation],
+            "question": now,
         }
+        remedy = "fresh=true trains it again"
         if file.exists() and not fresh:
-            if load_about(file) != (plain(model_config), about):
-                raise ValueError(
-                    f"{file} was trained with another config; fresh=true trains it again"
-                )
+            refuse_another(load_about(file)[1].get("question"), now, str(file), remedy)
             print(f"{name}: {file} is there already")
             continue
         torch.manual_seed(training_config.seed)
@@ -56,17 +58,21 @@ def main() -> None:
         run = Training(model, drives.training, drives.validation, training_config)
         resume = checkpoint.exists() and not fresh
         if resume:
-            run.load_state_dict(torch.load(checkpoint, weights_only=True))
+            state = load_torch(checkpoint)
+            refuse_another(state.pop("question", None), half_done, str(checkpoint), remedy)
+            run.load_state_dict(state)
         bar = tqdm(run.run(), name, total=training_config.epochs, initial=run.epoch, unit="epoch")
         folder, own = file.with_suffix(""), ModelRunConfig(model_config, training_config)
-        save_run(own, folder)
-        with closing(RunLog(folder, "epoch", plain(own), config.wandb, resume)) as log:
+        logged = {**made_by(), **plain(own)}
+        at = run.epoch if resume else None
+        with closing(RunLog(folder, "epoch", logged, config.wandb, at)) as log:
             for metrics in bar:
                 bar.set_postfix_str(f"validation {metrics['validation_loss']:.4f}")
                 log.add(metrics)
                 log.write()
-                save_torch(checkpoint, run.state_dict())
+                save_torch(checkpoint, {**run.state_dict(), "question": half_done})
             save_model(model, model_config, file, about)
+            save_run(own, folder)
             if config.media:
                 width = 1 if training_config.preparation == "raw" else training_config.filter_width
                 picture = folder / "bundles.png"
@@ -74,6 +80,7 @@ def main() -> None:
                 log.add({"epoch": run.epoch}, {"bundles": picture})
                 log.write()
         checkpoint.unlink(missing_ok=True)
+    save_run(config, Path(config.output) / "models")
 
 
 if __name__ == "__main__":

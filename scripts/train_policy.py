@@ -10,12 +10,11 @@ its own in OUTPUT/seed_N, `workers` at a time on any `launcher` (docs/scale.md),
 compares them; started again, it goes on from their checkpoints by itself.
 """
 
-import json
 import os
 from contextlib import closing
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, run, save_run
+from buggy_rl.config import from_command_line, made_by, plain, run, save_run
 
 
 def main() -> None:
@@ -35,13 +34,15 @@ def main() -> None:
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
-    save_run(config, folder)
     training = PolicyRun(config)
-    about = {**json.loads((folder / "run.json").read_text()), **plain(config)}
+    about = {**made_by(), **plain(config)}
     bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
                desc=folder.name)  # fmt: skip
     try:
-        log = RunLog(folder, "steps", about, config.wandb, config.resume)
+        at = training.ppo.steps if config.resume else None
+        log = RunLog(folder, "steps", about, config.wandb, at)
+        if not (folder / "best.pt").exists():  # else it is written with the first policy
+            save_run(config, folder)
         with closing(training), closing(log), bar:
             for metrics in training.metrics():
                 bar.update(training.batch)

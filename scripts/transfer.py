@@ -29,7 +29,6 @@ def main() -> None:
 
     if not config.cars:
         raise ValueError("no car: name some, as cars.CAR.EFFECT.PARAMETER=VALUE")
-    save_run(config, Path(config.output))
     write_factories(config)
 
     if "drive" in config.stages:
@@ -52,6 +51,7 @@ def main() -> None:
             place = Path(config.output) / "jobs"
             for count in results(judge, calls, place, config.workers, config):
                 bar.update(count)
+    save_run(config, Path(config.output))
     if "page" in config.stages:
         write_results(config)
 

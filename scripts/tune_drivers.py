@@ -25,7 +25,7 @@ def main() -> None:
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
-    save_run(config, folder)
+    folder.mkdir(parents=True, exist_ok=True)
     found, best = {}, {}
     for name in config.drivers:
         with tqdm(total=config.rounds * config.steps, desc=f"tuning {name}", unit="step") as bar:
@@ -35,6 +35,7 @@ def main() -> None:
     rows = list(results(config, found, lambda todo: tqdm(todo, "driving", unit="course")))
     text = table(rows, best, config)
     print(f"\n{text}")
+    save_run(config, folder)
     (folder / "drivers.md").write_text(text)
     pd.DataFrame([row.row() for row in rows]).to_csv(folder / "drivers.csv", index=False)
     print(f"written: {folder}/drivers.md, drivers.csv, " + ", ".join(f"{n}.yaml" for n in found))

@@ -11,6 +11,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "buggy_rl"
 GROUND = {
     *("keys", "parameters", "vehicle", "similarity", "car_file", "config", "files", "jobs"),
     *("stepping", "kernels", "longitudinal", "realisation", "option_values"),
+    *("trust", "reads", "question", "signed"),
 }
 SIMULATION = GROUND | {"recordings", "models", "engines", "effects", "task"}
 ALLOWED = {  # a part of the package and what it may import of ours, beside itself
@@ -21,10 +22,14 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "longitudinal": set(),
     "realisation": set(),
     "car_file": {"config", "longitudinal", "similarity", "vehicle"},
-    "config": {"option_values"},
+    "config": {"option_values", "trust", "files"},
     "option_values": set(),
+    "trust": set(),
+    "reads": set(),
+    "question": {"reads", "__version__"},
+    "signed": {"files"},
     "files": set(),
-    "jobs": {"files"},
+    "jobs": {"files", "question", "reads"},
     "stepping": set(),
     "kernels": {"config"},
     "run_log": {"files"},

@@ -119,7 +119,7 @@ def test_weights_and_biases_is_told_how_the_run_was_made(tmp_path, monkeypatch):
 
 def test_a_resumed_run_goes_on_in_its_log(tmp_path):
     write(tmp_path, ROWS[:1])
-    write(tmp_path, ROWS[1:], resume=True)
+    write(tmp_path, ROWS[1:], resumed_at=10)
     assert list(read_log(tmp_path, "reward").index) == [10, 20]
     assert [event.step for event in board(tmp_path).Scalars("reward")] == [10, 20]
 
@@ -127,8 +127,8 @@ def test_a_resumed_run_goes_on_in_its_log(tmp_path):
 def test_a_resumed_run_goes_on_in_the_same_run_of_weights_and_biases(tmp_path, monkeypatch):
     monkeypatch.setenv("WANDB_MODE", "disabled")
     identities = []
-    for resume in (False, True, False):
-        write(tmp_path, ROWS[:1], wandb=True, resume=resume)
+    for resumed_at in (None, 10, None):
+        write(tmp_path, ROWS[:1], wandb=True, resumed_at=resumed_at)
         identities.append((tmp_path / "wandb_id.txt").read_text())
     assert identities[0] == identities[1] != identities[2]
 
@@ -138,6 +138,45 @@ def test_a_fresh_run_replaces_the_log_before(tmp_path):
     write(tmp_path, ROWS[:1])
     assert list(read_log(tmp_path, "reward").index) == [10]
     assert [event.step for event in board(tmp_path).Scalars("reward")] == [10]
+
+
+def test_rows_behind_the_checkpoint_that_a_run_goes_on_from_are_not_there_twice(tmp_path):
+    # Killed when the log was written and the checkpoint was not yet, in the middle of a row.
+    write(tmp_path, [*ROWS, {"steps": 30, "reward": 1.0}])
+    with (tmp_path / "csv" / "scalars" / "reward.csv").open("a") as file:
+        file.write("40,1.")
+    write(tmp_path, [*ROWS[1:], {"steps": 30, "reward": 1.0}], resumed_at=10)
+    text = (tmp_path / "csv" / "scalars" / "reward.csv").read_text()
+    assert text == "10,0.5\n20,0.75\n30,1.0\n"
+    assert [event.step for event in board(tmp_path).Scalars("reward")] == [10, 20, 30]
+
+
+def test_files_of_the_users_own_beside_the_log_are_left_alone(tmp_path):
+    write(tmp_path, ROWS)
+    own = [tmp_path / "csv" / "mine.csv", tmp_path / "csv" / "texts" / "notes.txt"]
+    own += [tmp_path / "tensorboard" / "events.out.tfevents.1.mine", tmp_path / "mine.csv"]
+    for file in own:
+        file.write_text("kept")
+    write(tmp_path, ROWS[:1])
+    assert [file.read_text() for file in own] == ["kept"] * 4
+
+
+def test_a_file_of_the_users_own_among_the_metrics_is_refused_by_name(tmp_path):
+    own = tmp_path / "csv" / "scalars" / "lap_times.csv"
+    own.parent.mkdir(parents=True)
+    own.write_text("1,2\n")
+    with pytest.raises(ValueError, match=r"lap_times\.csv is no file of a log .*move it elsewhere"):
+        write(tmp_path, ROWS)
+    assert own.read_text() == "1,2\n"
+    own.rename(tmp_path / "lap_times.csv")
+    write(tmp_path, ROWS)  # the remedy works
+
+
+def test_the_log_that_is_there_stays_until_the_first_row_of_another(tmp_path):
+    write(tmp_path, ROWS)
+    with closing(RunLog(tmp_path, "steps", ABOUT)) as log:
+        log.add(ROWS[0])
+    assert list(read_log(tmp_path, "reward").index) == [10, 20]
 
 
 def test_what_is_not_written_is_dropped(tmp_path):

@@ -12,7 +12,6 @@ import ast
 import dataclasses
 import importlib
 import importlib.util
-import json
 import os
 import signal
 import subprocess
@@ -28,6 +27,8 @@ import yaml
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
+from buggy_rl import trust
+from buggy_rl.files import write_atomically, write_json
 from buggy_rl.option_values import (
     is_list,
     is_text,
@@ -53,10 +54,11 @@ def from_command_line(doc: str | None, schema: str, argv: Sequence[str] | None =
     Raises:
         SystemExit: After `--help`, or with one line about what is wrong with the arguments.
     """
-    argv = list(sys.argv[1:] if argv is None else argv)
+    argv = trust.taken(sys.argv[1:] if argv is None else argv)
     if any(argument in ("-h", "--help") for argument in argv):
         print(f"{(doc or '').strip()}\n\n{OPTIONS}\n")
         print("\n".join(describe(schema)))
+        print(trust.HELP)
         raise SystemExit(0)
     module, _, name = schema.partition(":")
     try:
@@ -303,7 +305,7 @@ def load_named(name: str) -> Any:
     """What is named by `path/to/file.py:attribute` or `package.module:attribute`.
 
     Raises:
-        ValueError: There is no such file or attribute.
+        ValueError: There is no such file, module or attribute.
     """
     place, _, attribute = name.rpartition(":")
     if place.endswith(".py"):
@@ -315,10 +317,19 @@ def load_named(name: str) -> Any:
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     else:
-        module = importlib.import_module(place)
+        module = _module(name, place)
     if not hasattr(module, attribute):
         raise ValueError(f"{name}: {place} has no {attribute!r}")
     return getattr(module, attribute)
+
+
+def _module(name: str, place: str) -> Any:
+    try:
+        return importlib.import_module(place)
+    except ModuleNotFoundError as error:
+        if error.name and (place == error.name or place.startswith(f"{error.name}.")):
+            raise ValueError(f"{name}: there is no module {error.name}") from None
+        raise  # one that it imports is missing
 
 
 def run(main: Callable[[], None]) -> None:
@@ -337,12 +348,25 @@ def run(main: Callable[[], None]) -> None:
         raise SystemExit(f"error: {message}") from None
 
 
-def save_run(config: Any, folder: Path) -> None:
-    """Writes what a run needs to be made again: resolved config, command, commit."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(yaml.safe_dump(plain(config), sort_keys=False))
-    about = {"command": " ".join(sys.argv), "commit": _commit()}
-    (folder / "run.json").write_text(json.dumps(about, indent=2) + "\n")
+def save_run(config: Any, folder: Path, of: str = "") -> None:
+    """Writes what a run needs to be made again: resolved config, command, commit.
+
+    Written together with the result, so that a run which is refused or killed leaves the config of
+    the result that is there.
+
+    Args:
+        config: The run's.
+        folder: Of the result.
+        of: Name of the result, where others with a config of their own lie in the folder.
+    """
+    begin = f"{of}." if of else ""
+    write_atomically(folder / f"{begin}config.yaml", yaml.safe_dump(plain(config), sort_keys=False))
+    write_json(folder / f"{begin}run.json", made_by())
+
+
+def made_by() -> dict[str, str]:
+    """Command and commit of this process."""
+    return {"command": " ".join(sys.argv), "commit": _commit()}
 
 
 def plain(config: Any) -> dict[str, Any]:

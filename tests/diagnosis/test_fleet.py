@@ -40,6 +40,7 @@ def config(cars: Path, **more) -> FleetConfig:
 def test_each_folder_of_the_folder_is_a_car(cars):
     jobs = diagnoses(config(cars, stretches=7, workers=3), Path("diagnose.py"))
     assert [job.name for job in jobs] == ["one", "two words, and a comma"]
+    jobs[1].prepared(1)
     asked = build(DiagnosisConfig, [jobs[1].command[1]])
     assert asked.recordings == [str(cars / "two words, and a comma")]
     assert (asked.stretches, asked.workers) == (7, 0)
@@ -56,9 +57,29 @@ def test_a_recording_that_changed_makes_its_car_alone_refused(cars):
     assert not two.done
 
 
+def test_another_question_is_refused_with_what_differs_and_the_first_one_stays(cars):
+    simulator = cars.parent / "my.py"
+    simulator.write_text("import helper\n")
+    (cars.parent / "helper.py").write_text("MASS = 1\n")
+    question = config(cars, simulator=f"{simulator}:make")
+    one, _ = diagnoses(question, Path("diagnose.py"))
+    one.prepared(1)
+    begun = (one.folder / "question.yaml").read_text()
+    (cars.parent / "helper.py").write_text("MASS = 2\n")
+    again, _ = diagnoses(question, Path("diagnose.py"))
+    with pytest.raises(ValueError, match=r"helper\.py has other content now; use another output"):
+        _ = again.done
+    (cars.parent / "helper.py").write_text("MASS = 1\n")
+    again, _ = diagnoses(config(cars, simulator=f"{simulator}:make", seconds=0.5), Path("d.py"))
+    with pytest.raises(ValueError, match=r"seconds was 1\.0, now 0\.5"):
+        _ = again.done
+    assert (one.folder / "question.yaml").read_text() == begun
+
+
 def test_the_table_has_a_row_for_every_car_also_one_that_failed(cars):
     jobs = diagnoses(config(cars), Path("diagnose.py"))
     for job, status in zip(jobs, ("done", "failed"), strict=True):
+        job.folder.mkdir(parents=True)
         ended = {"status": status, "seconds": 3.0, "last_words": ""}
         (job.folder / OUTCOME).write_text(json.dumps(ended))
     (jobs[0].folder / "diagnosis.json").write_text(json.dumps(ANSWER))

@@ -53,7 +53,8 @@ def test_a_parameter_the_engine_does_not_have_is_refused(tmp_path):
         make_engine(file)
 
 
-def test_parameters_in_a_file_reach_a_users_own_simulator(tmp_path):
+def test_parameters_in_a_file_reach_a_users_own_simulator(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
         "from buggy_rl.engines.single_track import SingleTrackEngine as factory\n"
     )

@@ -72,7 +72,8 @@ def test_ranges_of_a_simulator_file_reach_the_engine_and_its_copies(tmp_path):
     assert engine.with_parameters(TensorDict({}, [3])).declared["mass"].upper == 40.0
 
 
-def test_ranges_reach_a_users_own_simulator(tmp_path):
+def test_ranges_reach_a_users_own_simulator(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
         "from buggy_rl.engines.single_track import SingleTrackEngine as factory\n"
     )

@@ -1,14 +1,16 @@
 import pytest
 
-from buggy_rl.config import build
+from buggy_rl.config import build, plain
 from buggy_rl.identification.study import (
     DataConfig,
+    RunConfig,
     StudyConfig,
     candidates,
     divide,
     file_name,
     model_runs,
 )
+from buggy_rl.models.training import TrainingConfig
 from tests.drives import counting_drive
 
 
@@ -65,7 +67,8 @@ def test_a_model_that_was_trained_on_a_judge_is_refused(tmp_path):
     from buggy_rl.models.factory import ModelConfig, make_model, save_model
 
     (tmp_path / "models").mkdir()
-    model, about = ModelConfig(), {"dt": 0.01, "drives": ["a", "b"], "training": {}}
+    model, training = ModelConfig(), plain(TrainingConfig())
+    about = {"dt": 0.01, "drives": ["a", "b"], "training": training}
     save_model(make_model(model), model, tmp_path / "models" / "mlp.pt", about)
     file = tmp_path / "study.yaml"
     runs = "{MLP: {model: {kind: mlp}}}"
@@ -74,6 +77,17 @@ def test_a_model_that_was_trained_on_a_judge_is_refused(tmp_path):
     assert next(candidates(config, ["c"])).name == "MLP"
     with pytest.raises(ValueError, match=r"was trained on \['b'\], which now judge"):
         next(candidates(config, ["b", "c"]))
+
+
+def test_a_model_of_another_config_is_not_judged_under_its_name(tmp_path):
+    from buggy_rl.models.factory import ModelConfig, make_model, save_model
+
+    config = StudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    model, training = ModelConfig(), {**plain(TrainingConfig()), "epochs": 7}
+    about = {"drives": ["a"], "dt": 0.01, "training": training}
+    save_model(make_model(model), model, tmp_path / "models" / "mlp.pt", about)
+    with pytest.raises(ValueError, match=r"training\.epochs was 7, now 60; train it anew"):
+        next(candidates(config, ["c"]))
 
 
 def test_only_an_existing_model_can_be_chosen(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -273,6 +274,34 @@ def test_a_result_that_nobody_has_taken_is_not_computed_again(tmp_path):
     next(results(called, {"one": (1,)}, calls, 1))
     (other,) = results(called, {"one": (7,)}, calls, 1)  # another call in a folder left behind
     assert other[0] == 7
+
+
+def test_what_lies_in_a_folder_that_was_handed_on_is_not_run(tmp_path):
+    calls, ran = tmp_path / "calls", tmp_path / "ran"
+
+    class Attack:
+        def __reduce__(self):
+            return os.system, (f"touch {ran}",)
+
+    one = calls / "one"
+    next(results(called, {"one": (1,)}, calls, 1))
+    attack = pickle.dumps(Attack())
+    for name in ("result.json", "result.pkl", "call.pkl"):
+        (one / name).write_bytes(attack)
+    with pytest.raises(ValueError, match=r"result\.json is no result of a call: take .* away"):
+        list(results(called, {"one": (1,)}, calls, 1))
+    (one / "result.json").unlink()
+    (found,) = results(called, {"one": (1,)}, calls, 1)
+    assert found[0] == 1
+    assert not ran.exists()
+
+
+def test_a_file_of_the_users_own_in_the_folder_of_a_call_is_left_there(tmp_path):
+    calls = tmp_path / "calls"
+    next(results(called, {"one": (1,)}, calls, 1))
+    (calls / "one" / "notes.txt").write_text("kept")
+    list(results(called, {"one": (7,)}, calls, 1))
+    assert [file.name for file in (calls / "one").iterdir()] == ["notes.txt"]
 
 
 def refuse(number: int) -> int:

@@ -18,6 +18,7 @@ def test_each_seed_is_a_job_of_the_same_config(tmp_path):
     jobs = trainings(config(tmp_path, "ppo.clip=0.3", "resume=true"), Path("train_policy.py"))
     assert [job.folder for job in jobs] == [tmp_path / "seed_3", tmp_path / "seed_4"]
     assert jobs[1].command[2:] == ("seed=4", "ppo.seed=4", f"output={tmp_path / 'seed_4'}")
+    jobs[0].prepared(1)
     shared = build(PolicyRunConfig, [jobs[0].command[1]])
     assert shared.ppo.clip == 0.3
     assert not shared.resume  # a job resumes by itself where there is a checkpoint
@@ -33,9 +34,13 @@ def test_where_it_runs_is_no_part_of_a_training(tmp_path):
 def test_another_config_in_the_same_folder_is_refused(tmp_path):
     (first, _) = trainings(config(tmp_path), Path("train_policy.py"))
     first.prepared(1)
+    begun = (tmp_path / "seeds.yaml").read_text()
     (again, _) = trainings(config(tmp_path, "ppo.clip=0.3"), Path("train_policy.py"))
-    with pytest.raises(ValueError, match=r"before .*seeds.yaml had changed"):
+    with pytest.raises(ValueError, match=r"seed_3 answers .*: ppo.clip was 0.2, now 0.3; use"):
         _ = again.done
+    assert (tmp_path / "seeds.yaml").read_text() == begun
+    (same, _) = trainings(config(tmp_path, "threads=2"), Path("train_policy.py"))
+    assert not same.done
 
 
 def test_a_seed_that_stands_there_twice_is_refused():

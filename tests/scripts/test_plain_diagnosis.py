@@ -9,10 +9,20 @@ import pandas as pd
 import pytest
 import yaml
 
+from buggy_rl.diagnosis import pipeline
+from buggy_rl.diagnosis.joint import joint_search
 from buggy_rl.engines import make_engine
 from buggy_rl.recordings import save_recording
 from tests.diagnosis.planted import planted_drives
 
+KEPT = (
+    "diagnosis.json",
+    "repaired.yaml",
+    "report.html",
+    "config.yaml",
+    "run.json",
+    "stages/mine.pt",
+)
 SIMULATOR = "tests/plain_env.py:make_quick"
 
 
@@ -74,3 +84,63 @@ def test_it_stands_in_the_table_of_simulators_with_and_without_its_repair(
     )
     table = pd.read_csv(tmp_path / "table.csv").set_index("simulator")["position_mse_1s"]
     assert table["repaired"] < 0.1 * table["plain"]
+
+
+OWN = """
+from helper import DELAY
+from tests.plain_env import make_quick as make
+"""
+
+
+def test_an_interrupted_diagnosis_whose_simulator_was_edited_begins_anew(
+    run_script, folder, tmp_path, monkeypatch, capsys
+):
+    own, output = tmp_path / "own", tmp_path / "out"
+    own.mkdir()
+    (own / "mine.py").write_text(OWN)
+    (own / "helper.py").write_text("DELAY = 1\n")
+    monkeypatch.syspath_prepend(str(own))
+    (output / "stages").mkdir(parents=True)
+    kept = {name: f"of another question: {name}" for name in KEPT}
+    for name, text in kept.items():
+        (output / name).write_text(text)
+    searched = []
+
+    def search(*arguments, **options):
+        searched.append(1)
+        return joint_search(*arguments, **options)
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    def run(*more):
+        capsys.readouterr()
+        run_script("diagnose", f"simulator={own}/mine.py:make", f"recordings=[{folder}]",
+                   f"output={output}", "effects=[steering_dead_time]", "stretches=8", "minutes=0",
+                   *more)  # fmt: skip
+
+    monkeypatch.setattr(pipeline, "joint_search", search)
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline, "answered", interrupted)
+        for content, more, said, searches in (
+            ("DELAY = 1\n", (), "", 1),
+            ("DELAY = 1\n", ("workers=1", "threads=1"), "", 1),  # it goes on
+            ("DELAY = 2\n", (), "helper.py has other content now", 2),
+            ("DELAY = 2\n", ("seconds=0.9",), "seconds was 1.0, now 0.9", 3),
+            ("DELAY = 1\n", (), "", 3),  # what was kept first
+        ):
+            (own / "helper.py").write_text(content)
+            with pytest.raises(KeyboardInterrupt):
+                run(*more)
+            out = capsys.readouterr()
+            assert ("begun anew" in out.out + out.err) == bool(said)
+            assert said in out.out + out.err
+            assert len(searched) == searches
+            assert {name: (output / name).read_text() for name in kept} == kept
+    run()
+    assert len(searched) == 3
+    config = yaml.safe_load((output / "config.yaml").read_text())
+    assert config["simulator"] == f"{own}/mine.py:make"
+    assert json.loads((output / "diagnosis.json").read_text())["effects"]
+    assert [file.name for file in (output / "stages").iterdir()] == ["mine.pt"]
+    assert (output / "stages" / "mine.pt").read_text() == kept["stages/mine.pt"]

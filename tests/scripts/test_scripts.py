@@ -199,3 +199,68 @@ def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
     assert config.ppo.steps < ours.ppo.steps
     assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours
     assert replace(config.ppo, steps=ours.ppo.steps) == ours.ppo
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> list[str]:
+    """A study of one model, on recordings of its own."""
+    for number in range(3):
+        name = f"sample_{number:02d}.csv"
+        lines = (ROOT / "data" / "sample" / name).read_text().splitlines(keepends=True)
+        (tmp_path / "drives").mkdir(exist_ok=True)
+        (tmp_path / "drives" / name).write_text("".join(lines[:400]))
+    data = yaml.safe_load(STUDY)["data"] | {"recordings": [str(tmp_path / "drives")]}
+    content = {**yaml.safe_load(STUDY), "data": data}
+    content["runs"]["MLP"]["preparations"] = ["raw"]
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(content))
+    return [str(tmp_path / "study.yaml"), f"output={tmp_path / 'out'}"]
+
+
+def interrupted(*_) -> None:
+    """In place of what ends a training."""
+    raise KeyboardInterrupt
+
+
+def test_a_stopped_training_goes_on_with_the_same_question_alone(
+    run_here, small, tmp_path, monkeypatch
+):
+    models = tmp_path / "out" / "models"
+    with monkeypatch.context() as patched:
+        patched.setattr("buggy_rl.models.factory.save_model", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_here("train_models", *small)
+    assert sorted(file.name for file in models.glob("*.*")) == ["mlp__raw.checkpoint"]
+    for name, (was, now) in {
+        "epochs": (2, 3), "learning_rate": (0.002, 0.1), "batch_size": (256, 16), "seed": (0, 5),
+    }.items():  # fmt: skip
+        said = f"training.{name} was {was}, now {now}; fresh=true trains it again"
+        with pytest.raises(SystemExit, match=rf"mlp__raw\.checkpoint answers .*: {said}"):
+            run_here("train_models", *small, f"runs.MLP.training.{name}={now}")
+    run_here("train_models", *small)
+    assert list(read_log(models / "mlp__raw", "epoch")) == [1, 2]
+    assert (models / "mlp__raw.pt").is_file()
+    run_here("train_models", *small, "runs.MLP.training.epochs=3", "fresh=true")
+    config = yaml.safe_load((models / "mlp__raw" / "config.yaml").read_text())
+    assert config["training"]["epochs"] == 3
+
+
+def test_a_model_of_other_recordings_of_the_same_names_is_not_taken(
+    run_here, small, tmp_path, capsys
+):
+    run_here("train_models", *small)
+    model, config = tmp_path / "out" / "models" / "mlp__raw.pt", tmp_path / "out" / "models"
+    before = model.read_bytes(), (config / "config.yaml").read_text()
+    first = tmp_path / "drives" / "sample_00.csv"
+    lines = first.read_text().splitlines(keepends=True)
+    first.write_text("".join(lines[:350]))
+    with pytest.raises(SystemExit, match="recording sample_00 has other content now; fresh=true"):
+        run_here("train_models", *small, "windows=10")
+    assert before == (model.read_bytes(), (config / "config.yaml").read_text())
+    first.write_text("".join(lines))
+    capsys.readouterr()
+    run_here("train_models", *small)
+    assert "is there already" in capsys.readouterr().out
+    first.write_text("".join(lines[:350]))
+    run_here("train_models", *small, "fresh=true")  # the remedy
+    run_here("train_models", *small)
+    assert "is there already" in capsys.readouterr().out

@@ -61,6 +61,71 @@ def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path)
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
+OWN = """
+from buggy_rl.engines.kinematic import KinematicEngine
+from helper import DELAY
+
+
+def make(batch_size, device):
+    return KinematicEngine(batch_size, device)
+"""
+
+
+@pytest.fixture
+def simulator(tmp_path, monkeypatch):
+    """A user's own, of two files."""
+    (tmp_path / "mine.py").write_text(OWN)
+    (tmp_path / "helper.py").write_text("DELAY = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield f"engine.simulator={tmp_path}/mine.py:make"
+    sys.modules.pop("helper", None)
+
+
+def test_a_run_is_not_resumed_with_another_question(train, tmp_path, simulator):
+    output = f"output={tmp_path / 'run'}"
+    train(output, simulator, f"ppo.steps={BATCH}", "validations=1")
+    files = {file: file.read_bytes() for file in (tmp_path / "run").rglob("*") if file.is_file()}
+    longer = (output, simulator, f"ppo.steps={2 * BATCH}", "validations=1", "resume=true")
+    for more, said in {
+        "engine.simulator=kinematic": "engine.simulator was mine.py:make, now kinematic",
+        "ppo.learning_rate=0.1": "ppo.learning_rate was 0.003, now 0.1",
+        "seed=7": "seed was 0, now 7",
+        "ppo.schedule=linear": "ppo.schedule was constant, now linear",
+        "task.transforms.command.name=rate_limit": "task.transforms.command.name was none, now ra",
+    }.items():
+        with pytest.raises(SystemExit, match=f"checkpoint.pt answers another question: .*{said}"):
+            train(*longer, more)
+    (tmp_path / "helper.py").write_text("DELAY = 2\n")
+    with pytest.raises(SystemExit, match=r"helper\.py has other content now; resume with the set"):
+        train(*longer)
+    # Nothing in the folder has changed: what is there belongs together.
+    assert files == {file: file.read_bytes() for file in files}
+    (tmp_path / "helper.py").write_text("DELAY = 1\n")
+    train(*longer, "threads=1")
+    assert load_policy(tmp_path / "run" / "last.pt")[1]["steps"] == 2 * BATCH
+
+
+def test_a_run_that_ends_before_its_first_policy_leaves_the_one_that_is_there(train, tmp_path):
+    train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1")
+    kept = {name: (tmp_path / name).read_bytes() for name in ("best.pt", "config.yaml", "run.json")}
+    with pytest.raises(SystemExit, match="loss is nan"):
+        train(f"output={tmp_path}", f"ppo.steps={8 * BATCH}", "validations=1",
+              "ppo.learning_rate=1e38")  # fmt: skip
+    assert kept == {name: (tmp_path / name).read_bytes() for name in kept}
+    train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1", "seed=5")
+    assert yaml.safe_load((tmp_path / "config.yaml").read_text())["seed"] == 5
+    assert load_policy(tmp_path / "best.pt")[1]["config"]["seed"] == 5
+
+
+def test_files_of_the_users_own_in_the_output_are_left_alone(train, tmp_path):
+    (tmp_path / "csv").mkdir()
+    (tmp_path / "csv" / "laps.csv").write_text("1,2\n")
+    for _ in range(2):
+        train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1")
+    assert (tmp_path / "csv" / "laps.csv").read_text() == "1,2\n"
+    assert list(logged(tmp_path, "reward")) == [BATCH]
+
+
 def test_there_must_be_something_to_resume(train, tmp_path):
     with pytest.raises(SystemExit, match="no checkpoint"):
         train(f"output={tmp_path}", "resume=true")

@@ -9,6 +9,7 @@ import yaml
 from buggy_rl.config import build, from_plain
 from buggy_rl.identification.study import DataConfig, RunConfig, StudyConfig
 from buggy_rl.jobs import run_jobs
+from buggy_rl.models.training import TrainingConfig
 from buggy_rl.study.config import PolicyStage, WholeStudyConfig
 from buggy_rl.study.stages import Plan
 from tests.study import made
@@ -99,6 +100,28 @@ def test_the_shipped_config_is_a_study_of_its_own():
     options = ["data.recordings=[data/sample]", "output=x"]
     found = build(WholeStudyConfig, [str(SCRIPTS.parent / "configs" / "study.yaml"), *options])
     assert set(found.only) == set(found.runs)
+
+
+def test_a_finished_stage_of_another_question_is_refused_with_what_differs(config):
+    def first_wave(config, recordings):
+        return next(iter(Plan(config, ["held_out.csv"], SCRIPTS, recordings).waves()))
+
+    read = {"content of recording one": "abc"}
+    for stage in first_wave(config, read):
+        stage.job.prepared(1)
+    longer = replace(
+        config, runs={**config.runs, "MLP": RunConfig(training=TrainingConfig(epochs=3))}
+    )
+    models, fit = first_wave(longer, read)
+    with pytest.raises(ValueError, match=r"runs\.MLP\.training\.epochs was 60, now 3; use another"):
+        _ = models.job.done
+    assert not fit.job.done  # it does not depend on it
+    models, fit = first_wave(config, {"content of recording one": "other"})
+    for stage in (models, fit):
+        with pytest.raises(ValueError, match="recording one has other content now"):
+            _ = stage.job.done
+    models, _ = first_wave(replace(config, windows=20, threads=2), read)
+    assert not models.job.done
 
 
 def test_a_finished_stage_is_not_run_again(tmp_path, config):

@@ -8,9 +8,10 @@ import torch
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import acting, driven, plant_of, plant_parameters
 from buggy_rl.blind_test.recorded import save_drives
-from buggy_rl.blind_test.sealing import CaseStore
+from buggy_rl.blind_test.sealing import INPUTS, CaseStore
 from buggy_rl.diagnosis.manoeuvre_drives import TIMES
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES, Manoeuvre
+from buggy_rl.files import clear_folder
 from buggy_rl.policies.controllers.replay import Replay
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -45,7 +46,7 @@ def drive_again(store: CaseStore, case: Case) -> int:
     Returns 1, the number of cases.
     """
     inputs, folder = store.inputs(case.id), store.inputs(again(case))
-    shutil.rmtree(folder, ignore_errors=True)
+    clear_folder(folder, INPUTS)
     shutil.copytree(inputs, folder, ignore=shutil.ignore_patterns("question.yaml"))
     pose = torch.zeros(TIMES, 3)  # in the middle, headings spread around the compass
     pose[:, 2] = torch.arange(TIMES) * 2 * torch.pi / TIMES - torch.pi

@@ -7,7 +7,6 @@ no published score.
 
 import gzip
 import json
-import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -19,14 +18,14 @@ from omegaconf import MISSING
 from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
-from buggy_rl.blind_test.sealing import CaseStore, seal
+from buggy_rl.blind_test.sealing import HELD_OUT, INPUTS, CaseStore, seal
 from buggy_rl.diagnosis.case import Case as Opened
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.joint import JointSearch, joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import opened
 from buggy_rl.effects import EFFECTS
-from buggy_rl.files import write_json
+from buggy_rl.files import clear_folder, write_json
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.plants import abilities
 
@@ -109,8 +108,8 @@ def developed(
         if not line_file(store, case).exists():
             write_json(line_file(store, case), _line(store, effects, case))
     for case in cases:
-        shutil.rmtree(store.inputs(case.id), ignore_errors=True)
-        shutil.rmtree(store.held_out(case.id), ignore_errors=True)
+        clear_folder(store.inputs(case.id), INPUTS)
+        clear_folder(store.held_out(case.id), HELD_OUT)
         store.truth(case.id).unlink(missing_ok=True)
     return [json.loads(line_file(store, case).read_text()) for case in cases]
 

@@ -29,11 +29,17 @@ from buggy_rl.blind_test.simulators import (
     question,
     simulator_content,
 )
-from buggy_rl.files import write_atomically
+from buggy_rl.files import clear_folder, write_atomically
 from buggy_rl.jobs import OUTCOME
 from buggy_rl.longitudinal import ONE_WAY
 from buggy_rl.recordings import save_command
 
+# Files of a case, in the folders of what the diagnosis is given and of what judges it.
+INPUTS = (
+    *("question.yaml", "simulator.yaml", MODEL, CAR, COLUMNS),
+    *("recordings/drive_*.csv", "recordings/manoeuvre_*.csv", "baseline/drive_*.csv"),
+)
+HELD_OUT = ("drive_*.csv",)
 TOGETHER = 16  # cases that are driven in one batch
 
 
@@ -152,7 +158,7 @@ def seal(
         text = question(case, effects, segments)
         (store.inputs(case.id) / "question.yaml").write_text(text)
         held_out = store.held_out(case.id)
-        shutil.rmtree(held_out, ignore_errors=True)
+        clear_folder(held_out, HELD_OUT)
         numbers = {f"drive_{n}": n for n in range(case.drives, case.drives + case.held_out)}
         save_drives(case, motion.changed[case.drives :], held_out, numbers)
         # Last: a case whose sealed file is there is complete.
@@ -201,7 +207,7 @@ def _sealed_text(case: Case, secret: str) -> str:
 
 def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:
     folder = store.inputs(case.id)
-    shutil.rmtree(folder, ignore_errors=True)
+    clear_folder(folder, INPUTS)
     numbers = {f"drive_{n}": n for n in range(case.drives)}
     save_drives(case, motion.changed[: case.drives], folder / "recordings", numbers)
     if motion.clean is not None:

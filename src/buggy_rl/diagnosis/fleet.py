@@ -15,9 +15,9 @@ import yaml
 
 from buggy_rl.config import plain
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.files import write_atomically
 from buggy_rl.jobs import Job, read_outcome
 from buggy_rl.jobs.launching import Launching
+from buggy_rl.question import question
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,19 @@ def _diagnosis(config: FleetConfig, car: Path, script: Path) -> Job:
     folder = Path(config.output) / car.name
     # Cores are the launcher's to give: what a car's rollouts are divided among changes no answer.
     own = replace(config.single, recordings=[str(car)], output=str(folder), workers=0)
-    question = folder / "question.yaml"
-    write_atomically(question, yaml.safe_dump(plain(own), sort_keys=False))
-    inputs = (question, Path(config.simulator), *sorted(f for f in car.rglob("*") if f.is_file()))
-    files = tuple(str(file) for file in inputs if file.is_file())
-    return Job(car.name, folder, (str(script), str(question)), inputs=files)
+    file = folder / "question.yaml"
+    return Job(
+        car.name,
+        folder,
+        (str(script), str(file)),
+        inputs=tuple(str(f) for place in (car, *map(Path, own.baseline)) for f in _files(place)),
+        question=question(own, ignoring=("output", "threads", "workers", "recordings")),
+        texts={file: yaml.safe_dump(plain(own), sort_keys=False)},
+    )
+
+
+def _files(place: Path) -> list[Path]:
+    return [place] if place.is_file() else sorted(f for f in place.rglob("*") if f.is_file())
 
 
 def rows(jobs: Sequence[Job]) -> list[dict[str, Any]]:

@@ -101,7 +101,7 @@ def diagnose(
     name, count = simulator_name(config.simulator), config.workers
     if callable(config.simulator):  # no other process finds it, and no file tells what it does
         kept, count = None, 1
-    stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
+    stages, meter = Stages(kept, config, recordings, baseline), Meter(show, progress)
     progress("looking at drives and simulator")
     notes = _preflight(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
@@ -147,7 +147,7 @@ def opened(
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
     simulation, library, _ = _measured(config, simulation, own=not baseline)
-    stages, drives = Stages(None, config, ()), (recordings, baseline)
+    stages, drives = Stages(None, config), (recordings, baseline)
     return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
 

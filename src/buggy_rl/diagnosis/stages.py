@@ -1,20 +1,22 @@
 """Stages of a diagnosis that are kept, so that an interrupted one goes on where it stopped."""
 
-import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+import re
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-import torch
-
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.files import save_torch
+from buggy_rl.files import remove_folder
+from buggy_rl.question import Question, contents, difference, key, question, schema
 from buggy_rl.recordings import Recording
+from buggy_rl.signed import is_own, load_signed, save_signed
 
 FOLDER = "stages"  # in the folder of the answer
-IRRELEVANT = ("output", "threads", "workers")  # of the question: they change no answer
-SOURCE = Path(__file__).parents[1]  # of the package: other code, other answers
+SCHEMA = 1  # of what is kept: raised when other code would not go on from it
+ASKED = "asked"  # name of the question's own file
+# Of the config: these change no answer, or are in the recordings that were read.
+IGNORED = ("output", "threads", "workers", "recordings", "baseline", "columns")
+CUT = re.compile(r"_[0-9a-f]{16}\.pt\.partial$")  # a stage that was being written
 
 Result = TypeVar("Result")
 
@@ -25,39 +27,63 @@ class Stages:
     Args:
         folder: Where they are kept; None keeps nothing.
         config: The question.
-        drives: All recordings, those of the baseline too.
+        recordings: That the simulator should have predicted.
+        baseline: On which it was right.
     """
 
     def __init__(
-        self, folder: Path | None, config: DiagnosisConfig, drives: Sequence[Recording]
+        self,
+        folder: Path | None,
+        config: DiagnosisConfig,
+        recordings: Sequence[Recording] = (),
+        baseline: Sequence[Recording] = (),
     ) -> None:
         self.folder = folder
-        self.key = "" if folder is None else _key(config, drives)
+        self._asked = {} if folder is None else asked(config, recordings, baseline)
 
     def done(self, name: str, compute: Callable[[], Result]) -> Result:
         """The result of a stage: read if it was computed before, else computed and kept."""
         if self.folder is None:
             return compute()
-        file = self.folder / f"{name}_{self.key}.pt"
-        if file.exists():
-            # Written by this very code, in a folder of the user's own.
-            return torch.load(file, weights_only=False)
+        file = _file(self.folder, name, self._asked)
+        if is_own(file):  # else a pickle of somebody else's
+            return load_signed(file)
         result = compute()
-        save_torch(file, result)
+        save_signed(_file(self.folder, ASKED, self._asked), self._asked)
+        save_signed(file, result)
         return result
 
 
-def _key(config: DiagnosisConfig, drives: Sequence[Recording]) -> str:
-    """Of the question, the drives, the simulator's files and the package itself."""
-    digest = hashlib.sha256()
-    asked = {k: v for k, v in asdict(config).items() if k not in IRRELEVANT}
-    digest.update(repr(asked).encode())
-    for drive in drives:
-        digest.update(drive.name.encode())
-        for name, value in sorted(drive.data.items()):
-            digest.update(name.encode() + value.contiguous().numpy().tobytes())
-    simulator = Path(config.simulator.rpartition(":")[0] or config.simulator)
-    files = [*sorted(SOURCE.rglob("*.py")), *([simulator] if simulator.is_file() else [])]
-    for file in files:
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+def asked(
+    config: DiagnosisConfig, recordings: Sequence[Recording], baseline: Sequence[Recording]
+) -> Question:
+    """The question, with the content of recordings and of all files of the simulator."""
+    own = question(config, recordings, IGNORED, schema=schema(SCHEMA))
+    return own | contents(baseline, "baseline recording")
+
+
+def begun_otherwise(folder: Path, now: Question) -> str:
+    """Why a diagnosis does not go on from what is kept in a folder; empty if it does."""
+    kept = sorted(_own(folder, f"{ASKED}_*.pt"), key=lambda file: file.stat().st_mtime)
+    if not kept:
+        foreign = next(folder.glob(f"{ASKED}_*.pt"), None)
+        return f"{foreign} was not written by this user on this machine" if foreign else ""
+    if _file(folder, ASKED, now) in kept:
+        return ""
+    return difference(load_signed(kept[-1]), now)
+
+
+def clear(folder: Path) -> None:
+    """Takes away what was kept, and the folder if nothing else is in it."""
+    for file in [*_own(folder, "*.pt"), *folder.glob("*.partial")]:
+        if file.suffix == ".pt" or CUT.search(file.name):
+            file.unlink()
+    remove_folder(folder)
+
+
+def _file(folder: Path, name: str, now: Question) -> Path:
+    return folder / f"{name}_{key(now)}.pt"
+
+
+def _own(folder: Path, pattern: str) -> Iterator[Path]:
+    return (file for file in folder.glob(pattern) if is_own(file))

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from buggy_rl import trust
 from buggy_rl.config import load_named
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.option_values import nearest
@@ -104,11 +105,15 @@ def effect_class(name: str) -> type["Effect"]:
     """The class of a name in `STACK` or `CORRECTIONS`, or of one's own as `path/file.py:Class`.
 
     Raises:
-        ValueError: There is none; the message lists the known ones.
+        ValueError: There is none (the message lists the known ones), or it is no effect.
     """
+    from buggy_rl.effects.base import Effect
+
     refuse_unknown([name])
     named = {**EFFECTS, **{n: place for n, (place, _, _) in OF_A_COMMAND.items()}, **CORRECTIONS}
-    return load_named(named.get(name, name))
+    found = load_named(named.get(name, name))
+    trust.refuse_other_class(found, Effect, name)
+    return found
 
 
 def refuse_unknown(names: Iterable[str]) -> None:

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
+from buggy_rl.files import load_torch
 
 INPUTS = 8  # vx, vy, yaw_rate, throttle, steering, and the engine's ax, ay, yaw acceleration
 FORMAT = "buggy_rl residual acceleration 1"
@@ -66,7 +67,7 @@ class ResidualNetwork(nn.Module):
                 f"there is no correction {file}: it is written beside repaired.yaml by "
                 "scripts/diagnose.py with baseline=; keep both together"
             )
-        content = torch.load(file, map_location="cpu", weights_only=True)
+        content = load_torch(file)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise ValueError(f"{file} is no correction written by scripts/diagnose.py")
         network = cls(content["width"])

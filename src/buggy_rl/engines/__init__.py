@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from buggy_rl import trust
 from buggy_rl.config import load_named
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
@@ -129,11 +130,13 @@ def _users_own(simulator: str | Factory, batch_size, device, parameters, options
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
     import torch
     from tensordict import TensorDict
+    from torchrl.envs import EnvBase
 
     from buggy_rl.engines.serial import in_batch
     from buggy_rl.engines.single_precision import in_single_precision
 
     factory = load_named(simulator) if isinstance(simulator, str) else simulator
+    trust.refuse_other_factory(factory, EnvBase, name)
     try:
         inspect.signature(factory).bind(batch_size, device)
     except TypeError as error:
@@ -168,7 +171,8 @@ def read_simulator(file: Path) -> dict[str, Any]:
     `ranges` of parameters become an option, since engines take them as one.
 
     Raises:
-        ValueError: There is no such file, or it is none of a simulator.
+        ValueError: There is no such file, it is none of a simulator, or it names code that is not
+            to be run (`trust`).
     """
     if not file.is_file():
         raise ValueError(f"there is no simulator file {file}")
@@ -199,6 +203,8 @@ def read_simulator(file: Path) -> dict[str, Any]:
         else values
         for name, values in result["effects"].items()
     }
+    for name in (result["engine"], *result["effects"]):
+        trust.refuse_foreign(str(name), file)
     return result
 
 

@@ -8,12 +8,13 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from buggy_rl.config import belongs_to
+from buggy_rl.config import belongs_to, plain
 from buggy_rl.engines import ENGINES, as_car
 from buggy_rl.identification.least_squares import FitConfig
 from buggy_rl.identification.table import Candidate
-from buggy_rl.models.factory import ModelConfig, load_model
+from buggy_rl.models.factory import ModelConfig, load_about, load_model
 from buggy_rl.models.training import TrainingConfig
+from buggy_rl.question import question, refuse_another
 from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.filters import Preparation
 from buggy_rl.recordings.notes import doubtful
@@ -195,11 +196,15 @@ def candidates(config: StudyConfig, held_out: Collection[str]) -> Iterator[Candi
     """Every simulator that the study's table compares; `held_out` names the drives that judge.
 
     Raises:
-        ValueError: A model has not been trained, or was trained on a drive that judges.
+        ValueError: A model has not been trained, with another config, or on a drive that judges.
     """
     held_out = set(held_out)
-    for name, _, training in model_runs(config):
-        model, about = load_model(model_file(config, name))
+    for name, kind, training in model_runs(config):
+        file = model_file(config, name)
+        model, about = load_model(file)
+        was = question({"model": load_about(file)[0], "training": about["training"]})
+        now = question({"model": plain(kind), "training": plain(training)})
+        refuse_another(was, now, str(file), "train it anew (train_models.py, fresh=true)")
         leaked = sorted(set(about["drives"]) & held_out)
         if leaked:
             raise ValueError(f"{name} was trained on {leaked}, which now judge: train it anew")

@@ -1,5 +1,7 @@
 """Calls the function that lies in a job's folder: python -m buggy_rl.jobs.call FOLDER."""
 
+import json
+import os
 import pickle
 import sys
 from pathlib import Path
@@ -13,7 +15,7 @@ def main(folder: Path) -> None:
     path, call = pickle.loads((folder / CALL).read_bytes())
     sys.path += [place for place in path if place not in sys.path]
     function, arguments = pickle.loads(call)
-    write_atomically(folder / RESULT, pickle.dumps(function(*arguments)))
+    write_atomically(folder / RESULT, json.dumps(function(*arguments), default=os.fspath))
 
 
 if __name__ == "__main__":

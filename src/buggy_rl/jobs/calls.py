@@ -1,20 +1,22 @@
 """Functions called in processes of their own, as jobs: arguments and result lie in files."""
 
 import hashlib
+import json
 import pickle
-import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.files import write_atomically
+from buggy_rl.files import remove_folder, write_atomically
 from buggy_rl.jobs.job import RECORD, Job
 from buggy_rl.jobs.launching import Launching
-from buggy_rl.jobs.process import DONE
+from buggy_rl.jobs.process import DONE, LOCK, LOG, OUTCOME, STOP
 from buggy_rl.jobs.running import LOCAL, run_jobs
 
-CALL, RESULT = "call.pkl", "result.pkl"
+CALL, RESULT = "call.pkl", "result.json"
+# Files of a call's folder; earlier versions wrote a result that ran code when it was read.
+OWN = (CALL, RESULT, "result.pkl", RECORD, OUTCOME, LOG, LOCK, STOP)
 
 
 def results(
@@ -30,7 +32,8 @@ def results(
     taken. A result that is there from an interrupted run is taken without a call.
 
     Args:
-        function: Can be pickled, and so can its result.
+        function: Can be pickled; its result is plain values, as JSON has them; a path becomes
+            its name.
         calls: A name of each call, which names its folder, and its arguments, which can be pickled
             and whose `repr` says what they are.
         folder: Of the calls.
@@ -48,8 +51,7 @@ def results(
     for progress in run_jobs(left, workers, launching):
         if progress.outcome and progress.outcome.status == DONE:
             yield from _taken(progress.job)
-    if folder.exists() and not any(folder.iterdir()):
-        folder.rmdir()
+    remove_folder(folder)
 
 
 def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path) -> Job:
@@ -59,8 +61,10 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
     digest = hashlib.sha256(said.encode()).hexdigest()
     job = Job(name, own, ("-m", "buggy_rl.jobs.call", str(own.resolve()), digest))
     if own.exists() and not ((own / RECORD).exists() and digest in (own / RECORD).read_text()):
-        shutil.rmtree(own)
-    if not (own / CALL).exists():
+        remove_folder(own, OWN)
+    if not (own / RESULT).exists():
+        (own / OUTCOME).unlink(missing_ok=True)
+        # Also where one is there: it would be run, whoever wrote it.
         content = pickle.dumps((list(sys.path), pickle.dumps((function, arguments))))
         write_atomically(own / CALL, content)
     return job
@@ -68,5 +72,10 @@ def _job(function: Callable[..., Any], name: str, arguments: tuple, folder: Path
 
 def _taken(job: Job) -> Iterator[Any]:
     """The result; its folder goes when the receiver asks for the next one, so has kept it."""
-    yield pickle.loads((job.folder / RESULT).read_bytes())
-    shutil.rmtree(job.folder)
+    file = job.folder / RESULT
+    try:
+        result = json.loads(file.read_text())
+    except ValueError as error:
+        raise ValueError(f"{file} is no result of a call: take {job.folder} away") from error
+    yield result
+    remove_folder(job.folder, OWN)

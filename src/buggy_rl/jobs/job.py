@@ -3,14 +3,18 @@
 import hashlib
 import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from buggy_rl.files import write_json
+from buggy_rl.files import write_atomically, write_json
 from buggy_rl.jobs.process import OUTCOME, Command, read_outcome
+from buggy_rl.question import refuse_another
+from buggy_rl.reads import files_read
 
 RECORD = "job.json"
+REMEDY = "use another output, or move the folder away"
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,12 @@ class Job:
     """Whether any outcome counts, also a failure. Otherwise a failed job is run again, and one
     whose command or inputs have changed is refused."""
     inputs: tuple[str, ...] = ()
-    """Files that the result depends on."""
+    """Files that the result depends on, with those that they name or import in turn."""
+    question: Mapping[str, Any] = field(default_factory=dict)
+    """What it depends on beside its command, by name (`buggy_rl.question`)."""
+    texts: Mapping[Path, str] = field(default_factory=dict)
+    """Files that it reads and that are written when it begins, not before it is known whether it
+    is refused."""
     work: int = 1
     """Weight in the progress of several jobs."""
     checkpoint: str = ""
@@ -42,7 +51,8 @@ class Job:
         """Whether the job needs no further run.
 
         Raises:
-            ValueError: It was begun with another command, or its inputs have changed since.
+            ValueError: It was begun with another command or question, or its inputs have changed
+                since; the message says what.
         """
         outcome = read_outcome(self.folder)
         if self.final:
@@ -53,13 +63,16 @@ class Job:
         if record["command"] != self.recorded:
             raise ValueError(
                 f"{self.folder} was begun by {' '.join(record['command'])!r}, now wanted is "
-                f"{' '.join(self.recorded)!r}: use another output, or move the folder away"
+                f"{' '.join(self.recorded)!r}: {REMEDY}"
             )
-        if changed := [name for name, was in record["inputs"].items() if digest(name) != was]:
+        # Earlier versions recorded a file by itself, without what it names.
+        inputs = record["inputs"].items()
+        if changed := [n for n, was in inputs if was not in (digest(n), _of_file(Path(n)))]:
             raise ValueError(
-                f"{self.folder} was begun before {', '.join(changed)} had changed: use another "
-                "output, or move the folder away"
+                f"{self.folder} was begun before {', '.join(changed)} had changed: {REMEDY}"
             )
+        if record.get("question") and self.question:  # an earlier version's record has none
+            refuse_another(record["question"], dict(self.question), str(self.folder), REMEDY)
         # Before there was an outcome.json, job.json said whether a job was done.
         return outcome.get("status") == "done" or record.get("done", False)
 
@@ -73,7 +86,10 @@ class Job:
         (self.folder / OUTCOME).unlink(missing_ok=True)
         if not self.final:
             inputs = {name: digest(name) for name in self.inputs}
-            write_json(self.folder / RECORD, {"command": self.recorded, "inputs": inputs})
+            record = {"command": self.recorded, "inputs": inputs}
+            write_json(self.folder / RECORD, {**record, "question": dict(self.question)})
+        for file, text in self.texts.items():
+            write_atomically(file, text)
         cwd = Path.cwd() if self.cwd is None else self.cwd.resolve()
         folder = self.folder.resolve()
         return Command(folder, self.command, cwd, self.limit, self.checkpoint, cores)
@@ -84,6 +100,15 @@ class Job:
         return [Path(self.command[0]).name, *self.command[1:]]
 
 
-def digest(file: str) -> str:
-    """SHA-256 of a file's content; empty where there is no such file."""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
+def digest(name: str) -> str:
+    """SHA-256 of a file's content, and of all that it names or imports; empty without a file.
+
+    Args:
+        name: A file, or `path/to/file.py:attribute`.
+    """
+    each = [_of_file(file) for file in files_read(name) or [Path(name)]]
+    return each[0] if len(each) == 1 else hashlib.sha256("".join(sorted(each)).encode()).hexdigest()
+
+
+def _of_file(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""

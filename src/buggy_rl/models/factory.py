@@ -4,10 +4,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from buggy_rl.config import belongs_to, load_named
-from buggy_rl.files import save_torch
+from buggy_rl.files import load_torch, save_torch
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.models import MODELS
 from buggy_rl.models.base import DynamicsModel
@@ -75,7 +73,7 @@ def load_model(file: Path | str) -> tuple[DynamicsModel, dict]:
 def _read(file: Path | str) -> dict:
     if not Path(file).is_file():
         raise ValueError(f"there is no model file {file}; train one with scripts/train_models.py")
-    content = torch.load(file, map_location="cpu", weights_only=True)
+    content = load_torch(file)
     if not isinstance(content, dict) or not {"model", "weights", "about"} <= set(content):
         raise ValueError(f"{file} was not written by scripts/train_models.py")
     return content

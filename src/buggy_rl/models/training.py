@@ -6,7 +6,7 @@ on its own states, and its velocities and poses are compared with the recording.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import torch
@@ -17,6 +17,7 @@ from buggy_rl.models.base import DynamicsModel
 from buggy_rl.models.ensemble import Ensemble
 from buggy_rl.models.losses import one_step_loss, rollout_loss
 from buggy_rl.models.normalisation import fit_normalisation
+from buggy_rl.question import Question, contents, question
 from buggy_rl.recordings.filters import Preparation, filtered
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.windows import mirror, windows
@@ -26,6 +27,7 @@ LAST_RATE = 0.01  # of the initial learning rate, at the end of the cosine decay
 LARGEST_GRADIENT = 1.0  # norm of a gradient step, clipped above; the losses are of order one
 VALIDATION_STRIDE = 5  # [rows] least distance of validation rollouts: neighbours are alike
 VALIDATION_BATCH = 2048  # rollouts in a validation batch; bounds the memory
+SCHEMA = 1  # of checkpoints: raised when other code would not go on from them
 PROGRESS = ("epoch", "best_loss", "best_epoch", "best_weights")  # attributes saved with a run
 
 
@@ -55,6 +57,17 @@ class TrainingConfig:
     """Decoupled weight decay (AdamW) with the rollout loss."""
     seed: int = 0
     """Of the initial weights and the order of the data."""
+
+
+def asked(
+    model: Any,
+    config: TrainingConfig,
+    training: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> Question:
+    """What a trained model depends on; `model` is its config."""
+    own = question({"model": asdict(model), "training": asdict(config)}, training)
+    return own | contents(validation, "validation recording")
 
 
 def prepared(recordings: Sequence[Recording], config: TrainingConfig) -> list[Recording]:

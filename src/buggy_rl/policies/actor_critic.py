@@ -15,7 +15,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from torchrl.modules import ValueOperator
 
 from buggy_rl import keys
-from buggy_rl.files import save_torch
+from buggy_rl.files import load_torch, save_torch
 
 ACTIONS = 2  # throttle, steering
 ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh, "elu": nn.ELU}
@@ -214,7 +214,7 @@ def load_policy(file: Path | str) -> tuple[Policy, dict[str, Any]]:
     """
     if not Path(file).is_file():
         raise ValueError(f"there is no policy file {file}: train one with scripts/train_policy.py")
-    content = torch.load(file, map_location="cpu", weights_only=True)
+    content = load_torch(file)
     needed = {"policy", "observation_size", "weights", "about"}
     if not isinstance(content, dict) or not needed <= set(content):
         raise ValueError(f"{file} was not written by scripts/train_policy.py")

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl.engines.single_precision import SinglePrecision
+from buggy_rl.files import load_torch
 
 
 def load_checkpoint(file: Path) -> dict[str, Any]:
@@ -19,7 +20,7 @@ def load_checkpoint(file: Path) -> dict[str, Any]:
     """
     if not file.is_file():
         raise ValueError(f"there is no checkpoint {file} to go on from: start without resume=true")
-    return torch.load(file, map_location="cpu", weights_only=True)
+    return load_torch(file)
 
 
 def environment_state(env: EnvBase) -> dict[str, Any]:

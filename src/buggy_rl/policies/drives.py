@@ -10,13 +10,13 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.config import build, from_plain
+from buggy_rl.config import build
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import taken_by
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.policies.run import EngineConfig, engine_of, new_engine, task_of
 from buggy_rl.task.env import TaskConfig, make_env
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import joined_paths
@@ -91,13 +91,13 @@ def panels(
     found = [(name, place) for name in config.policies for place in places]
     for name, place in progress(found):
         policy, about = load_policy(config.policies[name])
-        engine = from_plain(EngineConfig, about["config"]["engine"], config.policies[name])
+        engine = engine_of(about, config.policies[name])
         where = "in its simulator"
         if config.simulator:
             engine, where = EngineConfig(config.simulator), f"in {Path(config.simulator).name}"
         if place == "car":
             engine, where = EngineConfig(config.car), f"on the {car_name(config.car)}"
-        task = from_plain(TaskConfig, about["config"]["task"], config.policies[name])
+        task = task_of(about, config.policies[name])
         cars = new_engine(engine, 2 * len(config.courses))
         pursuit = PurePursuit(config_of_pursuit, taken_by(cars))
         driver = _side_by_side(policy.driver(), pursuit)

@@ -9,8 +9,8 @@ import torch
 from omegaconf import MISSING
 from torchrl.envs import EnvBase, TransformedEnv
 
-from buggy_rl import keys
-from buggy_rl.config import belongs_to, plain
+from buggy_rl import keys, trust
+from buggy_rl.config import belongs_to, from_plain, plain, save_run
 from buggy_rl.files import save_torch
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.checkpoint import load_checkpoint
@@ -18,11 +18,18 @@ from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.collecting import CollectorConfig, DistributedBatches, make_collector
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.policies.worker_part import PartMaker
+from buggy_rl.question import Question, question, refuse_another, schema
 from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 
 CLOCKED = ("speed", "seconds_left")
 """Metrics that depend on the machine: left out of policy files, which are those of the training."""
+SCHEMA = 1  # of checkpoints: raised when other code would not go on from them
+# Of the config: these change no policy.
+IGNORED = (
+    *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
+    "checkpoint_batches",
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,40 @@ class PolicyRunConfig:
     """Logs to Weights & Biases too, offline unless WANDB_MODE says otherwise."""
     media: bool = False
     """Draws and films the policy after each validation, in OUTPUT/media and in the logs."""
+
+
+def engine_of(about: dict[str, Any], file: Path | str) -> EngineConfig:
+    """The simulator that a policy was trained in, by its file's record.
+
+    Raises:
+        ValueError: It is none of this version, or code that is not to be run (`trust`).
+    """
+    config = from_plain(EngineConfig, about["config"]["engine"], str(file))
+    trust.refuse_foreign(config.simulator, file)
+    return config
+
+
+def task_of(about: dict[str, Any], file: Path | str) -> TaskConfig:
+    """The task that a policy was trained for, by its file's record.
+
+    Raises:
+        ValueError: It is none of this version, or names code that is not to be run (`trust`).
+    """
+    config = from_plain(TaskConfig, about["config"]["task"], str(file))
+    for transform in config.transforms.values():
+        trust.refuse_foreign(transform.name, file)
+    return config
+
+
+def asked(config: PolicyRunConfig) -> Question:
+    """What the policy of a training depends on."""
+    return question(config, ignoring=IGNORED)
+
+
+def _so_far(asked: Question) -> Question:
+    """What a training depends on up to a checkpoint; at a constant rate not on what follows."""
+    later = {"validations"} | ({"ppo.steps"} if asked.get("ppo.schedule") == "constant" else set())
+    return {name: value for name, value in asked.items() if name not in later}
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
@@ -120,11 +161,14 @@ class PolicyRun:
     """A training run with its validations, its policies and its checkpoint, all in one folder.
 
     Raises:
-        ValueError: There is no checkpoint to go on from, or it is another run's.
+        ValueError: There is no checkpoint to go on from, or it is another run's; the message names
+            how they differ.
     """
 
     def __init__(self, config: PolicyRunConfig) -> None:
         self.config, self.folder = config, Path(config.output)
+        self._asked = {**asked(config), "schema": schema(SCHEMA)}
+        state = self._kept() if config.resume else None
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
         env = make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
@@ -134,10 +178,19 @@ class PolicyRun:
         self.ppo = PPO(env, self.policy, config.ppo, self._batches)
         self.batch = config.ppo.cars * config.ppo.batch_steps
         self.best = -1.0  # waypoints on the validation paths
-        if config.resume:
-            state = load_checkpoint(self.folder / "checkpoint.pt")
+        self._saved = False
+        if state is not None:
             self.best = state.pop("best")
             self.ppo.load_state_dict(state)
+
+    def _kept(self) -> dict[str, Any]:
+        """The state in the checkpoint, which must be of the same question."""
+        file = self.folder / "checkpoint.pt"
+        state = load_checkpoint(file)
+        remedy = "resume with the settings of the first run, or start without resume=true"
+        kept = state.pop("question", None)
+        refuse_another(kept and _so_far(kept), _so_far(self._asked), str(file), remedy)
+        return state
 
     def close(self) -> None:
         """Ends the processes that step environments, if there are any."""
@@ -146,6 +199,8 @@ class PolicyRun:
 
     def metrics(self) -> Iterator[dict[str, float]]:
         """Trains batch by batch; writes last.pt and best.pt after each validation.
+
+        The config is written with the first of them.
 
         Yields:
             What `PPO.run` does, after a validation also `validation_waypoints` and so on.
@@ -176,7 +231,8 @@ class PolicyRun:
 
     def checkpoint(self) -> None:
         """Writes checkpoint.pt, from which a resumed run goes on bit for bit."""
-        save_torch(self.folder / "checkpoint.pt", {**self.ppo.state_dict(), "best": self.best})
+        state = {**self.ppo.state_dict(), "best": self.best, "question": self._asked}
+        save_torch(self.folder / "checkpoint.pt", state)
 
     def _validation_is_due(self) -> bool:
         share = self.config.validations / self.config.ppo.steps
@@ -190,3 +246,6 @@ class PolicyRun:
             self.best = metrics["validation_waypoints"]
             save_policy(self.policy, self.folder / "best.pt", about)
         save_policy(self.policy, self.folder / "last.pt", about)
+        if not self._saved:  # with the first policies of this run: until then those of another lie
+            save_run(self.config, self.folder)
+            self._saved = True

@@ -14,11 +14,10 @@ from typing import Any
 import yaml
 
 from buggy_rl.config import plain
-from buggy_rl.files import write_atomically
 from buggy_rl.jobs import Job
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.policies.run import PolicyRunConfig, asked
 
 CHECKPOINT = "checkpoint.pt"
 LOGGED = Path("csv") / "scalars" / "reward.csv"  # steps, value: grows as a policy is trained
@@ -52,20 +51,20 @@ def trainings(config: TrainingConfig, script: Path) -> list[Job]:
         script: `train_policy.py`.
     """
     file = Path(config.output) / "seeds.yaml"
-    shared = plain(replace(config.single, resume=False))
-    write_atomically(file, yaml.safe_dump(shared, sort_keys=False))
     return [training(file, seed, config, script) for seed in config.seeds]
 
 
 def training(file: Path, seed: int, config: TrainingConfig, script: Path) -> Job:
-    """The job of one seed; `file` is the config that all share."""
-    folder = file.parent / f"seed_{seed}"
+    """The job of one seed; `file` is the config that all share, written when one begins."""
+    folder, shared = file.parent / f"seed_{seed}", replace(config.single, resume=False)
+    own = replace(shared, seed=seed, ppo=replace(shared.ppo, seed=seed))
     options = (f"seed={seed}", f"ppo.seed={seed}", f"output={folder}")
     return Job(
         f"seed {seed}",
         folder,
         (str(script), str(file), *options),
-        inputs=(str(file),),
+        question=asked(own),
+        texts={file: yaml.safe_dump(plain(shared), sort_keys=False)},
         work=config.ppo.steps,
         checkpoint=CHECKPOINT,
         share=partial(share_trained, folder, config.ppo.steps),

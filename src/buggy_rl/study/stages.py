@@ -15,9 +15,13 @@ from buggy_rl.config import plain
 from buggy_rl.files import write_atomically
 from buggy_rl.identification.study import fit_file, model_file, model_runs
 from buggy_rl.jobs import Job
+from buggy_rl.question import Question, question
 from buggy_rl.study.config import WholeStudyConfig
 
 FILE, REPAIR = "study.yaml", "repair.yaml"
+MODELS = ("car", "data", "runs", "only")  # of the config: what a stage depends on
+FIT = ("car", "data", "fit", "fit_simulator", "fit_options")
+TABLE = (*MODELS, "fit_simulator", "fit_options", "simulators", "windows", "shown")
 KINDS = "learned", "fitted"
 """Names of the two simulators that policies are trained in."""
 
@@ -38,11 +42,18 @@ class Plan:
         config: The study.
         compared: Files of the recordings that the diagnosis compares.
         scripts: The folder of the project's scripts.
+        recordings: What the stages read of recordings (`question.contents`).
     """
 
-    def __init__(self, config: WholeStudyConfig, compared: Sequence[str], scripts: Path) -> None:
+    def __init__(
+        self,
+        config: WholeStudyConfig,
+        compared: Sequence[str],
+        scripts: Path,
+        recordings: Question | None = None,
+    ) -> None:
         self.config, self.folder, self._scripts = config, Path(config.output), scripts
-        self._compared = compared
+        self._compared, self._recordings = compared, recordings or {}
         self._study = config.of_simulators
 
     def write(self) -> None:
@@ -109,6 +120,7 @@ class Plan:
         arguments: Sequence[str],
         inputs: Sequence[Path] = (),
         checkpoint: str = "",
+        parts: Sequence[str] = (),
     ) -> Stage:
         command = (str(self._scripts / script), *arguments)
         job = Job(
@@ -117,17 +129,36 @@ class Plan:
             command,
             inputs=tuple(str(file) for file in inputs),
             checkpoint=checkpoint,
+            question=self._question(parts, arguments),
         )
         return Stage(job, title)
 
+    def _question(self, parts: Sequence[str], arguments: Sequence[str]) -> Question:
+        """What a stage depends on beside its command: settings by name, files of its arguments."""
+        config = plain(self._study)
+        own = question({name: config[name] for name in parts}) | (self._recordings if parts else {})
+        written = str(self.folder)  # what another stage writes is among the inputs
+        named = [a.partition("=")[2] or a for a in arguments if written not in a]
+        return own | {n: v for n, v in question({"files": named}).items() if n != "files"}
+
     def _models(self) -> Stage:
-        return self._stage("models", "Learned models", "train_models.py", [self._file])
+        return self._stage(
+            "models", "Learned models", "train_models.py", [self._file], parts=MODELS
+        )
 
     def _fit(self) -> Stage:
-        return self._stage("fit", "Fitted simulator", "fit_mujoco.py", [self._file])
+        return self._stage("fit", "Fitted simulator", "fit_mujoco.py", [self._file], parts=FIT)
 
     def _table(self) -> Stage:
-        return self._stage("table", "Open-loop errors", "evaluate_models.py", [self._file])
+        models = [model_file(self._study, name) for name, _, _ in model_runs(self._study)]
+        return self._stage(
+            "table",
+            "Open-loop errors",
+            "evaluate_models.py",
+            [self._file],
+            [*models, self.fitted],
+            parts=TABLE,
+        )
 
     def _policy(self, kind: str, seed: int) -> Path:
         return self.folder / "policies" / f"{kind}_{seed}"
@@ -174,7 +205,12 @@ class Plan:
     def _repair(self) -> Stage:
         file = str(self.folder / REPAIR)
         return self._stage(
-            "repair", "Repaired simulator", "evaluate_models.py", [file], [self.repaired]
+            "repair",
+            "Repaired simulator",
+            "evaluate_models.py",
+            [file],
+            [self.repaired, self.fitted],
+            parts=("car", "data", "windows"),
         )
 
     def _films(self) -> Iterator[Stage]:

@@ -13,15 +13,15 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import joined
-from buggy_rl.config import from_plain
 from buggy_rl.files import write_json
 from buggy_rl.jobs import digest
 from buggy_rl.plants import make_plant
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import drive
+from buggy_rl.policies.run import task_of
 from buggy_rl.policies.track_reset import TrackReset
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.transfer.plan import SHARED, TransferConfig
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -113,7 +113,7 @@ def driven(judged: Judged) -> Iterator[dict[str, Any]]:
         number of resets to the path.
     """
     loaded = [load_policy(file) for _, _, file in judged.policies]
-    task = from_plain(TaskConfig, loaded[0][1]["config"]["task"], judged.policies[0][2])
+    task = task_of(loaded[0][1], judged.policies[0][2])
     drivers = [policy.driver() for policy, _ in loaded]
     driver = joined(drivers, [judged.drives] * len(drivers))
     for course in ROOM:

@@ -26,7 +26,7 @@ from buggy_rl.policies.export.writing import (
     write_pair,
     write_path,
 )
-from buggy_rl.policies.run import PolicyRunConfig, new_engine
+from buggy_rl.policies.run import PolicyRunConfig, engine_of, new_engine, task_of
 from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
@@ -65,7 +65,8 @@ class Export:
     def __init__(self, config: ExportConfig) -> None:
         self.config, file = config, Path(config.policy)
         self.policy, about = load_policy(file)
-        self.run = from_plain(PolicyRunConfig, about["config"], str(file))
+        run = from_plain(PolicyRunConfig, about["config"], str(file))
+        self.run = replace(run, engine=engine_of(about, file), task=task_of(about, file))
         self.courses = [_course(name, self.run.task.paths) for name in config.course]
         compared = {course.name: course for course in self.courses}
         self.compared = {name: _course(name, self.run.task.paths) for name in ALWAYS} | compared

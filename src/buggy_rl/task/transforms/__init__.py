@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from buggy_rl import trust
 from buggy_rl.config import load_named, one_line
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
@@ -39,15 +40,18 @@ def make_transform(
         context: Further arguments, such as `paths` and `dt`, for the classes that take them.
 
     Raises:
-        ValueError: The name is unknown, an option does not belong to it (the message lists those
-            that do) or is missing.
+        ValueError: The name is unknown or no transform's, an option does not belong to it (the
+            message lists those that do) or is missing.
     """
+    from torchrl.envs import Transform
+
     if name not in TRANSFORMS and ":" not in name:
         raise ValueError(
             f"no transform {name!r}; available: {', '.join(TRANSFORMS)}, none, or your own as "
             "file.py:Class"
         )
     transform_class = load_named(TRANSFORMS.get(name, name))
+    trust.refuse_other_class(transform_class, Transform, name)
     takes = inspect.signature(transform_class).parameters
     kinds = {parameter.kind: key for key, parameter in takes.items()}
     unknown = sorted(set(options or {}) - set(takes))

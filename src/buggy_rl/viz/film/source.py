@@ -9,7 +9,6 @@ from pathlib import Path
 import torch
 
 from buggy_rl.car_file import load_car
-from buggy_rl.config import from_plain
 from buggy_rl.engines import ENGINES
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import Benchmark, benchmark_paths, evaluation_task
@@ -17,7 +16,7 @@ from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import for_car
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.controllers.stanley import Stanley
-from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.policies.run import EngineConfig, engine_of, new_engine, task_of
 from buggy_rl.recordings import Recording, load_recording
 from buggy_rl.recordings.readers import is_recording
 from buggy_rl.task.env import TaskConfig, make_env, make_simulator
@@ -89,8 +88,7 @@ class Source:
             return self._controller("pure_pursuit"), self._engine(name), self._task
         if name not in CONTROLLERS:
             policy, about = load_policy(name)
-            engine = from_plain(EngineConfig, about["config"]["engine"], name)
-            return policy.driver(), engine, from_plain(TaskConfig, about["config"]["task"], name)
+            return policy.driver(), engine_of(about, name), task_of(about, name)
         # Beside a policy or a simulator it drives the same car on the same path.
         others = [other for other in self.config.trajectories if other not in CONTROLLERS]
         if others:
