@@ -79,7 +79,7 @@ class ThrottleDeadTime(DeadTime):
     """The throttle acts with a dead time."""
 
     name = "throttle_dead_time"
-    declared = dead_time(0.05)
+    declared = dead_time(0.05, (0.0, 0.15))
     channel = 0
     subject = "throttle"
 
@@ -88,7 +88,7 @@ class SteeringDeadTime(DeadTime):
     """The steering acts with a dead time."""
 
     name = "steering_dead_time"
-    declared = dead_time(0.10)
+    declared = dead_time(0.10, (0.0, 0.2))
     channel = 1
     subject = "steering"
 
@@ -97,7 +97,7 @@ class ThrottleLag(Lag):
     """The throttle acts through a first-order lag."""
 
     name = "throttle_lag"
-    declared = time_constant(0.10)
+    declared = time_constant(0.10, (0.0, 0.25))
     channel = 0
     response = "the throttle builds up"
 
@@ -106,6 +106,6 @@ class SteeringLag(Lag):
     """The steering acts through a first-order lag."""
 
     name = "steering_lag"
-    declared = time_constant(0.13)
+    declared = time_constant(0.13, (0.0, 0.2))
     channel = 1
     response = "the wheels turn"
