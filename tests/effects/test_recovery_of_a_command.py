@@ -31,6 +31,10 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     # Linear in a slip that is not linear where the tyres of this car are near their limit.
     "brake_balance": ("shift", 0.4, 0.3),
     "driven_axle_slip": ("slip_per_acceleration", 0.03, 0.4),
+    "speed_ramp": ("acceleration", 1.5, 0.05),
+    "least_speed": ("speed", 0.6, 0.15),
+    # Its sum is limited by the controller's force, which a black box does not tell.
+    "speed_integral": ("rate", 2.0, 0.25),
 }
 FAST = ("drag_brake",)
 

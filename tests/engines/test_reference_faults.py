@@ -79,7 +79,7 @@ def one_each():
 
 @pytest.fixture(scope="module")
 def commanded():
-    state, actions = varied(2 * len(FELT), 1.0, seed=5)
+    state, actions = varied(2 * len(FELT), 1.0, seed=6)
     pairs = state[::2].repeat_interleave(2, 0)  # both cars of a pair do the same
     return pairs, actions[:, ::2].repeat_interleave(2, 1)
 
