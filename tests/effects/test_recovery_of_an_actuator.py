@@ -60,8 +60,16 @@ def problem(faults, cars, steps):
 
 
 def found(asked, effects):
-    """Fits of single effects and of none, with their costs, by effect."""
-    starts = [asked.library.hypothesis([e] if e else []) for e in effects]
+    """Fits of single effects and of none, with their costs, by effect.
+
+    From a prior scale off neutral, as a search begins at trial sizes: a stop at full lock is not
+    felt where no command comes near it.
+    """
+    library, starts = asked.library, [asked.library.hypothesis([])]
+    starts = [
+        library.hypothesis([e], [1.0] * len(library.numbers(e)) + [0.0]) if e else starts[0]
+        for e in effects
+    ]
     fits = fitted(asked, starts)
     return {e: (fit, asked.cost(fit)) for e, fit in zip(effects, fits, strict=True)}
 

@@ -40,7 +40,7 @@ class BrownOut(DriveGainEffect, RememberingCommand):
         EffectParameter(
             "moving",
             0.0,
-            -0.2,
+            0.0,
             1.0,
             "-",
             "Share of the drive that is lost while the servo moves fast.",
@@ -51,7 +51,7 @@ class BrownOut(DriveGainEffect, RememberingCommand):
         EffectParameter(
             "holding",
             0.0,
-            -0.2,
+            0.0,
             1.0,
             "-",
             "Share that is lost while it holds full lock.",
@@ -115,7 +115,7 @@ class ThermalFoldback(DriveGainEffect):
         EffectParameter(
             "foldback",
             0.0,
-            -0.3,
+            0.0,
             1.0,
             "-",
             "Share of the drive that is lost at the heat of full drive.",
