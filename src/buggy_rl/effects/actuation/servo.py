@@ -133,9 +133,9 @@ class SteeringBacklash(ServoEffect):
 class ServoStiction(ServoEffect):
     """A servo that rests until its command is off by more than a width, and then goes all the way.
 
-    It goes on until the error is under a fifth of the width: m_k = max(rise(e_k), m_{k-1}
+    It goes on until the error is under a tenth of the width: m_k = max(rise(e_k), min(2 m_{k-1}, 1)
     fade(e_k)) of the error e is how far it moves, and r_k = r_{k-1} + m_k a (u_k - r_{k-1}). The
-    rise from 0 at the width to 1 at 1.25 of it, and the fade below two fifths, are for gradients.
+    rise from 0 to 1 over an eighth of the width, and the fade below a fifth, are for gradients.
     """
 
     name = "servo_stiction"
@@ -171,9 +171,9 @@ class ServoStiction(ServoEffect):
         width = self._value("width").clamp_min(1e-6)
         servo, moving = state[..., 0], state[..., 1]
         error = (command - servo).abs() / width
-        rise = (4 * (error - 1)).clamp(0.0, 1.0)
+        rise = (8 * error - 7.5).clamp(0.0, 1.0)
         # After a reset in motion the memory holds the command: the servo is there, and rests.
-        going = moving.clamp(0.0, 1.0) * (5 * error - 1).clamp(0.0, 1.0)
+        going = (2 * moving).clamp(0.0, 1.0) * (10 * error - 1).clamp(0.0, 1.0)
         moving = torch.maximum(rise, going)
         moved = servo + moving * self.follows * (command - servo)
         return self._command_between(servo, moved), torch.stack([moved, moving], -1)
