@@ -135,7 +135,7 @@ class ServoStiction(ServoEffect):
 
     It goes on until the error is under a tenth of the width: m_k = max(rise(e_k), min(2 m_{k-1}, 1)
     fade(e_k)) of the error e is how far it moves, and r_k = r_{k-1} + m_k a (u_k - r_{k-1}). The
-    rise from 0 to 1 over an eighth of the width, and the fade below a fifth, are for gradients.
+    rise from 0 to 1 over a quarter of the width, and the fade below a fifth, are for gradients.
     """
 
     name = "servo_stiction"
@@ -171,7 +171,7 @@ class ServoStiction(ServoEffect):
         width = self._value("width").clamp_min(1e-6)
         servo, moving = state[..., 0], state[..., 1]
         error = (command - servo).abs() / width
-        rise = (8 * error - 7.5).clamp(0.0, 1.0)
+        rise = (4 * error - 3.5).clamp(0.0, 1.0)
         # After a reset in motion the memory holds the command: the servo is there, and rests.
         going = (2 * moving).clamp(0.0, 1.0) * (10 * error - 1).clamp(0.0, 1.0)
         moving = torch.maximum(rise, going)
