@@ -89,7 +89,7 @@ class LeastSpeed(CommandEffect):
             5.0,
             "m/s",
             "Least setpoint at which the controller acts.",
-            size=0.2,
+            size=0.4,
             probe=0.1,
             usual=(0.0, 0.6),
         ),
