@@ -51,5 +51,6 @@ STEP_COUNT = "step_count"  # [1] int64, of the episode
 
 # Of the effects.
 
-ELAPSED = "elapsed"  # [1] s of driving since the battery was charged; a reset may set it, else 0
+ELAPSED = "elapsed"  # [1] s since the battery was charged; a reset may set it, else 0
+BEYOND = "action_beyond"  # [2] of the command past +-1; only in what an effect hands to the engine
 MEMORY = "_memory"  # suffix of the key of an effect's latent state, behind the effect's name

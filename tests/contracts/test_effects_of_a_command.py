@@ -26,6 +26,9 @@ PARAMETERS = {
     "drag_brake": {"deceleration": "m/s^2"},
     "speed_controller_lag": {"time_constant": "s"},
     "driven_axle_slip": {"slip_per_acceleration": "s^2/m"},
+    "speed_ramp": {"acceleration": "m/s^2"},
+    "least_speed": {"speed": "m/s"},
+    "speed_integral": {"rate": "1/s"},
 }
 
 
@@ -40,7 +43,10 @@ def engine(name, batch_size=()):
 
 
 def fault(name, share=2.0):
-    return {p.name: p.value + share * p.probe for p in effect_class(name).declared}
+    return {
+        p.name: float(p.value_at(share * p.coordinate(p.value + p.probe)))
+        for p in effect_class(name).declared
+    }
 
 
 def batched(name, rows):

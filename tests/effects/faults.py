@@ -12,6 +12,7 @@ TOLD = {
     "tire_grip": {"grip": 0.7, "max_acceleration": 4.0},
     "grip_patch": {"x": 0.0, "y": 0.0, "radius": 100.0, "grip": 0.6},
     "motor_power_limit": {"power_per_mass": 3.0},
+    "servo_stiction": {"width": 0.3},
 }
 
 

@@ -4,7 +4,16 @@ import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.effects import make_effect, make_effects
+from buggy_rl.effects import (
+    OF_A_DRIVE,
+    STACK,
+    effect_class,
+    make_effect,
+    make_effects,
+    offered,
+)
+from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from tests.effects.faults import commanded, follow, over, start
 
 THROTTLE, STEERING = 0, 1
@@ -181,3 +190,189 @@ def test_radio_servo_and_linkage_act_in_that_order():
     asked = torch.tensor([[0.0, 0.5]]).expand(4, 2)
     got = commanded(env, start(env), asked)[:, STEERING]
     torch.testing.assert_close(got, torch.tensor([0.1, 0.1, 0.6, 0.6]))
+
+
+def test_beyond_full_command_goes_on_where_the_engine_does():
+    # At full lock and full throttle, a gain of 1.2: a command of 1.2, a drive of 1.2.
+    for name, action, channel, expected in (
+        ("steering_gain", (0.5, 1.0), STEERING, 1.2),
+        ("steering_gain", (0.5, -1.0), STEERING, -1.2),
+        ("throttle_gain", (1.0, 0.2), THROTTLE, 1.4),
+    ):
+        engine = Listening()
+        env = over([make_effect(name, {"gain": 1.2})], engine)
+        env.step(start(env, (1.0, 0.0, 0.0)).set(keys.ACTION, torch.tensor(action)))
+        got = engine.got[0]
+        assert float(got[channel]) == pytest.approx(expected)
+        assert float(got[1 - channel]) == pytest.approx(action[1 - channel])
+
+
+class Listening(HoldEngine):
+    """Holds its velocity, and keeps the commands that reach it."""
+
+    reach = 2.0
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.got = []
+
+    def _advance(self, state, action):
+        self.got.append(action)
+        return super()._advance(state, action)
+
+
+def test_what_goes_on_is_passed_through_what_stands_behind_it():
+    # 1.2 of the gain, 0.1 of the offset; a stop at 90 % of the left ends both.
+    effects = {"steering_gain": {"gain": 1.2}, "steering_offset": {"offset": 0.1}}
+    for added, expected in (({}, 1.3), ({"steering_end_stop": {"left_cut": 0.1}}, 0.9)):
+        engine = Listening()
+        env = over(make_effects(effects | added), engine)
+        env.step(start(env).set(keys.ACTION, torch.tensor([0.0, 1.0])))
+        assert float(engine.got[0][STEERING]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", ["single_track", "kinematic", "reference", "mujoco"])
+def test_a_longer_horn_turns_the_car_more_at_full_lock(name):
+    rates = []
+    for gain in (1.0, 1.2):
+        env = over([make_effect("steering_gain", {"gain": gain})], name)
+        states = follow(env, start(env, (1.0, 0.0, 0.0)), torch.tensor([[-0.4, 1.0]]).repeat(60, 1))
+        rates.append(float(states[keys.VELOCITY][-1, 2] / states[keys.VELOCITY][-1, 0]))
+    assert 1.08 < rates[1] / rates[0] < 1.3
+
+
+@pytest.mark.parametrize("name", ["single_track", "reference", "mujoco"])
+def test_a_fuller_battery_pulls_more_at_full_throttle(name):
+    speeds = []  # from 4 m/s on, where the rear tyres hold what the motor gives
+    for gain in (1.0, 1.2):
+        env = over([make_effect("throttle_gain", {"gain": gain})], name)
+        states = follow(env, start(env, (4.0, 0.0, 0.0)), torch.tensor([[1.0, 0.0]]).repeat(40, 1))
+        speeds.append(float(states[keys.VELOCITY][-1, 0]))
+    assert speeds[1] > speeds[0] + 0.05
+
+
+def test_a_curved_steering_map_reaches_the_same_lock():
+    asked = torch.tensor([-1.0, -0.5, 0.0, 0.5, 1.0])
+    got = reached("steering_curve", {"curvature": 0.4}, asked)
+    # 0.6 s + 0.4 s^3 at 0.5: 0.3 + 0.05.
+    torch.testing.assert_close(got, torch.tensor([-1.0, -0.35, 0.0, 0.35, 1.0]))
+
+
+def test_a_stop_on_one_side_ends_that_side_alone():
+    asked = torch.tensor([-1.0, -0.5, 0.5, 1.0])
+    got = reached("steering_end_stop", {"left_cut": 0.3}, asked)
+    torch.testing.assert_close(got, torch.tensor([-1.0, -0.5, 0.5, 0.7]))
+
+
+def test_a_dead_centre_is_missing_from_larger_commands_too():
+    asked = torch.tensor([-0.5, -0.05, 0.05, 0.1, 0.5])
+    got = reached("steering_dead_zone", {"width": 0.1}, asked)
+    torch.testing.assert_close(got, torch.tensor([-0.4, 0.0, 0.0, 0.0, 0.4]))
+
+
+def test_a_sticking_servo_rests_and_then_goes_all_the_way():
+    asked = torch.tensor([0.15, 0.15, 0.3, 0.3, 0.4, 0.3])
+    got = reached("servo_stiction", {"width": 0.2}, asked)
+    # 0.3 is off by 1.5 widths: it goes there, and rests although 0.4 and then 0.3 are asked for.
+    torch.testing.assert_close(got, torch.tensor([0.0, 0.0, 0.3, 0.3, 0.3, 0.3]))
+
+
+def test_play_under_load_is_missing_from_the_inside_of_a_bend():
+    asked = torch.full((1,), 0.5)
+    straight = reached("steering_play", {"width": 0.2}, asked, (2.0, 0.0, 0.0))
+    left = reached("steering_play", {"width": 0.2}, asked, (2.0, 0.0, 2.0))
+    right = reached("steering_play", {"width": 0.2}, asked, (2.0, 0.0, -2.0))
+    # tanh(4 / 0.5) = 1: half of the width.
+    torch.testing.assert_close(
+        torch.cat([straight, left, right]), torch.tensor([0.5, 0.4, 0.6]), atol=1e-5, rtol=0
+    )
+
+
+def shared_supply(steering, **values):
+    """Drives that reach the engine at drive 0.8 with steering commands [T]."""
+    env = over([make_effect("brown_out", values)])
+    pair = torch.stack([torch.full_like(steering, 0.6), steering], -1)
+    return 0.5 * (commanded(env, start(env), pair)[:, THROTTLE] + 1)
+
+
+def test_a_moving_servo_takes_from_the_drive_until_it_is_there():
+    got = shared_supply(torch.full((60,), 1.0), moving=0.5)
+    # Behind its lag of 60 ms the servo moves at over 5 a second for 73 ms: half of the drive.
+    torch.testing.assert_close(got[:6], torch.full((6,), 0.4))
+    assert got[59] == pytest.approx(0.8, abs=1e-3)
+    straight = shared_supply(torch.zeros(10), moving=0.5, holding=0.5)
+    torch.testing.assert_close(straight, torch.full((10,), 0.8))
+
+
+def test_a_servo_that_holds_takes_from_the_drive_all_the_time():
+    got = shared_supply(torch.full((60,), -0.5), holding=0.2)
+    assert got[59] == pytest.approx(0.8 * 0.9, abs=1e-3)
+
+
+def test_heat_takes_from_the_drive_and_is_that_of_the_past():
+    values = {"foldback": 0.5, "time_constant": 5.0}
+    got = reached("thermal_foldback", values, torch.full((500,), 0.6), channel=THROTTLE)
+    drive = 0.5 * (got + 1)
+    # After 5 s at drive 0.8 h = 0.64 (1 - 1/e).
+    assert float(drive[0]) == pytest.approx(0.8)
+    heat = 0.64 * (1 - math.exp(-4.99 / 5))
+    assert float(drive[-1]) == pytest.approx(0.8 * (1 - 0.5 * heat), rel=1e-4)
+    effect = make_effect("thermal_foldback", values)
+    # 0.64 for the last 3 s, 0.1 for the 3 before.
+    memory = effect.warmed(torch.zeros(2, 1), torch.tensor([[0.64, 0.1]] * 2), (0.0, 3.0, 6.0))
+    expected = 0.64 * (1 - math.exp(-0.6)) + 0.1 * (math.exp(-0.6) - math.exp(-1.2))
+    torch.testing.assert_close(memory, torch.full((2, 1), expected))
+
+
+SPEEDS = {"rest": 0.0, "full_speed": 5.0}
+
+
+def setpoints(name, values, asked, velocity=(0.0, 0.0, 0.0)):
+    """Setpoints [m/s] that reach the engine when others [T] [m/s] are given."""
+    given = torch.stack([asked / 5.0, torch.zeros_like(asked)], -1)
+    env = over([make_effect(name, values | SPEEDS)])
+    return 5.0 * commanded(env, start(env, velocity), given)[:, THROTTLE]
+
+
+def test_a_setpoint_follows_its_ramp_up_and_down():
+    asked = torch.cat([torch.full((5,), 0.12), torch.full((4,), -1.0)])
+    got = setpoints("speed_ramp", {"acceleration": 4.0}, asked)
+    # 0.04 m/s a period, of which the engine gets the mean: 0.02, 0.06, 0.1, then 0.12; back down.
+    expected = torch.tensor([0.02, 0.06, 0.10, 0.12, 0.12, 0.10, 0.06, 0.02, -0.02])
+    torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
+
+
+def test_below_the_least_speed_the_setpoint_is_the_cars_own_speed():
+    asked = torch.tensor([0.2, 0.5, 0.7, -0.2])
+    got = setpoints("least_speed", {"speed": 0.6}, asked, (1.5, 0.0, 0.0))
+    torch.testing.assert_close(got, torch.tensor([1.5, 1.5, 0.7, 1.5]))
+
+
+def test_the_integral_adds_what_is_missing_over_time_up_to_its_limit():
+    asked = torch.full((300,), 1.0)  # and the car stands
+    got = setpoints("speed_integral", {"rate": 0.5, "speed_gain": 10.0}, asked)
+    # 0.5 of 1 m/s each second; the mean of a period is that of its middle; 3 / 10 m/s at most.
+    torch.testing.assert_close(got[20], torch.tensor(1.0 + 0.5 * 0.205))
+    torch.testing.assert_close(got[-1], torch.tensor(1.3))
+
+
+def test_words_are_those_of_the_command():
+    speed, current = LongitudinalCommand("speed"), LongitudinalCommand("current")
+    gain = effect_class("throttle_gain")
+    assert gain.sentence_for({"gain": 1.1}, speed) == "the car drives 10 % faster than commanded"
+    assert "throttle" in gain.sentence_for({"gain": 1.1}, ONE_WAY)
+    assert "current" in gain.sentence_for({"gain": 0.9}, current)
+    offset = effect_class("throttle_offset")
+    assert "5 % of its full speed above" in offset.sentence_for({"offset": 0.1}, speed)
+    for name in STACK:
+        values = {p.name: p.value + p.probe for p in effect_class(name).declared}
+        assert effect_class(name).sentence_for(values, ONE_WAY) == effect_class(name).sentence(
+            values
+        )
+
+
+def test_what_a_speed_controller_hides_is_not_offered_with_it():
+    assert set(OF_A_DRIVE) <= set(offered(ONE_WAY))
+    assert set(OF_A_DRIVE) <= set(offered(LongitudinalCommand("throttle_brake_reverse")))
+    for kind in ("speed", "current"):
+        assert not set(OF_A_DRIVE) & set(offered(LongitudinalCommand(kind)))

@@ -138,3 +138,30 @@ def test_a_payload_is_what_the_engine_does_with_more_mass():
     assert missed > 0.05
     assert left < 0.25 * missed
     assert math.isfinite(left)
+
+
+@pytest.mark.parametrize("drive", [0.3, 0.7])
+def test_a_shorter_gear_has_more_force_and_less_speed(drive):
+    # F = (10 - 0.6 v) d; of 1.25 times the gear 1.25 (10 - 0.6 1.25 v) d.
+    options = {**KNOWN, "speed_loss": (0.0, 0.6 / MASS)}
+    gear = make_effect("gear_ratio", {"ratio": 1.25}, **options)
+    for speed in (1.0, 3.0):
+        change = accelerated([gear], speed, drive) - accelerated([], speed, drive)
+        more = 1.25 * (10 - 0.75 * speed) - (10 - 0.6 * speed)
+        assert change == pytest.approx(more * drive / MASS, rel=0.05, abs=0.01)
+
+
+def test_a_resistance_of_the_supply_takes_with_the_square_of_the_drive():
+    sag = make_effect("voltage_sag", {"resistance_ratio": 0.5}, **KNOWN)
+    for drive, left in ((1.0, 1 / 1.5), (0.5, 1 / 1.125)):
+        force = drive * (10 - 1.2) / MASS  # at 2 m/s
+        change = accelerated([sag], 2.0, drive) - accelerated([], 2.0, drive)
+        assert change == pytest.approx(-(1 - left) * force, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["gear_ratio", "voltage_sag"])
+def test_a_coasting_car_has_no_gear_and_no_supply(name):
+    value = {"gear_ratio": {"ratio": 1.5}, "voltage_sag": {"resistance_ratio": 1.0}}[name]
+    for speed in (0.5, 3.0):
+        with_it = accelerated([make_effect(name, value)], speed, 0.0)
+        assert with_it == pytest.approx(accelerated([], speed, 0.0), abs=1e-6)

@@ -205,7 +205,7 @@ def test_gain_and_deadband_are_those_of_the_duty_cycle():
     duty = weak.target_duty(torch.full((3,), 0.5))
     # drive 0.75 over a deadband of 0.16: 0.59 / 0.84
     assert duty.tolist() == pytest.approx([0.70238, 0.8 * 0.70238, 1.3 * 0.70238], rel=1e-4)
-    assert weak.target_duty(torch.ones(3)).tolist() == pytest.approx([1.0, 0.8, 1.0])
+    assert weak.target_duty(torch.ones(3)).tolist() == pytest.approx([1.0, 0.8, 1.3])
     dead = cars("throttle_deadband.width", 0.0, 0.1).car.drivetrain
     # drive lost: 0.1, and of the rest 0.16; in throttle 2 (0.1 + 0.9 * 0.16) - 1 = -0.512
     edge, beyond, full = (dead.target_duty(torch.full((2,), u))[1] for u in (-0.512, -0.5, 1.0))
@@ -304,3 +304,71 @@ def test_a_loose_differential_kicks_the_car_when_the_throttle_changes(driven):
     assert yaw_rate[50:80, 1].max() > 0.05  # the right wheel pulls first: to the left
     assert yaw_rate[140:150, 1].abs().max() < 0.04
     assert yaw_rate[150:, 1].min() < -0.05
+
+
+SCENES.add("stiction", "servo_stiction.width", (0.0, 0.2), REST, SMALL_THEN_LARGE)
+
+
+def test_stiction_is_a_sticky_servo_by_its_name_in_the_library(driven):
+    named, unnamed = driven("stiction")[SERVO], driven("stick")[SERVO]
+    assert torch.equal(named, unnamed)
+
+
+def test_the_linkage_may_be_bent_stopped_or_loose():
+    roll = torch.tensor([0.0, 0.0])
+    bent = cars("steering_curve.curvature", 0.0, 0.4).car.steering
+    # 0.6 x + 0.4 x^3 at 0.5
+    assert bent.linked(torch.full((2,), 0.5), roll).tolist() == pytest.approx([0.5, 0.35])
+    stopped = cars("steering_end_stop.left_cut", 0.0, 0.3).car.steering
+    assert stopped.linked(torch.full((2,), 0.9), roll).tolist() == pytest.approx([0.9, 0.7])
+    assert stopped.linked(torch.full((2,), -0.9), roll).tolist() == pytest.approx([-0.9, -0.9])
+    loose = cars("steering_play.width", 0.0, 0.2).car.steering
+    for side, expected in ((50.0, 0.4), (-50.0, 0.6)):
+        held = loose.linked(torch.full((2,), 0.5), torch.full((2,), side))
+        assert held.tolist() == pytest.approx([0.5, expected], abs=1e-4)
+    dead = cars("steering_dead_zone.width", 0.0, 0.1).car.steering
+    for given, expected in ((0.05, 0.0), (0.5, 0.4), (-0.5, -0.4)):
+        held = dead.centred(torch.full((2,), given))
+        assert held.tolist() == pytest.approx([given, expected], abs=1e-7)
+
+
+def test_a_resistance_of_the_battery_takes_force_with_the_square_of_the_duty_cycle():
+    drivetrain = cars("voltage_sag.resistance_ratio", 0.0, 0.5).car.drivetrain
+    for duty in (1.0, 0.5):
+        for speed in (0.0, 3.0):
+            given = (torch.full((2,), duty), torch.full((2,), speed), torch.full((2,), 8.0))
+            whole, less = drivetrain.current(*given).tolist()
+            own = float(drivetrain.battery_resistance[0] / drivetrain.motor_resistance[0])
+            expected = (1 + own * duty**2) / (1 + (own + 0.5) * duty**2)
+            assert less / whole == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_shorter_gear_pulls_more_and_runs_out_of_speed_earlier():
+    engine = cars("gear_ratio.ratio", 1.0, 1.25).car.drivetrain
+    voltage, ones = torch.full((2,), 8.0), torch.ones(2)
+    force = engine.motor_constant * engine.current(ones, torch.zeros(2), voltage)
+    assert float(force[1] / force[0]) == pytest.approx(1.25)
+    free = 8.0 / engine.motor_constant
+    assert float(free[0] / free[1]) == pytest.approx(1.25)
+
+
+SWING = torch.stack([torch.full((100,), 0.3), torch.sin(0.2 * torch.arange(100))], -1)
+SCENES.add("shared supply", "brown_out.moving", (0.0, 0.8), (1.0, 0.0, 0.0), SWING)
+SCENES.add("shared supply, straight", "brown_out.moving", (0.0, 0.8), (1.0, 0.0, 0.0), KICKS)
+
+
+def test_the_drive_fails_while_the_servo_moves_and_not_else(driven):
+    vx, _, _ = velocities(driven("shared supply"))
+    assert vx[-1, 1] < 0.9 * vx[-1, 0]
+    straight = velocities(driven("shared supply, straight"))[0]
+    assert torch.equal(straight[:, 0], straight[:, 1])
+
+
+LONG = held(0.8, 0.0, 3.0)
+SCENES.add("limited", "thermal_foldback.foldback", (0.0, 0.9), REST, LONG)
+
+
+def test_a_controller_that_gets_hot_gives_less_and_not_at_once(driven):
+    vx, _, _ = velocities(driven("limited"))
+    assert vx[20, 1] > 0.99 * vx[20, 0]
+    assert vx[-1, 1] < 0.98 * vx[-1, 0]

@@ -23,6 +23,17 @@ FELT = {
     "steering_gain.gain": 0.8,
     "steering_backlash.width": 0.2,
     "steering_asymmetry.left_to_right": 0.8,
+    "servo_stiction.width": 0.3,
+    "steering_dead_zone.width": 0.15,
+    "steering_curve.curvature": 0.5,
+    "steering_end_stop.left_cut": 0.7,
+    "steering_end_stop.right_cut": 0.7,
+    "steering_play.width": 0.3,
+    "voltage_sag.resistance_ratio": 0.8,
+    "thermal_foldback.foldback": 0.8,
+    "brown_out.moving": 0.9,
+    "brown_out.holding": 0.5,
+    "gear_ratio.ratio": 1.4,
     "sticky_servo.breakaway": 0.3,
     "bump_steer.angle": 0.01,
     "wheel_wobble.angle": 0.1,
@@ -50,7 +61,10 @@ FELT = {
     "floor_slope.along_y": -0.4,
     "yaw_damping.rate": 6.0,
 }
-BESIDE = {"grip_patch.grip": {"grip_patch.radius": 5.0}}
+BESIDE = {
+    "grip_patch.grip": {"grip_patch.radius": 5.0},
+    "thermal_foldback.foldback": {"thermal_foldback.time_constant": 1.0},
+}
 
 
 def one_each():
@@ -65,7 +79,7 @@ def one_each():
 
 @pytest.fixture(scope="module")
 def commanded():
-    state, actions = varied(2 * len(FELT), 1.0, seed=5)
+    state, actions = varied(2 * len(FELT), 1.0, seed=6)
     pairs = state[::2].repeat_interleave(2, 0)  # both cars of a pair do the same
     return pairs, actions[:, ::2].repeat_interleave(2, 1)
 
@@ -82,6 +96,7 @@ def faulty(commanded):
 
 def test_every_fault_is_tried_here():
     places = {"grip_patch.x", "grip_patch.y", "grip_patch.radius"}
+    places.add("thermal_foldback.time_constant")
     commanded = {fault.name for fault in OF_A_COMMAND}  # in test_reference_two_way
     assert set(FELT) | places | commanded == set(NEUTRAL)
 

@@ -14,6 +14,9 @@ SIZES = {
     "drag_brake.deceleration": 1.0,
     "speed_controller_lag.time_constant": 0.15,
     "driven_axle_slip.slip_per_acceleration": 0.05,
+    "speed_ramp.acceleration": 1.0,
+    "least_speed.speed": 0.6,
+    "speed_integral.rate": 3.0,
 }
 MANOEUVRE = [(0.5, 0.3, 120), (-0.7, 0.3, 60), (0.0, 0.0, 60), (-0.5, 0.0, 100)]
 
@@ -62,3 +65,38 @@ def test_the_parameters_of_a_kind_of_command_are_its_own():
         make_engine("reference", 1, parameters={"full_current": 10.0})
     engine = make_engine("reference", 2, command="current", parameters={"full_current": 10.0})
     assert engine.with_faults({"payload.mass_ratio": torch.ones(2)}).command.kind == "current"
+
+
+SPEED = {"kind": "speed", "reverse": True}
+
+
+def test_a_ramp_is_the_fastest_change_of_the_setpoint():
+    plain, ramped = (
+        driven(make_engine("reference", 1, command=SPEED, faults=f), [(0.5, 0.0, 150)])[0][:, 0]
+        for f in ({}, {"speed_ramp.acceleration": 1.0})
+    )
+    assert float(plain[60]) > 1.2
+    # 1 m/s^2, late by the controller's own time constant of 1.6 / 16 s.
+    assert float(ramped[120] - ramped[70]) == pytest.approx(0.5, rel=0.05)
+
+
+def test_below_the_least_speed_it_rolls_and_above_it_obeys():
+    faults = {"least_speed.speed": 0.6}
+    slow, fast = ((0.1, 0.0, 60),), ((0.2, 0.0, 100),)  # setpoints of 0.5 and 1 m/s
+    for commands, rolls in ((slow, True), (fast, False)):
+        plain, least = (
+            driven(make_engine("reference", 1, command=SPEED, faults=f), commands, 2.0)[0][:, 0]
+            for f in ({}, faults)
+        )
+        assert bool(least[-1] > plain[-1] + 0.1) == rolls
+    standing = driven(make_engine("reference", 1, command=SPEED, faults=faults), slow)[0][:, 0]
+    assert float(standing.abs().max()) < 0.01
+
+
+def test_integral_action_reaches_the_setpoint_that_a_proportional_one_misses():
+    plain, integral = (
+        driven(make_engine("reference", 1, command=SPEED, faults=f), [(0.4, 0.0, 500)])[0][:, 0]
+        for f in ({}, {"speed_integral.rate": 2.0})
+    )
+    assert float(plain[-1]) < 1.95  # of 2 m/s
+    assert float(integral[-1]) == pytest.approx(2.0, abs=0.01)

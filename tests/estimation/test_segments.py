@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.segments import cut_segments, smoothing_rows
+from buggy_rl.estimation.segments import WORKED, cut_segments, smoothing_rows
 from tests.drives import counting_drive
 
 
@@ -50,3 +50,27 @@ def test_a_smoothed_row_has_the_share_of_the_noise_that_least_squares_says():
     drive.data["velocity"] = torch.randn(40_000, 3, generator=torch.Generator().manual_seed(0))
     segments = cut_segments([drive], 1.0, 1.31)
     assert float(segments.smooth_velocity.var()) == pytest.approx(501 / 3315, rel=0.05)
+
+
+def test_segments_know_when_in_the_session_they_are():
+    first, second = counting_drive("a", 131), counting_drive("b", 331)
+    second.since_first = 60.0
+    segments = cut_segments([first, second], 1.0, 1.0)
+    torch.testing.assert_close(segments.elapsed, torch.tensor([0.0, 0.0, 1.0, 2.0]))
+    torch.testing.assert_close(segments.session, torch.tensor([0.0, 60.0, 61.0, 62.0]))
+
+
+def test_the_work_before_a_segment_is_the_mean_square_drive_of_each_interval():
+    drive = counting_drive("a", 1400)
+    drive.data["action"] = torch.zeros(1400, 2)  # half drive, for 12 s; 0.9 for the 2 s after
+    drive.data["action"][1200:, 0] = 0.8
+    segments = cut_segments([drive], 1.0, 1.0)
+    at = {row: work for row, work in zip(segments.row.tolist(), segments.worked, strict=True)}
+    assert at[0].abs().max() == 0
+    # 7 s of 0.25: all of the first two intervals, 1 of 6 s of the third.
+    expected = torch.tensor([0.25, 0.25, 0.25 / 6, 0, 0, 0, 0, 0])
+    torch.testing.assert_close(at[700], expected)
+    # Half a second of 0.81 and 2.5 s of 0.25 in the last three.
+    assert len(at[1200]) == len(WORKED) - 1
+    work = cut_segments([drive], 1.0, 0.5).worked[25]
+    assert float(work[0]) == pytest.approx((0.5 * 0.81 + 2.5 * 0.25) / 3)

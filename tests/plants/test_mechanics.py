@@ -64,10 +64,60 @@ def test_a_deadband_takes_its_width_of_drive():
     assert mechanics.throttle(memory, np.array([0.2]))[0] == pytest.approx(0.0)
 
 
-def test_a_gain_of_the_duty_cycle_ends_at_all_there_is():
+def test_a_stronger_battery_is_stronger_at_full_throttle_too():
     mechanics, memory = stages(throttle_gain={"gain": 1.5})
     duty = mechanics.duty(memory, np.array([0.4, 0.9]))
-    assert duty == pytest.approx([0.6, 1.0])
+    assert duty == pytest.approx([0.6, 1.35])
+
+
+def test_a_sticking_servo_moves_when_it_is_off_by_more_than_its_width_and_then_all_the_way():
+    mechanics, memory = stages(servo_stiction={"width": 0.2})
+    rack = steered(mechanics, memory, 0.1, 0.19, 0.25, 0.3, 0.1, 0.05)
+    # At 0.25 it moves; 0.3 is off by 0.05, over the tenth at which it rests: it goes on, and so it
+    # does to 0.1 and 0.05.
+    assert rack == pytest.approx([0.0, 0.0, 0.25, 0.3, 0.1, 0.05])
+    assert steered(mechanics, memory, 0.05, 0.2)[-1] == pytest.approx(0.05)  # it had come to rest
+
+
+def test_the_steering_map_is_dead_in_the_middle_bent_and_stopped():
+    mechanics, memory = stages(steering_dead_zone={"width": 0.1})
+    assert steered(mechanics, memory, 0.05, 0.5, -0.5) == pytest.approx([0.0, 0.4, -0.4])
+    mechanics, memory = stages(steering_curve={"curvature": 0.4})
+    # 0.6 x + 0.4 x^3 at 0.5: 0.3 + 0.05.
+    assert steered(mechanics, memory, 0.5, -1.0) == pytest.approx([0.35, -1.0])
+    mechanics, memory = stages(steering_end_stop={"left_cut": 0.3, "right_cut": 0.1})
+    assert steered(mechanics, memory, 1.0, -1.0, 0.5) == pytest.approx([0.7, -0.9, 0.5])
+
+
+def test_tyres_push_the_wheels_out_of_the_bend_by_half_of_the_play():
+    mechanics, memory = stages(steering_play={"width": 0.2})
+    for lateral, expected in ((1e6, 0.4), (-1e6, 0.6), (0.6, 0.45)):
+        rack = mechanics.steering(memory, np.array([0.5]), np.array([lateral]))
+        assert rack == pytest.approx([expected], abs=1e-5)
+
+
+def test_a_resistance_takes_with_the_square_of_the_duty_cycle():
+    mechanics, memory = stages(voltage_sag={"resistance_ratio": 0.5})
+    duty = mechanics.duty(memory, np.array([1.0, 0.5]))
+    assert duty == pytest.approx([1 / 1.5, 0.5 / 1.125])
+
+
+def test_what_is_asked_for_heats_and_heat_takes_from_the_duty_cycle():
+    faults = {"thermal_foldback": {"foldback": 0.5, "time_constant": 5.0}}
+    mechanics, memory = stages(**faults)
+    for _ in range(round(5.0 / H)):  # drive 0.8 for its time constant
+        mechanics.throttle(memory, np.array([0.6]))
+    heat = 0.64 * (1 - np.exp(-1))
+    assert mechanics.duty(memory, np.array([1.0]))[0] == pytest.approx(1 - 0.5 * heat, rel=1e-3)
+
+
+def test_a_servo_takes_from_the_duty_cycle_while_it_moves_and_while_it_holds():
+    mechanics, memory = stages(brown_out={"moving": 0.6, "holding": 0.2})
+    steered(mechanics, memory, *np.arange(1, 101) * 0.00625)  # 0.00625 in 2.5 ms: 2.5 a second
+    # Half of the fastest, at 0.625: 1 - 0.6 / 2 - 0.2 x 0.625.
+    assert mechanics.duty(memory, np.array([1.0]))[0] == pytest.approx(0.575)
+    steered(mechanics, memory, 0.625)
+    assert mechanics.duty(memory, np.array([1.0]))[0] == pytest.approx(0.875)
 
 
 def test_a_battery_loses_its_share_in_a_minute_of_typical_driving():

@@ -24,6 +24,8 @@ SAME = {  # a simulator's own parameter -> the effect that it is: "the lag is 0.
         "payload": ["mass"],
         "throttle_gain": ["drive_force"],
         "top_speed": ["drive_force_loss", "drive_speed_loss"],
+        "gear_ratio": ["gear_ratio"],
+        "voltage_sag": ["battery_resistance"],
         "sensor_lever_arm": ["sensor_x", "sensor_y"],
     }.items()
     for parameter in parameters
@@ -43,6 +45,14 @@ NEAR = {  # a simulator's own parameter -> an effect that it is a part of, or th
 }
 GROUPS = (  # effects that are easily confounded; those of one group are one answer to a driver
     {"steering_dead_time", "steering_lag", "steering_rate_limit", "steering_backlash"},
+    {"steering_backlash", "servo_stiction", "steering_dead_zone"},
+    {"steering_gain", "steering_curve", "steering_dead_zone", "steering_play"},
+    {"steering_asymmetry", "steering_end_stop"},
+    {"speed_ramp", "speed_controller_lag", "throttle_lag"},
+    {"least_speed", "throttle_deadband"},
+    {"voltage_sag", "top_speed", "gear_ratio", "motor_power_limit"},
+    {"battery_sag", "thermal_foldback"},
+    {"gear_ratio", "payload", "throttle_gain"},
     {"throttle_dead_time", "throttle_lag"},
     {"sensor_latency", "sensor_lag"},
     {"aerodynamic_drag", "rolling_resistance", "viscous_drag", "top_speed", "motor_power_limit"},

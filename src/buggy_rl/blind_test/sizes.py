@@ -88,6 +88,24 @@ SIZES: dict[str, dict[str, Range]] = {
     },
     "speed_scale": {"ratio": Range(0.9, 0.96, False, "a camera with its scale off")},
     "gyro_bias": {"bias": Range(0.05, 0.2, True, "3 to 11 degrees a second: not calibrated")},
+    "servo_stiction": {"width": Range(0.1, 0.25, False, "a servo's dead band, a dirty linkage")},
+    "steering_dead_zone": {"width": Range(0.06, 0.15, False, "a gamepad's stick: a tenth of it")},
+    "steering_curve": {"curvature": Range(0.2, 0.5, False, "20 to 50 % exponential of a radio")},
+    "steering_end_stop": {
+        "left_cut": Range(0.25, 0.5, False, "a horn a spline off, a body in the way"),
+        "right_cut": Range(0.1, 0.25, False, "the same, less on the other side"),
+    },
+    "steering_play": {"width": Range(0.12, 0.3, False, "as backlash, of worn ball joints")},
+    "voltage_sag": {"resistance_ratio": Range(0.3, 0.8, False, "an old or cold pack, thin wires")},
+    "thermal_foldback": {
+        "foldback": Range(0.5, 0.9, False, "a controller at its limit: half the power or less"),
+        "time_constant": Range(8.0, 16.0, False, "a small controller without a fan"),
+    },
+    "brown_out": {
+        "moving": Range(0.4, 0.9, False, "a BEC that cannot feed the servo: the drive stutters"),
+        "holding": Range(0.1, 0.3, False, "less for a servo that holds"),
+    },
+    "gear_ratio": {"ratio": Range(1.15, 1.5, False, "a pinion of three to eight teeth less")},
 }
 UNKNOWN_SIZES: dict[str, dict[str, Range]] = {
     "sticky_servo": {"breakaway": Range(0.15, 0.3, False, "moves when off by 3 to 6 degrees")},
@@ -96,6 +114,10 @@ UNKNOWN_SIZES: dict[str, dict[str, Range]] = {
     "drag_brake": {"share": Range(0.15, 0.5, False, "the controller's setting")},
     "heating_motor": {"rise": Range(0.005, 0.015, False, "half the power after a burst")},
     "loose_differential": {"time_constant": Range(0.08, 0.2, False, "the left half comes later")},
+}
+NAMED_SINCE = {  # unknown kinds that have got a name: they are drawn under it
+    "sticky_servo": "servo_stiction",
+    "heating_motor": "thermal_foldback",
 }
 COMMANDED_SIZES: dict[str, dict[str, Range]] = {  # of cars with brakes, or a speed controller
     "brake_gain": {"gain": Range(0.6, 0.85, False, "brake end point of the radio set by thumb")},
@@ -110,6 +132,11 @@ COMMANDED_SIZES: dict[str, dict[str, Range]] = {  # of cars with brakes, or a sp
     "driven_axle_slip": {
         "slip_per_acceleration": Range(0.015, 0.04, False, "the rear tyres' own to twice as soft")
     },
+    "speed_ramp": {
+        "acceleration": Range(0.8, 2.5, False, "a firmware's ramp turned down: MIT's car has 2.5")
+    },
+    "least_speed": {"speed": Range(0.3, 0.8, False, "900 to 3000 ERPM of a sensorless motor")},
+    "speed_integral": {"rate": Range(1.0, 4.0, False, "an integral gain of one to four times P's")},
 }
 CAMERA = {  # where a sensing effect is an error of the camera: parameter -> field of its config
     "sensor_latency": {"dead_time": "latency"},

@@ -58,6 +58,6 @@ def weak(segments: Segments, similarity: Similarity = BUGGY) -> list[str]:
     ]
     if int((seen > 0.02).sum()) < HEADINGS:
         found.append("not all directions driven: hides floor_slope, wind")
-    if float(segments.elapsed.max()) < 30.0:
-        found.append("less than 30 s of one recording: hides battery_sag")
+    if float(torch.maximum(segments.elapsed, segments.session).max()) < 30.0:
+        found.append("less than 30 s of one recording: hides battery_sag, thermal_foldback")
     return found

@@ -140,7 +140,8 @@ def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
     """Another effect in the place of one of the best hypothesis, in words."""
     candidate, p = swapped(found, effect, other), case.problem.library.numbers(other)[0]
     assert candidate is not None
-    return sentence(other, candidate.fit.values()[other], p.unit, p.value)
+    values = candidate.fit.values()[other]
+    return sentence(other, values, p.unit, p.value, case.recordings[0].command)
 
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
@@ -166,7 +167,7 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
         name=effect,
         kind=kind,
         equation="" if own else effect_class(effect).equation,
-        sentence=sentence(effect, numbers, p.unit, p.value),
+        sentence=sentence(effect, numbers, p.unit, p.value, case.recordings[0].command),
         parameters=values,
         confidence=sure.probability,
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),

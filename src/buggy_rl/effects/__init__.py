@@ -16,22 +16,31 @@ if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
 # before those that add to them. A sensor's delays stand before its mounting.
 EFFECTS = {
     "battery_sag": "buggy_rl.effects.actuation.throttle:BatterySag",
+    "thermal_foldback": "buggy_rl.effects.actuation.supply:ThermalFoldback",
+    "brown_out": "buggy_rl.effects.actuation.supply:BrownOut",
     "throttle_gain": "buggy_rl.effects.actuation.throttle:ThrottleGain",
     "throttle_deadband": "buggy_rl.effects.actuation.throttle:ThrottleDeadband",
     "throttle_lag": "buggy_rl.effects.actuation.timing:ThrottleLag",
     "throttle_offset": "buggy_rl.effects.actuation.throttle:ThrottleOffset",
     "throttle_dead_time": "buggy_rl.effects.actuation.timing:ThrottleDeadTime",
+    "steering_end_stop": "buggy_rl.effects.actuation.steering_map:SteeringEndStop",
     "steering_offset": "buggy_rl.effects.actuation.steering:SteeringOffset",
     "steering_gain": "buggy_rl.effects.actuation.steering:SteeringGain",
     "steering_asymmetry": "buggy_rl.effects.actuation.steering:SteeringAsymmetry",
+    "steering_curve": "buggy_rl.effects.actuation.steering_map:SteeringCurve",
+    "steering_play": "buggy_rl.effects.actuation.servo:SteeringPlay",
     "steering_backlash": "buggy_rl.effects.actuation.servo:SteeringBacklash",
     "steering_lag": "buggy_rl.effects.actuation.timing:SteeringLag",
     "steering_rate_limit": "buggy_rl.effects.actuation.servo:SteeringRateLimit",
+    "servo_stiction": "buggy_rl.effects.actuation.servo:ServoStiction",
+    "steering_dead_zone": "buggy_rl.effects.actuation.steering_map:SteeringDeadZone",
     "steering_dead_time": "buggy_rl.effects.actuation.timing:SteeringDeadTime",
     "tire_grip": "buggy_rl.effects.tyre.grip:TireGrip",
     "grip_balance": "buggy_rl.effects.tyre.grip:GripBalance",
     "grip_patch": "buggy_rl.effects.tyre.grip:GripPatch",
     "payload": "buggy_rl.effects.motion.drive:Payload",
+    "gear_ratio": "buggy_rl.effects.motion.drive:GearRatio",
+    "voltage_sag": "buggy_rl.effects.motion.drive:VoltageSag",
     "top_speed": "buggy_rl.effects.motion.drive:TopSpeed",
     "motor_power_limit": "buggy_rl.effects.motion.drive:MotorPowerLimit",
     "aerodynamic_drag": "buggy_rl.effects.motion.resistance:AerodynamicDrag",
@@ -67,6 +76,21 @@ OF_A_COMMAND = {
         "throttle_brake_reverse",
         "grip_patch",
     ),
+    "speed_integral": (
+        "buggy_rl.effects.actuation.setpoint:SpeedIntegral",
+        "speed",
+        "throttle_gain",
+    ),
+    "least_speed": (
+        "buggy_rl.effects.actuation.setpoint:LeastSpeed",
+        "speed",
+        "throttle_lag",
+    ),
+    "speed_ramp": (
+        "buggy_rl.effects.actuation.setpoint:SpeedRamp",
+        "speed",
+        "throttle_lag",
+    ),
     "speed_controller_lag": (
         "buggy_rl.effects.motion.controller:SpeedControllerLag",
         "speed",
@@ -83,6 +107,8 @@ OF_A_COMMAND = {
         "viscous_drag",
     ),
 }
+# That show only where the command is a drive: a controller of speed or current makes up for them.
+OF_A_DRIVE = ("thermal_foldback", "brown_out", "gear_ratio", "voltage_sag")
 CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
@@ -98,7 +124,9 @@ STACK = tuple(
 
 def offered(command: LongitudinalCommand) -> list[str]:
     """Effects that a simulator or a recording with this command can have, in their order."""
-    return [n for n in STACK if n in EFFECTS or OF_A_COMMAND[n][1] == command.kind]
+    hidden = OF_A_DRIVE if command.kind in ("speed", "current") else ()
+    own = [n for n in STACK if n in EFFECTS or OF_A_COMMAND[n][1] == command.kind]
+    return [n for n in own if n not in hidden]
 
 
 def effect_class(name: str) -> type["Effect"]:

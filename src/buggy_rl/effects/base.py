@@ -21,7 +21,7 @@ from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
 from buggy_rl.keys import MEMORY
-from buggy_rl.longitudinal import ONE_WAY_REST
+from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import CONTROL_PERIOD
 
@@ -39,6 +39,9 @@ class EffectParameter(Parameter):
     """Step from neutral for a finite difference, in the parameter's unit."""
     reciprocal: bool = False
     """The prior is on 1 / value; neutral is so large that no limit is ever reached."""
+    usual: tuple[float, float] | None = None
+    """Interval in which 5 to 95 % of real small cars lie, in the parameter's unit; None where
+    nothing is known. A fitted value beyond it is more probably another effect."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -49,6 +52,13 @@ class EffectParameter(Parameter):
                 f"parameter {self.name!r}: a probe of {self.probe} {self.unit} is zero or leads "
                 f"out of [{self.lower}, {self.upper}]"
             )
+        if self.usual is not None and not self.usual[0] <= self.value <= self.usual[1]:
+            low, high = self.usual
+            if not (self.reciprocal and low < high < self.value):  # a limit that most cars have
+                raise ValueError(
+                    f"parameter {self.name!r}: its usual interval [{low}, {high}] {self.unit} does "
+                    f"not hold the neutral {self.value}"
+                )
 
     def coordinate(self, value: Number) -> Number:
         """The normalised value: distance from neutral over the prior scale."""
@@ -111,6 +121,11 @@ class Effect(Transform):
     @abstractmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         """The effect in plain words, numbers in everyday units."""
+
+    @classmethod
+    def sentence_for(cls, values: Mapping[str, float], command: LongitudinalCommand) -> str:
+        """`sentence` in the words of a kind of command; the same where no effect says otherwise."""
+        return cls.sentence(values)
 
     @property
     def values(self) -> dict[str, Tensor]:

@@ -47,6 +47,8 @@ class Engine(EnvBase):
     """Physical parameters by name, with the values in use where all environments share them."""
     values: dict[str, Tensor]
     """Parameter values in use, each of shape () or of the batch's shape."""
+    reach: float = 1.0
+    """Largest size of a command to which its laws go on; only effects ask for more than 1."""
 
     def __init__(
         self,
@@ -141,6 +143,9 @@ class Engine(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict[keys.ACTION].clamp(-1.0, 1.0)
+        beyond = tensordict.get(keys.BEYOND, None)
+        if beyond is not None:
+            action = (action + beyond).clamp(-self.reach, self.reach)
         result = self._advance(tensordict, action)
         done = torch.zeros(self._shape(1), dtype=torch.bool, device=self.device)
         result[keys.REWARD] = torch.zeros(self._shape(1), device=self.device)  # the task's

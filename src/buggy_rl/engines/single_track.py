@@ -181,8 +181,13 @@ class SingleTrackEngine(ActuatedEngine):
 
     @property
     def realises(self) -> Realisations:
+        own: dict[str, Any] = {}
+        if self.command.kind in ("throttle", "throttle_brake_reverse"):
+            gear = (Scaled("drive_force", "ratio"), Scaled("drive_force_loss", "ratio", 2.0))
+            own["gear_ratio"] = gear
         return {
             **super().realises,
+            **own,
             "tire_grip": _friction("grip", 1.0, 1.0),
             "grip_balance": _friction("front_to_rear", 0.5, -0.5),
         }

@@ -14,8 +14,9 @@ from torchrl.envs import EnvBase
 
 from buggy_rl import keys
 from buggy_rl.effects.actuation.command import RememberingCommand
+from buggy_rl.effects.actuation.supply import ThermalFoldback
 from buggy_rl.effects.base import Effect
-from buggy_rl.estimation.segments import LATEST, Segments
+from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
@@ -223,8 +224,11 @@ class Simulation:
         sets = len(pose) // len(segments)
         state = env.reset(TensorDict({keys.POSE: pose, keys.VELOCITY: velocity}, [len(pose)]))
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
-            state[keys.ELAPSED] = segments.elapsed.repeat(sets).unsqueeze(-1)
+            state[keys.ELAPSED] = segments.session.repeat(sets).unsqueeze(-1)
         for effect in stack:
+            if isinstance(effect, ThermalFoldback) and effect.active:
+                worked = segments.worked.repeat(sets, 1)
+                state[effect.memory] = effect.warmed(state[effect.memory], worked, WORKED)
             if isinstance(effect, RememberingCommand) and effect.lasting and effect.active:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)

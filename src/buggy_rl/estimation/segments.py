@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
 from buggy_rl import keys
+from buggy_rl.longitudinal import drive_of
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.filters import filtered, local_parabola
 from buggy_rl.recordings.windows import windows
@@ -18,6 +20,8 @@ HORIZONS = (0.3, 1.0, 3.0)  # [s] at which rollouts are judged
 CHANNELS = ("vx", "vy", "yaw_rate")
 LATEST = 0.3  # [s] known beyond a segment's start, for sensors that report late
 AHEAD = round(LATEST / CONTROL_PERIOD)  # [rows] of that at the car's own rate
+# [s] back from a segment's start: intervals over which the mean square drive is known, for heat
+WORKED = (0.0, 3.0, 6.0, 12.0, 24.0, 48.0, 96.0, 192.0, 384.0)
 EARLIER = 3.0  # [s] of commands before a segment: play and slow servos remember them
 SMOOTHED = 0.15  # [s] of the local parabola; a car's motion bends little within it
 LEAST_SMOOTHED = 5  # [rows] of it: three it would follow whatever they are, and show no noise
@@ -42,6 +46,11 @@ class Segments:
     it."""
     elapsed: Tensor
     """[N] time since the recording began, at row 0 [s]."""
+    session: Tensor
+    """[N] time since the first recording of the session began, at row 0 [s]; likewise where the
+    stamps do not tell."""
+    worked: Tensor
+    """[N, B] mean square drive in the intervals `WORKED` before row 0; 0 before the recording."""
     recording: Tensor
     """[N] int, index of the recording."""
     row: Tensor
@@ -119,6 +128,7 @@ def cut_segments(
     smooth = windows([_smoothed(r, smoothing) for r in recordings], length, rows)
     first, index = measured[keys.ROW][:, 0], measured[keys.RECORDING][:, 0]
     begun = torch.stack([recording.data[keys.TIME][0, 0] for recording in recordings])
+    since_first = torch.tensor([r.since_first for r in recordings], dtype=torch.float64)
     starts = list(zip(index.tolist(), first.tolist(), strict=True))
     times = torch.stack([recordings[i].data[keys.TIME][row, 0] for i, row in starts])
     return Segments(
@@ -129,6 +139,8 @@ def cut_segments(
         action=measured[keys.ACTION],
         earlier=torch.stack([_earlier(recordings[i], row, dt) for i, row in starts]),
         elapsed=(times - begun[index]).float(),
+        session=(times - begun[index] + since_first[index]).float(),
+        worked=torch.stack([_worked(recordings[i], row, dt) for i, row in starts]),
         recording=index,
         row=first,
         dt=dt,
@@ -154,6 +166,16 @@ def _earlier(recording: Recording, row: int, dt: float) -> Tensor:
     rows = round(EARLIER / dt)
     given = recording.data[keys.ACTION][max(0, row - rows) : row + 1]
     return torch.cat([given[:1].expand(rows + 1 - len(given), -1), given])[:-1]
+
+
+def _worked(recording: Recording, row: int, dt: float) -> Tensor:
+    """[B] means of the drive's square in the intervals of `WORKED` before a row."""
+    drive = drive_of(recording.data[keys.ACTION][:row, 0].double(), recording.command.rest)
+    total = torch.cat([torch.zeros(1, dtype=torch.float64), drive.square().cumsum(0)])
+    back = [min(round(edge / dt), row) for edge in WORKED]
+    sums = [total[row - newer] - total[row - older] for newer, older in pairwise(back)]
+    spans = torch.tensor([round((b - a) / dt) for a, b in pairwise(WORKED)])
+    return (torch.stack(sums) / spans).float()
 
 
 def _smoothed(recording: Recording, rows: int) -> Recording:

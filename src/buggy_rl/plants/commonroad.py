@@ -58,7 +58,7 @@ ABILITIES = EFFECTS - {"grip_balance"}
 COMMANDS = "commands"  # [K, 2] past commands, newest first
 ACTUATORS = "actuators"  # [2] throttle behind its lag, road-wheel angle [rad]
 WHEEL_SLIP = "wheel_slip"  # [2] circumference less rolling speed, front and rear [m/s]
-MEMORY = "plant_memory"  # [5] of `mechanics`
+MEMORY = "plant_memory"  # [len(RESTING)] of `mechanics`
 LONGEST_DEAD_TIME = 0.25  # [s] own and fault together
 SUBSTEPS = 4  # of a control period; halving the step changes a path of 1 s by under 0.1 %
 TYPICAL_FORCE = 1.8  # [N] of the motor, mean of three room drives of 30 s
@@ -192,8 +192,9 @@ class CommonroadPlant(RowsEngine):
         drive = (0.5 * (throttle + 1.0) - own["throttle_deadband"]) / (
             1.0 - own["throttle_deadband"]
         )
+        lateral = cars[:, SPEED] * cars[:, YAW_RATE]
+        rack = mechanics.steering(memory, steering, lateral)
         duty = mechanics.duty(memory, np.maximum(drive, 0.0))
-        rack = mechanics.steering(memory, steering)
         target = own["steering_trim"] + own["steering_lock"] * rack
         asked = (target - cars[:, STEERING]) * (1.0 - _kept(own["steering_lag"], h)) / h
         force = np.empty(len(cars))

@@ -197,8 +197,9 @@ class CommonroadCar:
 
     def motor_force(self, duty: float, tread: float) -> float:
         """Force [N] of the motor: F = d (F0 - c u / r), not more than P / u."""
-        loss = self.values["drive_speed_loss"] / self.faults["top_speed.speed_ratio"]
-        force = duty * max(self.values["drive_force"] - loss * tread, 0.0)
+        gear = self.faults["gear_ratio.ratio"]
+        loss = gear * self.values["drive_speed_loss"] / self.faults["top_speed.speed_ratio"]
+        force = duty * gear * max(self.values["drive_force"] - loss * tread, 0.0)
         if "motor_power_limit" in self.faults:
             power = self.faults["motor_power_limit.power_per_mass"] * self.bare_mass
             force = min(force, power / max(tread, SLOWEST_SHAFT))

@@ -111,6 +111,27 @@ SORTS = tuple(
 )
 
 
+NAMED_SINCE = (  # patterns of sorts that the library has got a name for since the published sets
+    ("throttle", "steering", "even", ""),  # brown-out of a servo that holds
+    ("throttle", "steering_rate", "even", ""),  # and of one that moves
+    ("forward", "throttle", "", "heat"),  # thermal fold-back
+    ("steering", "lateral", "saturating", ""),  # play that the tyres take up
+)
+"""Where it acts, of what, its shape and memory; an empty part is any."""
+
+
+def _named_since(name: str) -> bool:
+    parts = name.split(".")
+    return any(
+        all(not wanted or wanted == part for wanted, part in zip(pattern, parts, strict=True))
+        for pattern in NAMED_SINCE
+    )
+
+
+UNNAMED = tuple(name for name in SORTS if not _named_since(name))
+"""Sorts that the present library has no name for either."""
+
+
 def is_composed(name: str) -> bool:
     """Whether a name is that of a sort."""
     return name in SORTS

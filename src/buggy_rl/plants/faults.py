@@ -17,7 +17,8 @@ UPPER = {  # where the plants' range differs from the reference car's
 }
 FAULTS = {f.name: replace(f, upper=UPPER.get(f.name, f.upper)) for f in TEXTBOOK}
 EFFECTS = frozenset(effect_of(name) for name in FAULTS)
-PLACES = ("grip_patch.x", "grip_patch.y")  # no fault by themselves
+# No fault by themselves.
+PLACES = ("grip_patch.x", "grip_patch.y", "thermal_foldback.time_constant")
 
 
 class Faults:

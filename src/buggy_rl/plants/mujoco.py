@@ -5,7 +5,7 @@ radius of gyration). In the tyre law: friction by axle and by the place of each 
 (`tire_grip`, `grip_balance`, `grip_patch`), the stiffness kept. In the applied forces: air, wind,
 drags, a couple on the rear hubs (`one_sided_drag`), a moment (`yaw_damping`). In the actuators:
 dead times are longer, and behind the car's own lags come the stages of `mechanics`. In the motor:
-less back-EMF (`top_speed`), a limit at the shaft (`motor_power_limit`).
+less back-EMF (`top_speed`), a gear (`gear_ratio`), a limit at the shaft (`motor_power_limit`).
 
 Differences from the textbook's parameter: the wheels' inertia makes a slope of 0.3 m/s^2 accelerate
 the free car by 0.3 m / (m + sum I / r^2), 8 % less (drags are of the whole car and exact); with a
@@ -27,13 +27,14 @@ from torchrl.data import TensorSpec
 
 from buggy_rl.engines.mujoco import MujocoEngine
 from buggy_rl.engines.mujoco.car import Car
+from buggy_rl.engines.mujoco.forces import read_motion
 from buggy_rl.plants.faults import EFFECTS, Faults
 from buggy_rl.plants.mechanics import RESTING, Mechanics
 from buggy_rl.plants.mujoco_forces import FaultyForces
 from buggy_rl.vehicle import GRAVITY
 
 ABILITIES = EFFECTS
-MEMORY = "plant_memory"  # [5] of `mechanics`
+MEMORY = "plant_memory"  # [len(RESTING)] of `mechanics`
 PAYLOAD_RADIUS = 0.05  # [m] radius of gyration of the payload: a block of 0.12 m; chosen
 TYPICAL_FORCE = 2.5  # [N] of the motor, mean of three room drives of 60 s
 
@@ -98,7 +99,8 @@ class MujocoPlant(MujocoEngine):
         qpos, qvel = cars.qpos, cars.qvel
         for substep in range(self._substeps):
             middle = self._actuators.lagged(start, target, (substep + 0.5) * h)
-            rack = self._mechanics.steering(self._memory, middle[:, 1])
+            lateral = self._lateral(qpos, qvel)
+            rack = self._mechanics.steering(self._memory, middle[:, 1], lateral)
             throttle = self._mechanics.throttle(self._memory, middle[:, 0])
             duty = self._mechanics.duty(self._memory, self._actuators.drive(throttle))
             self._mechanics.drained(self._memory, self._forces.motor_force(qvel, duty))
@@ -106,6 +108,12 @@ class MujocoPlant(MujocoEngine):
             self._forces.apply(qpos, qvel, cars.xfrc_applied, cars.qfrc_applied, angle, duty)
             cars.step()
         cars.refuse_bad()
+
+    @staticmethod
+    def _lateral(qpos: NDArray, qvel: NDArray) -> NDArray:
+        """Lateral acceleration [n] [m/s^2] of a steady turn, vx r."""
+        motion = read_motion(qpos, qvel)
+        return motion.vx * motion.yaw_rate
 
     def _options(self) -> dict[str, Any]:
         return super()._options() | {"faults": self._faults.given}
@@ -138,6 +146,9 @@ def with_faults(values: Mapping[str, Tensor], faults: Faults) -> dict[str, Tenso
         load = values["mass"] * (faults["payload.mass_ratio"] - 1.0)
         changed["mass"] = values["mass"] + load
         changed["yaw_inertia"] = values["yaw_inertia"] + load * PAYLOAD_RADIUS**2
-    if "top_speed" in faults:
-        changed["drive_speed_loss"] = values["drive_speed_loss"] / faults["top_speed.speed_ratio"]
+    if "top_speed" in faults or "gear_ratio" in faults:
+        gear = faults["gear_ratio.ratio"]
+        loss = values["drive_speed_loss"] / faults["top_speed.speed_ratio"]
+        changed["drive_force"] = gear * values["drive_force"]
+        changed["drive_speed_loss"] = gear * gear * loss
     return changed

@@ -20,6 +20,7 @@ from buggy_rl.recordings.mapping import map_columns
 from buggy_rl.recordings.readers import is_recording, read, recordings_below
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.resampling import resample
+from buggy_rl.recordings.session import place_in_session
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 LONGEST_PERIOD = 0.1  # [s] of the control; a steering lag of 0.1 s is not resolved above it
@@ -65,6 +66,7 @@ def load_recordings(
         except RecordingError as error:
             refusals.append(error)
     _make_unique(recordings)
+    place_in_session(recordings)
     return recordings, refusals
 
 

@@ -35,6 +35,9 @@ class Recording:
     """What was cut or derived while reading, one line each."""
     command: LongitudinalCommand = ONE_WAY
     """What the throttle is; one with reverse is at rest at 0."""
+    since_first: float = 0.0
+    """Time from the beginning of the session's first recording to that of this one [s]; 0 where the
+    stamps do not tell."""
 
     @property
     def duration(self) -> float:

@@ -45,7 +45,15 @@ class BrakeGain(BrakeEffect):
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 3 (brake gain)"
     declared = (
         EffectParameter(
-            "gain", 1.0, 0.1, 4.0, "-", "Brake that acts over brake given.", size=0.3, probe=-0.05
+            "gain",
+            1.0,
+            0.1,
+            4.0,
+            "-",
+            "Brake that acts over brake given.",
+            size=0.3,
+            probe=-0.05,
+            usual=(0.5, 1.5),
         ),
     )
     option_names = ("reverse_onset",)
@@ -72,7 +80,15 @@ class ReverseDeadband(BrakeEffect):
     deciding = ("width",)
     declared = (
         EffectParameter(
-            "width", 0.0, 0.0, 0.9, "-", "Brake in 0..1 below which nothing acts.", 0.1, 0.01
+            "width",
+            0.0,
+            0.0,
+            0.9,
+            "-",
+            "Brake in 0..1 below which nothing acts.",
+            size=0.1,
+            probe=0.01,
+            usual=(0.0, 0.2),
         ),
         EffectParameter(
             "restored", 0.0, 0.0, 1.0, "-", "Share given back at full brake.", 0.5, 0.05

@@ -13,15 +13,22 @@ from buggy_rl import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 
 STANDING = 0.05  # [m/s] speed below which a reset is a car at rest; chosen
+FARTHEST = 2.0  # [-] largest command that acts, where an effect extends it; engines end there
 GIVEN = "_given"  # ends the key of the next memory, present only while a step is taken
 
 
 class CommandEffect(Effect):
-    """u'_k = f(u_k) of one command, both clamped to [-1, 1]."""
+    """u'_k = f(u_k) of one command, u in [-1, 1].
+
+    So is u', except of an effect that `extends` it: the part beyond 1 is handed on under
+    `keys.BEYOND`, and an engine whose laws go on there (`Engine.reach`) adds it to the command.
+    """
 
     kind = "actuation"
     channel: ClassVar[int]
     """0 throttle, 1 steering."""
+    extends: ClassVar[bool] = False
+    """Whether more than a full command may act: a higher voltage, a longer servo horn."""
 
     @abstractmethod
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
@@ -30,12 +37,31 @@ class CommandEffect(Effect):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if not self.active:
             return tensordict
-        action = tensordict.get(keys.ACTION)
+        action, beyond = tensordict.get(keys.ACTION), tensordict.get(keys.BEYOND, None)
         given = action[..., self.channel]
-        acting = self._acting(self._gather(given, 0).clamp(-1.0, 1.0), tensordict).clamp(-1.0, 1.0)
-        commands = list(action.unbind(-1))
-        commands[self.channel] = self._scatter(given, acting, 0)
-        return tensordict.set(keys.ACTION, torch.stack(commands, -1))
+        command = self._gather(given, 0).clamp(-1.0, 1.0)
+        if self.extends and beyond is not None:
+            command = command + self._gather(beyond[..., self.channel], 0)
+        acting = self._acting(command, tensordict)
+        within = acting.clamp(-1.0, 1.0)
+        if self.extends or beyond is not None:
+            past = acting.clamp(-FARTHEST, FARTHEST) - within if self.extends else 0 * within
+            self._hand_on(tensordict, past)
+        tensordict.set(keys.ACTION, self._replaced(action, within))
+        return tensordict
+
+    def _hand_on(self, tensordict: TensorDictBase, past: Tensor) -> None:
+        """Hands on what acts [n] past +-1."""
+        beyond = tensordict.get(keys.BEYOND, None)
+        if beyond is None:
+            beyond = torch.zeros_like(tensordict.get(keys.ACTION))
+        tensordict.set(keys.BEYOND, self._replaced(beyond, past))
+
+    def _replaced(self, pair: Tensor, part: Tensor) -> Tensor:
+        """A pair [*, 2] with the active rows of its own channel replaced by `part` [n]."""
+        columns = list(pair.unbind(-1))
+        columns[self.channel] = self._scatter(columns[self.channel], part, 0)
+        return torch.stack(columns, -1)
 
 
 class RememberingCommand(CommandEffect):
@@ -53,6 +79,11 @@ class RememberingCommand(CommandEffect):
     def size(self) -> int:
         """Numbers of the latent state."""
         return 1
+
+    @property
+    def resting(self) -> float:
+        """Each number of the latent state of a car at rest."""
+        return 0.0 if self.channel else self.rest
 
     def remembered(self, memory: Tensor, commands: Tensor) -> Tensor:
         """Memory [n, size + 1] after the commands [n, T] of this channel."""
@@ -82,8 +113,7 @@ class RememberingCommand(CommandEffect):
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         velocity = state.get(keys.VELOCITY)
         moving = torch.linalg.vector_norm(velocity[..., :2], dim=-1, keepdim=True) > STANDING
-        straight = 0.0 if self.channel else self.rest
-        resting = velocity.new_full((*velocity.shape[:-1], self.size), straight)
+        resting = velocity.new_full((*velocity.shape[:-1], self.size), self.resting)
         state.set(self.memory, torch.cat([resting, moving.to(velocity)], -1))
 
     def _state_specs(

@@ -1,14 +1,17 @@
-"""Limits of the steering servo: its speed, and play in the linkage behind it."""
+"""Limits of the steering servo: its speed, its friction, and play in the linkage behind it."""
 
 import math
 from collections.abc import Mapping
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl.effects.actuation.command import RememberingCommand
+from buggy_rl import keys
+from buggy_rl.effects.actuation.command import CommandEffect, RememberingCommand
 from buggy_rl.effects.base import EffectParameter
 
+LOADED = 0.5  # [m/s^2] lateral acceleration at which play is taken up to tanh(1) = 76 %; chosen
 NO_LIMIT = 1e6  # [1/s] neutral rate: the whole range of 2 in 2 us, faster than any command
 
 
@@ -63,6 +66,7 @@ class SteeringRateLimit(ServoEffect):
             size=7.0,
             probe=6.0 - NO_LIMIT,
             reciprocal=True,
+            usual=(3.0, 20.0),
         ),
     )
 
@@ -88,6 +92,9 @@ class SteeringRateLimit(ServoEffect):
 class SteeringBacklash(ServoEffect):
     """Play: the linkage moves only after the servo has gone through the play.
 
+    Without a load on the wheels, which rest where they are. At speed the tyres' aligning torque
+    pushes them to one side of the play: that is `steering_play`.
+
     r_k = min(max(r_{k-1}, s_k - w / 2), s_k + w / 2), w the full width from stop to stop.
     """
 
@@ -99,7 +106,15 @@ class SteeringBacklash(ServoEffect):
     source = "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (backlash)"
     declared = (
         EffectParameter(
-            "width", 0.0, 0.0, 1.0, "-", "Play from stop to stop, of a range of 2.", 0.1, 0.02
+            "width",
+            0.0,
+            0.0,
+            1.0,
+            "-",
+            "Play from stop to stop, of a range of 2.",
+            size=0.1,
+            probe=0.02,
+            usual=(0.0, 0.25),
         ),
     )
 
@@ -119,3 +134,94 @@ class SteeringBacklash(ServoEffect):
         moved = torch.minimum(torch.maximum(linkage, servo - half), servo + half)
         acting = torch.where(half > 0, self._command_between(linkage, moved), command)
         return acting, torch.stack([servo, moved], -1)
+
+
+class ServoStiction(ServoEffect):
+    """A servo that rests until its command is off by more than a width, and then goes all the way.
+
+    It goes on until the error is under a tenth of the width: m_k = max(rise(e_k), min(2 m_{k-1}, 1)
+    fade(e_k)) of the error e is how far it moves, and r_k = r_{k-1} + m_k a (u_k - r_{k-1}). The
+    rise from 0 to 1 over a quarter of the width, and the fade below a fifth, are for gradients.
+    """
+
+    name = "servo_stiction"
+    equation = "steering' rests while |steering - steering'| <= width, then goes to it"
+    source = (
+        "Armstrong-Helouvry, Dupont & Canudas de Wit 1994, Automatica 30(7) (stick-slip); the dead "
+        "band that a servo's data sheet states"
+    )
+    declared = (
+        EffectParameter(
+            "width",
+            0.0,
+            0.0,
+            1.0,
+            "-",
+            "Command by which the servo must be off before it moves.",
+            size=0.08,
+            probe=0.03,
+            usual=(0.0, 0.15),
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        share = 100 * values["width"]
+        return f"the steering servo sticks until it is off by {share:.3g} % of the way to lock"
+
+    @property
+    def size(self) -> int:
+        return 2  # servo, and how far it moves, 0..1
+
+    def _next(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        width = self._value("width").clamp_min(1e-6)
+        servo, moving = state[..., 0], state[..., 1]
+        error = (command - servo).abs() / width
+        rise = (4 * error - 3.5).clamp(0.0, 1.0)
+        # After a reset in motion the memory holds the command: the servo is there, and rests.
+        going = (2 * moving).clamp(0.0, 1.0) * (10 * error - 1).clamp(0.0, 1.0)
+        moving = torch.maximum(rise, going)
+        moved = servo + moving * self.follows * (command - servo)
+        return self._command_between(servo, moved), torch.stack([moved, moving], -1)
+
+
+class SteeringPlay(CommandEffect):
+    """Play under load: the tyres' aligning torque holds the wheels at one side of the play.
+
+    The torque turns the wheels out of the bend, so in a bend half of the play is missing, and a bit
+    of lateral acceleration decides to which side it is: s' = s - (w / 2) tanh(vx r / 0.5 m/s^2).
+    """
+
+    name = "steering_play"
+    channel = 1
+    equation = "steering' = steering - width / 2 tanh(vx r / 0.5 m/s^2)"
+    source = (
+        "Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.2 (aligning torque), on a "
+        "linkage with play"
+    )
+    declared = (
+        EffectParameter(
+            "width",
+            0.0,
+            0.0,
+            1.0,
+            "-",
+            "Play from stop to stop, of a range of 2.",
+            size=0.1,
+            probe=0.02,
+            usual=(0.0, 0.25),
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        share = 50 * values["width"]
+        return (
+            f"the tyres push the wheels out of the bend by {share:.3g} % of the steering, as far "
+            "as the linkage has play"
+        )
+
+    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+        vx, _, yaw_rate = self._gather(tensordict.get(keys.VELOCITY)).unbind(-1)
+        pushed = torch.tanh(vx * yaw_rate / LOADED)
+        return command - 0.5 * self._value("width").clamp_min(0.0) * pushed

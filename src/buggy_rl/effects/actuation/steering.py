@@ -12,19 +12,33 @@ from buggy_rl.effects.base import EffectParameter, more_or_less
 STEERING_MAP = "Lyons et al. 2024, DART, dart_dynamic_models.py"
 
 
-class SteeringGain(CommandEffect):
-    """Another gain of the steering, up to full lock."""
+class LinkageEffect(CommandEffect):
+    """A map behind the servo: the wheels may turn beyond what is full lock in the simulator."""
+
+    channel = 1
+    extends = True
+
+
+class SteeringGain(LinkageEffect):
+    """Another gain of the steering; beyond full lock where the engine goes on there."""
 
     name = "steering_gain"
     look_at = (
         "Measure the wheels' angle at full command: servo end points (EPA), horn length, linkage."
     )
-    channel = 1
     equation = "steering' = gain steering"
     source = f"{STEERING_MAP} (slope of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
-            "gain", 1.0, 0.1, 4.0, "-", "Steering that acts over steering given.", 0.2, 0.02
+            "gain",
+            1.0,
+            0.1,
+            4.0,
+            "-",
+            "Steering that acts over steering given.",
+            size=0.2,
+            probe=0.02,
+            usual=(0.75, 1.3),
         ),
     )
 
@@ -36,17 +50,24 @@ class SteeringGain(CommandEffect):
         return self._value("gain") * command
 
 
-class SteeringOffset(CommandEffect):
+class SteeringOffset(LinkageEffect):
     """Road wheels that are not straight at zero command."""
 
     name = "steering_offset"
     look_at = "Check the steering trim and that the servo horn is centred when the command is 0."
-    channel = 1
     equation = "steering' = steering + offset"
     source = f"{STEERING_MAP} (offset of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(
-            "offset", 0.0, -0.8, 0.8, "-", "Added to the steering command.", 0.15, 0.01
+            "offset",
+            0.0,
+            -0.8,
+            0.8,
+            "-",
+            "Added to the steering command.",
+            size=0.15,
+            probe=0.01,
+            usual=(-0.2, 0.2),
         ),
     )
 
@@ -60,23 +81,29 @@ class SteeringOffset(CommandEffect):
         return command + self._value("offset")
 
 
-class SteeringAsymmetry(CommandEffect):
+class SteeringAsymmetry(LinkageEffect):
     """Another gain to the left than to the right.
 
-    Left times sqrt(q), right over sqrt(q), up to full lock: a gain common to both is
-    `steering_gain`.
+    Left times sqrt(q), right over sqrt(q): a gain common to both is `steering_gain`.
     """
 
     name = "steering_asymmetry"
     look_at = (
         "Measure the wheels' angle at full left and full right: end points, length of both rods."
     )
-    channel = 1
     equation = "steering' = sqrt(q) steering to the left, steering / sqrt(q) to the right"
     source = f"{STEERING_MAP} (separate branches of that map to the left and to the right)"
     declared = (
         EffectParameter(
-            "left_to_right", 1.0, 0.2, 5.0, "-", "Gain to the left over gain right.", 0.22, 0.02
+            "left_to_right",
+            1.0,
+            0.2,
+            5.0,
+            "-",
+            "Gain to the left over gain right.",
+            size=0.22,
+            probe=0.02,
+            usual=(0.75, 1.35),
         ),
     )
 

@@ -13,15 +13,15 @@ from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl import keys
-from buggy_rl.effects.actuation.command import CommandEffect
+from buggy_rl.effects.actuation.command import FARTHEST, CommandEffect
 from buggy_rl.effects.base import EffectParameter, more_or_less, numbers_spec
-from buggy_rl.longitudinal import ONE_WAY_REST, command_of, drive_of
+from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, command_of, drive_of
 
 MINUTE = 60.0  # [s]
 
 
 class DriveEffect(CommandEffect):
-    """d' = f(d), clamped to 0..1: no simulator is asked for more than full drive."""
+    """d' = f(d), not below 0; above 1 where the effect and the engine go on there."""
 
     channel = 0
 
@@ -31,7 +31,8 @@ class DriveEffect(CommandEffect):
 
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         drive = drive_of(command, self.rest)
-        acting = self._acting_drive(drive, tensordict).clamp(0.0, 1.0)
+        most = drive_of(FARTHEST, self.rest) if self.extends else 1.0
+        acting = self._acting_drive(drive, tensordict).clamp(0.0, most)
         if self.rest != ONE_WAY_REST:
             return torch.where(command > 0, acting, command)
         return command_of(acting, self.rest)
@@ -41,9 +42,11 @@ class DriveGainEffect(DriveEffect):
     """d' = onset + g (d - onset) above the onset: a gain of the motor's force, not of the command.
 
     A simulated motor with a deadband gives no force below it; with another gain it starts at the
-    same throttle. `measured_onset` finds the onset of a simulator.
+    same throttle. `measured_onset` finds the onset of a simulator. A gain above 1 is a motor or a
+    battery that is stronger at full throttle too.
     """
 
+    extends = True
     option_names = ("onset",)
     onset: float = 0.0
     """Drive in 0..1 at which the simulated motor begins to give force."""
@@ -57,7 +60,10 @@ class DriveGainEffect(DriveEffect):
 
 
 class ThrottleGain(DriveGainEffect):
-    """Another gain of the drive, up to full drive."""
+    """Another gain of the drive: a motor or battery of other strength, or an end point.
+
+    Of a speed command it is the calibration of the speed.
+    """
 
     name = "throttle_gain"
     look_at = "Check the battery's voltage, the throttle's end point (EPA) and the gearing."
@@ -67,12 +73,32 @@ class ThrottleGain(DriveGainEffect):
         "above its deadband)"
     )
     declared = (
-        EffectParameter("gain", 1.0, 0.1, 4.0, "-", "Drive that acts over drive given.", 0.2, 0.02),
+        EffectParameter(
+            "gain",
+            1.0,
+            0.1,
+            4.0,
+            "-",
+            "Drive that acts over drive given.",
+            size=0.2,
+            probe=0.02,
+            usual=(0.7, 1.3),
+        ),
     )
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         return f"the motor is driven {more_or_less(values['gain'])} than the throttle says"
+
+    @classmethod
+    def sentence_for(cls, values: Mapping[str, float], command: LongitudinalCommand) -> str:
+        ratio = values["gain"]
+        if command.kind == "speed":
+            faster = "faster" if ratio >= 1 else "slower"
+            return f"the car drives {100 * abs(ratio - 1):.3g} % {faster} than commanded"
+        if command.kind == "current":
+            return f"the motor gets {more_or_less(ratio)} current than commanded"
+        return cls.sentence(values)
 
     def _gain_change(self, tensordict: TensorDictBase) -> Tensor:
         return self._value("gain") - 1
@@ -90,7 +116,17 @@ class ThrottleOffset(CommandEffect):
         "of the process)"
     )
     declared = (
-        EffectParameter("offset", 0.0, -1.0, 1.0, "-", "Added to the throttle command.", 0.1, 0.01),
+        EffectParameter(
+            "offset",
+            0.0,
+            -1.0,
+            1.0,
+            "-",
+            "Added to the throttle command.",
+            size=0.1,
+            probe=0.01,
+            usual=(-0.2, 0.2),
+        ),
     )
 
     @classmethod
@@ -100,6 +136,16 @@ class ThrottleOffset(CommandEffect):
             f"the throttle acts as if it were {50 * abs(values['offset']):.3g} % of its range "
             f"{more} open"
         )
+
+    @classmethod
+    def sentence_for(cls, values: Mapping[str, float], command: LongitudinalCommand) -> str:
+        share = 100 * abs(drive_of(values["offset"], command.rest) - drive_of(0.0, command.rest))
+        side = "above" if values["offset"] >= 0 else "below"
+        if command.kind == "speed":
+            return f"the car aims {share:.3g} % of its full speed {side} the speed commanded"
+        if command.kind == "current":
+            return f"the motor's current is {share:.3g} % of a full one {side} the one commanded"
+        return cls.sentence(values)
 
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         return command + self._value("offset")
@@ -124,7 +170,15 @@ class ThrottleDeadband(DriveEffect):
     deciding = ("width",)
     declared = (
         EffectParameter(
-            "width", 0.0, 0.0, 0.9, "-", "Drive in 0..1 below which the motor is off.", 0.16, 0.01
+            "width",
+            0.0,
+            0.0,
+            0.9,
+            "-",
+            "Drive in 0..1 below which the motor is off.",
+            size=0.16,
+            probe=0.01,
+            usual=(0.0, 0.25),
         ),
         EffectParameter(
             "restored", 0.0, 0.0, 1.0, "-", "Share given back at full throttle.", 0.5, 0.05
@@ -141,10 +195,11 @@ class ThrottleDeadband(DriveEffect):
 
 
 class BatterySag(DriveGainEffect):
-    """The drive weakens as the battery empties, linear in the time driven.
+    """Discharge: the drive weakens as the battery empties, linear in time.
 
-    The time is in the TensorDict: a reset or an edit may set `elapsed` [*, 1] s; after a reset
-    without it, it is 0.
+    Radio-control users call the drop under load sag: that is `voltage_sag`. The time is in the
+    TensorDict: a reset or an edit may set `elapsed` [*, 1] s; after a reset without it, it is 0.
+    Rollouts of recordings set it to the time since the first recording of the session.
     """
 
     name = "battery_sag"
@@ -161,9 +216,10 @@ class BatterySag(DriveGainEffect):
             -0.5,
             1.0,
             "1/min",
-            "Share of the drive that is lost each minute of driving.",
+            "Share of the drive that is lost each minute since the battery was charged.",
             size=0.06,
             probe=0.02,
+            usual=(0.0, 0.15),
         ),
     )
 
@@ -171,7 +227,10 @@ class BatterySag(DriveGainEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         loss = 100 * values["loss_per_minute"]
         verb = "weakens" if loss >= 0 else "strengthens"
-        return f"the drive {verb} by {abs(loss):.3g} % a minute as the battery empties"
+        return (
+            f"the drive {verb} by {abs(loss):.3g} % a minute while the battery is discharged, "
+            "from the first recording on"
+        )
 
     def _gain_change(self, tensordict: TensorDictBase) -> Tensor:
         elapsed = self._gather(tensordict.get(keys.ELAPSED)).squeeze(-1)

@@ -82,7 +82,7 @@ class ThrottleDeadTime(DeadTime):
     look_at = (
         "Look for delays between command and motor: radio, message queues, controller firmware."
     )
-    declared = dead_time(0.05)
+    declared = dead_time(0.05, (0.0, 0.15))
     channel = 0
     subject = "throttle"
 
@@ -94,7 +94,7 @@ class SteeringDeadTime(DeadTime):
     look_at = (
         "Look for delays between command and servo: radio, message queues, the PWM update rate."
     )
-    declared = dead_time(0.10)
+    declared = dead_time(0.10, (0.0, 0.2))
     channel = 1
     subject = "steering"
 
@@ -104,7 +104,7 @@ class ThrottleLag(Lag):
 
     name = "throttle_lag"
     look_at = "Check the speed controller's ramp (soft start, punch) and filters on the command."
-    declared = time_constant(0.10)
+    declared = time_constant(0.10, (0.0, 0.25))
     channel = 0
     response = "the throttle builds up"
 
@@ -114,6 +114,6 @@ class SteeringLag(Lag):
 
     name = "steering_lag"
     look_at = "Check the servo: torque, supply voltage, servo saver; and filters on the command."
-    declared = time_constant(0.13)
+    declared = time_constant(0.13, (0.0, 0.2))
     channel = 1
     response = "the wheels turn"

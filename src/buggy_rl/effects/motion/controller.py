@@ -46,7 +46,15 @@ class SpeedControllerLag(ControllerEffect):
     source = LAG_SOURCE
     declared = (
         EffectParameter(
-            "time_constant", 0.0, 0.0, 1.0, "s", "Time to 63 % of a step.", size=0.08, probe=0.01
+            "time_constant",
+            0.0,
+            0.0,
+            1.0,
+            "s",
+            "Time to 63 % of a step.",
+            size=0.08,
+            probe=0.01,
+            usual=(0.0, 0.2),
         ),
     )
     state_size = 2  # the force over mass [m/s^2], and 1 once it is known
@@ -93,6 +101,7 @@ class DrivenAxleSlip(ControllerEffect):
             "Slip ratio of the driven tyres over the acceleration that they give.",
             size=0.015,
             probe=0.003,
+            usual=(0.0, 0.05),
         ),
     )
     option_names = ("coasting", "resistance", "speed_gain", "full_speed")

@@ -89,6 +89,7 @@ class MotorPowerLimit(MotorEffect):
             size=15.0,
             probe=8.0 - UNLIMITED,
             reciprocal=True,
+            usual=(5.0, 200.0),
         ),
     )
 
@@ -106,6 +107,9 @@ class MotorPowerLimit(MotorEffect):
 class TopSpeed(MotorEffect):
     """Another no-load speed of the motor: back-EMF reduces its force earlier, from the same stall.
 
+    So it is with fewer turns of a thicker wire. Another gear moves the stall force too:
+    `gear_ratio`.
+
     a' = a - b vx (1 / speed_ratio - 1), not below 0, and a' = a while the car coasts, with
     b = b0 + b1 drive the decrease of the simulated motor's acceleration with the speed: b0 of a
     motor whose command is a voltage, b1 of one whose command is a share of its force.
@@ -120,7 +124,15 @@ class TopSpeed(MotorEffect):
     )
     declared = (
         EffectParameter(
-            "speed_ratio", 1.0, 0.2, 3.0, "-", "No-load speed over the simulated.", 0.3, 0.02
+            "speed_ratio",
+            1.0,
+            0.2,
+            3.0,
+            "-",
+            "No-load speed over the simulated.",
+            size=0.3,
+            probe=0.02,
+            usual=(0.6, 1.6),
         ),
     )
     option_names = ("coasting", "speed_loss")
@@ -139,6 +151,99 @@ class TopSpeed(MotorEffect):
         slower = 1 / self._value("speed_ratio").clamp_min(1e-2) - 1
         loss = lost * motion.before[..., 0] * slower * torch.tanh(drive / DRIVING)
         return along(-self.dt * torch.minimum(loss, drive))
+
+
+class GearRatio(MotorEffect):
+    """Another gear, pinion or wheel diameter: stall force times g, no-load speed over g.
+
+    F' = g F(g v): with F falling by b v, a' = a + (g - 1) F - g (g - 1) b v, with b as in
+    `TopSpeed`, and the motor's part not below 0.
+    """
+
+    name = "gear_ratio"
+    equation = "drive acceleration' (v) = ratio drive acceleration (ratio v)"
+    source = (
+        "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 2 (tractive force and speed through "
+        "a gear)"
+    )
+    declared = (
+        EffectParameter(
+            "ratio",
+            1.0,
+            0.3,
+            3.0,
+            "-",
+            "Turns of the motor for one of the wheels, over the simulated.",
+            size=0.15,
+            probe=0.02,
+            usual=(0.7, 1.4),
+        ),
+    )
+    option_names = ("coasting", "speed_loss")
+    speed_loss: tuple[float, float] = SPEED_LOSS
+    """b0 and b1 [1/s]."""
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        ratio = values["ratio"]
+        gear = "shorter" if ratio >= 1 else "longer"
+        return (
+            f"the gear is {gear}: the motor pulls {more_or_less(ratio)} from standing and reaches "
+            f"{more_or_less(1 / ratio)} speed"
+        )
+
+    def _change(self, motion: Motion) -> Tensor:
+        drive, ratio = self._drive(motion), self._value("ratio").clamp_min(1e-2)
+        lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
+        loss = ratio * lost * motion.before[..., 0] * torch.tanh(drive / DRIVING)
+        return along(self.dt * torch.maximum((ratio - 1) * (drive - loss), -drive))
+
+
+class VoltageSag(MotorEffect):
+    """The supply's voltage drops under load: a further resistance in battery, plug or wires.
+
+    A controller at duty cycle d draws d i from the battery for a motor current i, so with R in the
+    supply and R_m in motor and controller i = (d V - k u) / (R_m + d^2 R): the force falls by
+    1 / (1 + d^2 R / R_m) at any speed. Weakening over time is `battery_sag`.
+    """
+
+    name = "voltage_sag"
+    equation = "drive acceleration / (1 + resistance_ratio duty^2)"
+    source = (
+        "Linden & Reddy 2002, Handbook of Batteries, 3rd ed., ch. 3 (ohmic polarisation), through "
+        "a speed controller that conserves power"
+    )
+    declared = (
+        EffectParameter(
+            "resistance_ratio",
+            0.0,
+            -0.3,
+            3.0,
+            "-",
+            "Resistance that the supply has more than simulated, over that of the motor.",
+            size=0.25,
+            probe=0.05,
+            usual=(0.0, 0.8),
+        ),
+    )
+    option_names = ("coasting", "onset")
+    onset: float = 0.0
+    """Drive in 0..1 at which the simulated motor begins to give force."""
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        lost = 100 * (1 - 1 / (1 + values["resistance_ratio"]))
+        word = "drops" if lost >= 0 else "holds"
+        less = "less" if lost >= 0 else "more"
+        return (
+            f"the battery's voltage {word} under load: at full throttle the motor pulls "
+            f"{abs(lost):.3g} % {less}, at half throttle a quarter of that"
+        )
+
+    def _change(self, motion: Motion) -> Tensor:
+        duty = ((motion.drive - self.onset) / (1 - self.onset)).clamp(0.0, 1.0)
+        sag = (self._value("resistance_ratio") * duty.square()).clamp_min(-0.9)
+        return along(-self.dt * self._drive(motion) * sag / (1 + sag))
 
 
 def turning_drag(motion: Motion, dimensions: VehicleDimensions) -> Tensor:

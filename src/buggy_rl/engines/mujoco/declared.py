@@ -56,6 +56,7 @@ def realised(declared: Container[str]) -> Realisations:
         ],
         "payload": [Scaled("mass", "mass_ratio")],
         "top_speed": [Scaled("drive_speed_loss", "speed_ratio", -1.0)],
+        "gear_ratio": [Scaled("drive_force", "ratio"), Scaled("drive_speed_loss", "ratio", 2.0)],
     }
     return {e: own for e, own in found.items() if all(c.parameter in declared for c in own)}
 

@@ -70,6 +70,8 @@ class MujocoEngine(RowsEngine):
         ImportError: MuJoCo Warp is not installed.
     """
 
+    reach = 2.0  # drive and steering angle are linear in the command
+
     def __init__(
         self,
         *args: Any,

@@ -18,11 +18,13 @@ from buggy_rl.engines.reference.state import (
     FAULT_STATES,
     HEAT,
     LINE,
+    STICKS,
     WHEEL_TURN,
     CarState,
     Setting,
 )
 from buggy_rl.engines.reference.steering import Steering
+from buggy_rl.engines.reference.supply import Supply
 from buggy_rl.engines.reference.surroundings import Surroundings
 from buggy_rl.engines.reference.two_way import TwoWayDrivetrain
 from buggy_rl.engines.reference.tyres import Tyres
@@ -78,6 +80,7 @@ class Car:
         else:
             make = partial(TwoWayDrivetrain, self.build, values)
         self.drivetrain = make(self.chassis, faults, self.substep)
+        self.supply = Supply(faults, self.command, self.substep)
         self.steering = Steering(values, size.track_width, size.wheelbase, faults, self.substep)
         self.surroundings = Surroundings(
             values, self.chassis, self.drivetrain.rolling_mass, size.sensor_to_cg, faults
@@ -144,16 +147,21 @@ class Car:
         chassis, tyres, drivetrain = self.chassis, self.tyres, self.drivetrain
         faults, fault_state, surroundings = self.faults, car.fault_state, self.surroundings
         steering, target = setting.steering, setting.duty
+        if "steering_dead_zone" in faults:
+            steering = self.steering.centred(steering)
         if "steering_lag" in faults:
             steering = self.steering.smoothed(fault_state, steering)
         if "sticky_servo" in faults:
             steering = self.steering.unstuck(fault_state, car.servo, steering)
+        if "servo_stiction" in faults:
+            steering = self.steering.unstuck(fault_state, car.servo, steering, STICKS)
         if "throttle_lag" in faults:
             target = drivetrain.target_duty(drivetrain.filtered(fault_state, setting.throttle))
         servo = self.steering.moved(car.servo, steering, dt)
         rack = (
             self.steering.followed(fault_state, servo) if "steering_backlash" in faults else servo
         )
+        rack = self.steering.linked(rack, car.lean[1])
         duty = drivetrain.slewed(car.duty, target, dt)
 
         cos, sin = self.steering.directions(0.5 * (car.rack + rack), self._turned(car))
@@ -170,6 +178,8 @@ class Car:
         car.slip = slip / strain.clamp_min(1.0)  # a sliding contact deforms its carcass no further
 
         asked = 0.5 * (car.duty + duty)
+        if self.supply.weak:
+            asked = self.supply.left(fault_state, asked, setting.throttle, car.servo, servo)
         heat = fault_state[HEAT].squeeze(0) if "heating_motor" in faults else None
         mean_duty, current = drivetrain.motor(asked, car, setting, heat)
         brakes = drivetrain.brakes(asked, target, car)

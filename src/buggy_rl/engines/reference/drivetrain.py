@@ -47,11 +47,15 @@ class Drivetrain:
         scale = chassis.similarity
         self.crawl, self.rolls = scale.speed * CRAWL, scale.speed * ROLLING_SPEED
         self.driven_current = scale.of("A") * DRIVEN_CURRENT
-        gear = values["gear_ratio"] / wheel_radius  # [1/m] motor angle over way at the tread
+        turns = values["gear_ratio"] * faults["gear_ratio.ratio"]
+        gear = turns / wheel_radius  # [1/m] motor angle over way at the tread
         # Fewer turns of a thicker wire: less back-EMF, torque and resistance; the same stall force.
         winding = faults["top_speed.speed_ratio"]
         self.motor_constant = values["motor_constant"] * gear / winding  # [V s/m] = [N/A]
         self.motor_resistance = values["motor_resistance"] / winding
+        worn = faults["voltage_sag.resistance_ratio"] * self.motor_resistance
+        self.battery_resistance = values["battery_resistance"] + worn
+        self.slew = values["throttle_slew"]  # [1/s]
         self.wheel_mass = values["wheel_inertia"] / wheel_radius**2
         self.axle_mass = 2.0 * self.wheel_mass + values["rotor_inertia"] * gear.square()
 
@@ -105,9 +109,9 @@ class Drivetrain:
     def target_duty(self, throttle: Tensor) -> Tensor:
         """Duty cycle [*] for a throttle [*] in [-1, 1]; 0 inside the deadband."""
         drive = 0.5 * (throttle + 1.0)
-        duty = ((drive - self.deadband) / (1.0 - self.deadband)).clamp(0.0, 1.0)
-        if "throttle_gain" in self.faults:
-            duty = (duty * self.faults["throttle_gain.gain"]).clamp_max(1.0)
+        duty = ((drive - self.deadband) / (1.0 - self.deadband)).clamp_min(0.0)
+        if "throttle_gain" in self.faults:  # above 1 a higher voltage
+            duty = duty * self.faults["throttle_gain.gain"]
         return duty
 
     def throttle_at(self, duty: Tensor) -> Tensor:
@@ -117,7 +121,7 @@ class Drivetrain:
 
     def slewed(self, duty: Tensor, target: Tensor, dt: float) -> Tensor:
         """Duty cycle [*] after a step towards its target, no faster than the slew allows."""
-        step = self.values["throttle_slew"] * dt
+        step = self.slew * dt
         return duty + torch.clamp(target - duty, -step, step)
 
     def current(
@@ -132,7 +136,7 @@ class Drivetrain:
         winding = self.motor_resistance
         if heat is not None:
             winding = winding * (1.0 + self.faults["heating_motor.rise"] * heat)
-        resistance = winding + duty.square() * self.values["battery_resistance"]
+        resistance = winding + duty.square() * self.battery_resistance
         current = (duty * voltage - self.motor_constant * axle_speed) / resistance
         if "motor_power_limit" in self.faults:  # k i u is what arrives at the shaft
             limit = self.power / (self.motor_constant * axle_speed.clamp_min(self.crawl))

@@ -59,6 +59,8 @@ class ReferenceEngine(Engine):
         ValueError: A fault is outside its range, or of another kind of command.
     """
 
+    reach = 2.0  # more duty cycle is more voltage, more command more of the rack's way
+
     def __init__(
         self,
         *args: Any,
@@ -206,6 +208,7 @@ class ReferenceEngine(Engine):
             rack=fault_state[RACK][0] if RACK in fault_state else servo,
             fault_state=fault_state,
         )
+        car.rack = self.car.steering.linked(car.rack, car.lean[1])
         car.tread = self.car.rolling_speed(car) + car.tread
         return car
 

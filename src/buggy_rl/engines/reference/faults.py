@@ -28,10 +28,22 @@ TEXTBOOK = (
     Parameter("steering_gain.gain", 1.0, 0.3, 1.5, "-", "Road-wheel angle over the right one."),
     Parameter("steering_backlash.width", 0.0, 0.0, 0.6, "-", "Play of the rack, in command."),
     Parameter("steering_asymmetry.left_to_right", 1.0, 0.5, 2.0, "-", "Left angles over right."),
+    Parameter("servo_stiction.width", 0.0, 0.0, 0.5, "-", "Error that moves a stuck servo."),
+    Parameter("steering_dead_zone.width", 0.0, 0.0, 0.4, "-", "Command about the middle, lost."),
+    Parameter("steering_curve.curvature", 0.0, -0.4, 0.8, "-", "Share of the cube in the rack."),
+    Parameter("steering_end_stop.left_cut", 0.0, 0.0, 0.8, "-", "Rack's way lost on the left."),
+    Parameter("steering_end_stop.right_cut", 0.0, 0.0, 0.8, "-", "Rack's way lost on the right."),
+    Parameter("steering_play.width", 0.0, 0.0, 0.6, "-", "Play that the tyres take up."),
     # Speed controller, battery and motor.
     Parameter("throttle_lag.time_constant", 0.0, 0.0, 1.0, "s", "Lag of the speed controller."),
     Parameter("throttle_gain.gain", 1.0, 0.3, 1.5, "-", "Duty cycle over the right one."),
     Parameter("throttle_deadband.width", 0.0, 0.0, 0.4, "-", "Drive lost before the car's own."),
+    Parameter("voltage_sag.resistance_ratio", 0.0, 0.0, 2.0, "-", "Of the battery, over R_m."),
+    Parameter("thermal_foldback.foldback", 0.0, 0.0, 0.9, "-", "Duty cycle lost when hot."),
+    Parameter("thermal_foldback.time_constant", 20.0, 1.0, 100.0, "s", "Of that heat."),
+    Parameter("brown_out.moving", 0.0, 0.0, 1.0, "-", "Duty cycle lost to a moving servo."),
+    Parameter("brown_out.holding", 0.0, 0.0, 1.0, "-", "Duty cycle lost to a servo at lock."),
+    Parameter("gear_ratio.ratio", 1.0, 0.5, 2.0, "-", "Turns of the motor over the right ones."),
     Parameter("battery_sag.loss_per_minute", 0.0, 0.0, 0.8, "1/min", "Share of the drive lost."),
     # Neutral: beyond what the motor's own force and speed give.
     Parameter("motor_power_limit.power_per_mass", 1e3, 1.0, 1e3, "W/kg", "Limit at the shaft."),
@@ -76,6 +88,9 @@ COMMAND_OF = {
     "drag_brake": "throttle_brake_reverse",
     "speed_controller_lag": "speed",
     "driven_axle_slip": "speed",
+    "speed_ramp": "speed",
+    "least_speed": "speed",
+    "speed_integral": "speed",
 }
 OF_A_COMMAND = (
     Parameter("brake_gain.gain", 1.0, 0.2, 2.0, "-", "Brake force over the right one."),
@@ -85,6 +100,10 @@ OF_A_COMMAND = (
     Parameter("speed_controller_lag.time_constant", 0.0, 0.0, 0.5, "s", "Of its current."),
     # 1 / (13 g 0.47) = 0.017 for a controller that sees the rear wheels of this car.
     Parameter("driven_axle_slip.slip_per_acceleration", 0.0, 0.0, 0.1, "s^2/m", "Seen slip."),
+    # Neutral: beyond the slew of the controller.
+    Parameter("speed_ramp.acceleration", 1e3, 0.2, 1e3, "m/s^2", "Fastest setpoint."),
+    Parameter("least_speed.speed", 0.0, 0.0, 2.0, "m/s", "Setpoint that is the least obeyed."),
+    Parameter("speed_integral.rate", 0.0, 0.0, 10.0, "1/s", "Integral over proportional gain."),
 )
 
 FAULTS = (*TEXTBOOK, *UNKNOWN, *OF_A_COMMAND)

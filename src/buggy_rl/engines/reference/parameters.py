@@ -201,6 +201,7 @@ REALISES: Realisations = {
     "tire_grip": [Scaled("grip", "grip")],
     "payload": [Scaled("mass", "mass_ratio")],
     "steering_gain": [Scaled("lock_left", "gain"), Scaled("lock_right", "gain")],
+    "gear_ratio": [Scaled("gear_ratio", "ratio")],
 }
 
 # Of commands that are no one-way throttle. Chosen, as of the single-track car, all but the first

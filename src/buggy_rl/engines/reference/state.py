@@ -25,21 +25,27 @@ LATENT_SHAPES = {
 LINE = "radio_line"  # [K, 2] commands of the last periods, newest first
 THROTTLE_LAG = "lagged_throttle"  # [2] throttle behind the two stages of the speed controller's lag
 SERVO_MOVES = "servo_moves"  # [1] 1 while a sticky servo moves
+STICKS = "servo_sticks"  # [1] 1 while a servo with stiction moves
 RACK = "rack"  # [1] linkage behind its play, in command units
 SET_POINT = "set_point"  # [2] steering command behind the two stages of a further lag
 WHEEL_TURN = "wheel_turn"  # [1] angle of the front left wheel about its axle [rad]
 HEAT = "heat"  # [1] in the motor's winding [J]
 CONTROLLER = "controller_current"  # [2] current behind the stages of a speed controller's lag [A]
+SUPPLY_HEAT = "supply_heat"  # [1] of a controller that limits by it, 1 at full drive for ever [-]
+SPEED_SUM = "speed_sum"  # [1] setpoint that the integral of a speed controller adds [m/s]
 LEFT_CURRENT = "left_current"  # [1] motor current at the left half of a loose differential [A]
 
 FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault that has it
     THROTTLE_LAG: ((2,), "throttle_lag"),
     SERVO_MOVES: ((1,), "sticky_servo"),
+    STICKS: ((1,), "servo_stiction"),
     RACK: ((1,), "steering_backlash"),
     SET_POINT: ((2,), "steering_lag"),
     WHEEL_TURN: ((1,), "wheel_wobble"),
     HEAT: ((1,), "heating_motor"),
     LEFT_CURRENT: ((1,), "loose_differential"),
+    SUPPLY_HEAT: ((1,), "thermal_foldback"),
+    SPEED_SUM: ((1,), "speed_integral"),
     CONTROLLER: ((2,), "speed_controller_lag"),
 }
 

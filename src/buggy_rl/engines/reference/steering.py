@@ -7,10 +7,11 @@ from torch import Tensor
 
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import RACK, SERVO_MOVES, SET_POINT
+from buggy_rl.engines.reference.state import RACK, SERVO_MOVES, SET_POINT, STICKS
 from buggy_rl.engines.reference.wheels import sides
 
 REACHED = 0.1  # [-] share of the breakaway error at which a sticking servo stops again; chosen
+FRICTION = 0.4  # [m/s^2] of roll, at which the tyres have taken up 71 % of the play; chosen
 
 
 class Steering:
@@ -41,11 +42,20 @@ class Steering:
         self.splay = sides(self.trim) * values["ackermann"] * (0.5 * track_width / wheelbase)
         self.rate = torch.minimum(values["steering_rate"], faults["steering_rate_limit.rate"])
 
-        self.breakaway = faults["sticky_servo.breakaway"]
+        self.breakaway = {
+            SERVO_MOVES: faults["sticky_servo.breakaway"],
+            STICKS: faults["servo_stiction.width"],
+        }
         self.half_play = 0.5 * faults["steering_backlash.width"]
         self.more_left = faults["steering_asymmetry.left_to_right"].sqrt()
         self.lag = Lag(faults["steering_lag.time_constant"], dt)
         self.asymmetric = "steering_asymmetry" in faults
+        self.dead = faults["steering_dead_zone.width"]
+        self.bent = faults["steering_curve.curvature"]
+        self.loose = 0.5 * faults["steering_play.width"]
+        left, right = (faults[f"steering_end_stop.{side}_cut"] for side in ("left", "right"))
+        self.stops = right - 1.0, 1.0 - left
+        self.faults = faults
 
     def moved(self, servo: Tensor, command: Tensor, dt: float) -> Tensor:
         """Servo position [*] after a step towards the command [*], both in [-1, 1].
@@ -56,16 +66,42 @@ class Steering:
         step = self.rate * dt
         return servo + torch.clamp((command - servo) * follow, -step, step)
 
-    def unstuck(self, fault_state: dict[str, Tensor], servo: Tensor, command: Tensor) -> Tensor:
+    def unstuck(
+        self,
+        fault_state: dict[str, Tensor],
+        servo: Tensor,
+        command: Tensor,
+        state: str = SERVO_MOVES,
+    ) -> Tensor:
         """Target of a servo [*] that sticks: the command [*] if far enough off, else where it is.
 
-        Moves from |c - s| > b on, until |c - s| < 0.1 b.
+        Moves from |c - s| > b on, until |c - s| < 0.1 b. `state` says of which of the two faults.
         """
-        error = (command - servo).abs()
-        going = fault_state[SERVO_MOVES].squeeze(0) > 0.5
-        going = (error > self.breakaway) | (going & (error > REACHED * self.breakaway))
-        fault_state[SERVO_MOVES] = going.to(servo).unsqueeze(0)
-        return torch.where(going | (self.breakaway <= 0), command, servo)
+        error, breakaway = (command - servo).abs(), self.breakaway[state]
+        going = fault_state[state].squeeze(0) > 0.5
+        going = (error > breakaway) | (going & (error > REACHED * breakaway))
+        fault_state[state] = going.to(servo).unsqueeze(0)
+        return torch.where(going | (breakaway <= 0), command, servo)
+
+    def centred(self, command: Tensor) -> Tensor:
+        """Command [*] behind a dead centre of d to either side: clip(c - d, 0) + clip(c + d, 0)."""
+        past_left = (command - self.dead).clamp_min(0.0)
+        return past_left + (command + self.dead).clamp_max(0.0)
+
+    def linked(self, rack: Tensor, roll: Tensor) -> Tensor:
+        """Where the linkage [*] holds the wheels, for a rack [*] and the car's roll [*] [m/s^2].
+
+        Tyres take up the play p against the bend, a / sqrt(a^2 + a_0^2) of half of it; the map is
+        bent to (1 - k) x + k x^3; a stop ends it.
+        """
+        if "steering_play" in self.faults:
+            rack = rack - self.loose * roll * torch.rsqrt(roll.square() + FRICTION**2)
+        if "steering_curve" in self.faults:
+            rack = torch.lerp(rack, rack.pow(3), self.bent)
+        if "steering_end_stop" in self.faults:
+            low, high = self.stops
+            rack = torch.maximum(torch.minimum(rack, high), low)
+        return rack
 
     def smoothed(self, fault_state: dict[str, Tensor], command: Tensor) -> Tensor:
         """Set point [*] of a servo behind a further lag of its command [*], after a step."""

@@ -14,7 +14,7 @@ from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import CONTROLLER, CarState, Setting
+from buggy_rl.engines.reference.state import CONTROLLER, SPEED_SUM, CarState, Setting
 from buggy_rl.longitudinal import command_of, drive_of
 from buggy_rl.vehicle import GRAVITY
 
@@ -39,6 +39,7 @@ class TwoWayDrivetrain(Drivetrain):
         dt: float = 1e-3,
     ) -> None:
         super().__init__(values, build.dimensions.wheel_radius, chassis, faults, dt)
+        self.dt = dt
         self.command, faults = build.command, self.faults
         self.stands = build.similarity.speed * STANDS
         if self.command.kind != "throttle_brake_reverse":  # they have no dead zone of their own
@@ -50,6 +51,9 @@ class TwoWayDrivetrain(Drivetrain):
         # The rear tyres slip by a / (C g share) at an acceleration a: the sensor's share of that.
         rear = values["cg_to_front_axle"] / build.dimensions.wheelbase
         stiffness = values["longitudinal_stiffness"] * GRAVITY * rear
+        if self.command.kind == "speed":
+            ramp = faults["speed_ramp.acceleration"] / values["full_speed"]  # [1/s]
+            self.slew = torch.minimum(self.slew, ramp)
         self.at_axle = faults["driven_axle_slip.slip_per_acceleration"] * stiffness
 
     def _size_brakes(self, values: Mapping[str, Tensor]) -> None:
@@ -63,9 +67,9 @@ class TwoWayDrivetrain(Drivetrain):
 
     def target_duty(self, throttle: Tensor) -> Tensor:
         drive = drive_of(throttle, self.command.rest)
-        forward = ((drive - self.deadband) / (1.0 - self.deadband)).clamp(0.0, 1.0)
+        forward = ((drive - self.deadband) / (1.0 - self.deadband)).clamp_min(0.0)
         if "throttle_gain" in self.faults:
-            forward = (forward * self.faults["throttle_gain.gain"]).clamp_max(1.0)
+            forward = forward * self.faults["throttle_gain.gain"]
         if not self.command.two_way:
             return forward
         backward = (-drive - self.behind) / (1.0 - self.behind)
@@ -95,7 +99,8 @@ class TwoWayDrivetrain(Drivetrain):
             reverse = torch.where(car.vx > self.stands, 0.0, self.values["reverse_share"])
             return super().motor(torch.where(asked < 0, reverse * asked, asked), car, setting, heat)
         axle = 0.5 * (car.tread[2] + car.tread[3])
-        current = self._reachable(self._wanted(asked, car, axle), axle, setting.voltage)
+        wanted = self._wanted(self._summed(asked, car, axle), car, axle)
+        current = self._reachable(wanted, axle, setting.voltage)
         if "speed_controller_lag" in self.faults:
             state = car.fault_state
             state[CONTROLLER] = self.late.moved(state[CONTROLLER], current)
@@ -116,7 +121,7 @@ class TwoWayDrivetrain(Drivetrain):
         winding = self.motor_resistance
         if heat is not None:
             winding = winding * (1.0 + self.faults["heating_motor.rise"] * heat)
-        resistance = winding + duty.square() * self.values["battery_resistance"]
+        resistance = winding + duty.square() * self.battery_resistance
         current = (duty * voltage - self.motor_constant * axle_speed) / resistance
         if "motor_power_limit" in self.faults:
             reached = (self.motor_constant * axle_speed.abs()).clamp_min(self.crawl)
@@ -140,10 +145,30 @@ class TwoWayDrivetrain(Drivetrain):
         brake = self.values["brake_force"] / self.motor_constant
         most = torch.where(seen < 0, brake, pull)
         least = torch.where(seen > 0, -brake, -pull)
-        return torch.clamp(wanted, least, most)
+        wanted = torch.clamp(wanted, least, most)
+        if "least_speed" in self.faults:  # it lets go
+            lets_go = (self.values["full_speed"] * asked).abs() < self.faults["least_speed.speed"]
+            wanted = torch.where(lets_go, torch.zeros_like(wanted), wanted)
+        return wanted
+
+    def _summed(self, asked: Tensor, car: CarState, axle: Tensor) -> Tensor:
+        """Setpoint [*], of a full one, with what the integral of the error adds.
+
+        dI/dt = rate (v_set - v), |I| at most what pulls with all its force.
+        """
+        if "speed_integral" not in self.faults:
+            return asked
+        full = self.values["full_speed"]
+        total = car.fault_state[SPEED_SUM].squeeze(0)
+        seen = car.vx + self.at_axle * (axle - car.vx)
+        gained = self.faults["speed_integral.rate"] * (full * asked - seen) * self.dt
+        most = self.values["pull_force"] / self.values["speed_gain"]
+        total = torch.clamp(total + gained, -most, most)
+        car.fault_state[SPEED_SUM] = total.unsqueeze(0)
+        return asked + total / full
 
     def _reachable(self, current: Tensor, axle: Tensor, voltage: Tensor) -> Tensor:
         """A current [*] [A] within what the battery drives against the back-EMF, either way."""
-        resistance = self.motor_resistance + self.values["battery_resistance"]
+        resistance = self.motor_resistance + self.battery_resistance
         back = self.motor_constant * axle
         return torch.clamp(current, (-voltage - back) / resistance, (voltage - back) / resistance)
