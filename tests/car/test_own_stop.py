@@ -123,7 +123,7 @@ def test_a_signal_to_the_watchdog_stops_the_car(drive_until, number, seconds, ki
 
 
 @pytest.mark.parametrize("kind", [Shared, BrokenInWatchdog])
-@pytest.mark.parametrize(("fault", "seconds"), [("hang", 0.15), ("raise", 0.05), ("exit", 0.05)])
+@pytest.mark.parametrize(("fault", "seconds"), [("hang", 0.15), ("raise", 0.1), ("exit", 0.1)])
 def test_a_driver_that_breaks_in_the_watchdog_stops_the_car(
     drive_until,
     log,  # noqa: F811
