@@ -98,7 +98,7 @@ class Watchdog:
     def send(self, now: float, command: Command) -> None:
         """Sends a command of the time `now` [s]; one that cannot be sent shows in `dead`."""
         self._sequence += 1
-        self._asked = self._asked or now
+        self._asked = self._asked or self._clock.now()  # the loop may have decided long before
         try:
             self._link.send(CommandMessage(self._sequence, now, *command).pack())
         except BlockingIOError:
