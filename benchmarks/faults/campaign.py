@@ -49,8 +49,13 @@ CELLS = len(COLUMNS) - 1  # commas of a whole line
 SLOWEST_END = 10.0  # [s] of the runtime
 WHERE = {"actuator": "watchdog", "sensor": "loop"}
 """Section of the config -> the process that its driver runs in."""
+TRIES = 10  # of a fault's drives that end before the fault: a busy machine stops the car as well
 HUNG = ("loop_hangs",)  # it is killed afterwards
 A_DRIVE = 20  # injections in one drive, if the runtime survives them
+
+
+class NotDrivenError(RuntimeError):
+    """The drive ended before the fault."""
 
 
 @dataclass(frozen=True)
@@ -159,11 +164,19 @@ def _of_fault(
     found: queue.Queue,
 ) -> None:
     a_drive = 1 if fault in ENDS else A_DRIVE
-    number = config.times - count
+    number, tries = config.times - count, 0
     while number < config.times:
         chance = random.Random(f"{config.seed} {fault} {number}")
         wanted = min(a_drive, config.times - number)
-        for each in _drive(work, config, car, fault, number, wanted, chance):
+        try:
+            made = _drive(work, config, car, fault, number, wanted, chance)
+        except NotDrivenError as error:
+            tries += 1
+            tqdm.write(f"{fault}, number {number}: {error}; once more")
+            if tries > TRIES:
+                raise
+            continue
+        for each in made:
             found.put(each)
             number += 1
 
@@ -245,7 +258,7 @@ def _wait_for_drive(target: Target) -> None:
     end = time.monotonic() + SLOWEST_START
     while target.car.wheels(target.car.now)[0][1] <= NO_DRIVE:
         if time.monotonic() > end or target.runtime.poll() is not None:
-            raise RuntimeError("the car does not drive: start the runtime by hand and see why")
+            raise NotDrivenError("the car does not drive: its note in `work` says why")
         time.sleep(0.02)
 
 

@@ -156,7 +156,7 @@ FAULTS: dict[str, Inject] = {
 SURVIVED = (
     *SENSOR_FAULTS,
     *("pwm_refused", "pwm_refused_long", "board_loses"),
-    *("loop_asleep", "loop_stutters", "loop_slow"),
+    *("loop_asleep", "loop_stutters", "loop_slow", "watchdog_stutters"),
 )
 ENDS = tuple(fault for fault in FAULTS if fault not in SURVIVED)
 """Faults after which the runtime is gone."""

@@ -177,3 +177,14 @@ def test_a_watchdog_that_hangs_is_called_silent(log):
     assert "silent for 0.3" in watchdog.dead
     watchdog.process.send_signal(signal.SIGCONT)
     watchdog.close()
+
+
+def test_a_loop_that_is_slow_does_not_call_the_watchdog_late(log):
+    watchdog = Watchdog(log.about, Clock())
+    for _ in range(30):
+        decided = time.monotonic()
+        time.sleep(0.03)  # a sensor that takes its time
+        watchdog.reports()
+        watchdog.send(decided, (-1.0, 0.0))
+        assert not watchdog.late
+    watchdog.close()

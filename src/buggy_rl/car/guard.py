@@ -7,6 +7,7 @@ from buggy_rl.car.command_limits import command_fault
 from buggy_rl.car.interfaces import NEUTRAL, Actuator, Command
 from buggy_rl.car.lateness import Lateness
 from buggy_rl.car.messages import (
+    ENDING,
     FAILING,
     GOOD,
     LATE,
@@ -77,8 +78,8 @@ class Guard:
             self._wanted = pair
 
     def silence(self, sequence: int = 0) -> None:
-        """The loop is gone, or said so by the command of this number: neutral from now on."""
-        self._take_over(SILENT)
+        """The drive is over, by the command of this number if by one: neutral from now on."""
+        self._take_over(ENDING)
         self.sequence = max(self.sequence, sequence)
         self._fresh, self._due, self._asked_neutral = -math.inf, -math.inf, False
         self._rests = False  # read it back once more

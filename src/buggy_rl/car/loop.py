@@ -53,6 +53,7 @@ class Loop:
         self._before = self._decision = Decision(parts.supervisor.limits.last, "neutral", False)
         self._first_armed: Optional[float] = None
         self._shown, self._say = "", say
+        self._late = ""
 
     def run(self, signals: StopSignals, parent: Parent) -> str:
         """Drives until something ends it, a signal or the parent's end too; returns what.
@@ -92,12 +93,13 @@ class Loop:
         drivable = parts.supervisor.observe(now, readings)
         decision = self._decide(now, drivable)
         parts.watchdog.send(now, decision.command)
-        if parts.watchdog.failing:
+        if parts.watchdog.failing or self._late:
             parts.own.assist()
         parts.watchdog.listen()
         self._show()
         self._keep(readings, decision)
-        return parts.watchdog.dead or parts.recorder.error or self._over(now)
+        late = "" if parts.own.shared else self._late
+        return parts.watchdog.dead or late or parts.recorder.error or self._over(now)
 
     def _listen(self, now: float) -> None:
         """Takes the watchdog's reports, then records the readings that they complete.
@@ -114,7 +116,8 @@ class Loop:
         parts, supervisor = self.parts, self.parts.supervisor
         own, was_armed = parts.pilot.command(self.period), supervisor.armed
         policy = self._policy() if drivable and was_armed else None
-        hold, hardware = parts.pilot.hold_to_drive, parts.watchdog.trouble
+        self._late = parts.watchdog.late
+        hold, hardware = parts.pilot.hold_to_drive, parts.watchdog.trouble or self._late
         decision = supervisor.decide(now, self.period, hold, own, policy, hardware)
         if policy is not None and parts.driver is not None:
             parts.driver.acted(decision.command)

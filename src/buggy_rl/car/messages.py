@@ -10,8 +10,9 @@ STATES = (
     "no fresh command reached the watchdog",
     "the actuator does not take commands",
     "the loop is late again and again",
+    "the watchdog was told to end, or has an error",
 )
-GOOD, SILENT, FAILING, LATE = 0, 1, 2, 3  # indices of `STATES`
+GOOD, SILENT, FAILING, LATE, ENDING = range(5)  # indices of `STATES`
 REFUSED, TAKEN, READ_BACK = 0, 1, 2  # what became of a write
 
 
@@ -45,7 +46,7 @@ class Report(NamedTuple):
     taken: int
     """`TAKEN`, `READ_BACK` if the board was asked as well, `REFUSED` if it did not take it."""
     state: int
-    """`GOOD`, or why the wheels are kept neutral: `SILENT`, `FAILING` or `LATE`."""
+    """`GOOD`, or why the wheels are kept neutral: one of the others."""
 
     def pack(self) -> bytes:
         """As bytes."""

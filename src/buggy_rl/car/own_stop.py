@@ -37,8 +37,13 @@ class OwnStop:
         hold(self._lock)
         self._board: Optional[Actuator] = self._kind.second(self._settings)
 
+    @property
+    def shared(self) -> bool:
+        """Both processes have the device open, so that the loop need not end the watchdog."""
+        return self._board is not None
+
     def assist(self) -> None:
-        """Writes neutral once, beside a watchdog that reports that it cannot."""
+        """Writes neutral once, beside a watchdog that is late or reports that it cannot."""
         if self._board is not None:
             with contextlib.suppress(Exception):  # the next step tries again
                 self._board.write(*self._at_rest)

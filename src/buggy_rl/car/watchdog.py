@@ -57,12 +57,15 @@ class WatchdogProcess:
     def run(self) -> int:
         """Until the loop is gone and the wheels are neutral; returns the exit status."""
         self._link.setblocking(False)
+        said = ""
         try:
             self._serve()
-        except Exception:
-            traceback.print_exc()  # after this the loop ends too; neutral comes first
+        except Exception as error:  # said after neutral
+            said = f"{error!r}\n"
         linger = 0.0 if self._over else LINGER
-        return 0 if keep_neutral(self.guard, self._clock, linger, self._tell, self._over) else 1
+        done = keep_neutral(self.guard, self._clock, linger, self._tell, self._over)
+        sys.stderr.write(said)
+        return 1 if said or not done else 0
 
     def _serve(self) -> None:
         """Until something ends it."""
@@ -119,21 +122,22 @@ def main(arguments: List[str]) -> int:
             try:
                 guard = Guard(actuator, GuardTimes(*json.loads(times)), clock.now(), at_rest)
                 return WatchdogProcess(link, guard, clock, signals, family).run()
-            except BaseException:
-                return _broken(actuator, at_rest, link)
+            except BaseException as error:
+                return _broken(actuator, at_rest, link, error)
             finally:
                 with contextlib.suppress(Exception):  # neutral is written: nothing is left to do
                     actuator.close()
 
 
-def _broken(actuator: Actuator, at_rest: Command, link: socket.socket) -> int:
+def _broken(actuator: Actuator, at_rest: Command, link: socket.socket, error: BaseException) -> int:
     """Neutral, if it can be written at all; then the loop hears at once that it is alone."""
     for _ in range(LAST_TRIES):
         with contextlib.suppress(Exception):
             actuator.write(*at_rest)
             break
+    sys.stderr.write(f"{error!r}\n")
     link.close()
-    traceback.print_exc()
+    traceback.print_exc()  # takes a while: it reads the source
     return 3
 
 

@@ -98,7 +98,7 @@ class Watchdog:
     def send(self, now: float, command: Command) -> None:
         """Sends a command of the time `now` [s]; one that cannot be sent shows in `dead`."""
         self._sequence += 1
-        self._asked = self._asked or now
+        self._asked = self._asked or self._clock.now()  # the loop may have decided long before
         try:
             self._link.send(CommandMessage(self._sequence, now, *command).pack())
         except BlockingIOError:
@@ -141,18 +141,20 @@ class Watchdog:
 
     @property
     def dead(self) -> str:
-        """Why the drive has to end: the watchdog is gone, silent or late; empty if it is well."""
+        """Why the drive has to end: the watchdog is gone or silent; empty if it is well."""
         if self._silence > LONGEST_SILENCE:
             self._receive()  # this process was asleep, and what was said meanwhile is waiting
         if self._gone:
             return "the watchdog is gone" + self._last_words()
         if self._silence > LONGEST_SILENCE:
             return f"the watchdog has been silent for {self._silence:.2f} s"
-        if self._asked and self._late.too_slow(self._gap(self._clock.now())):
-            self._receive()
-            if self._asked and self._late.too_slow(self._gap(self._clock.now())):
-                return "the watchdog is late again and again"
         return ""
+
+    @property
+    def late(self) -> str:
+        """Why it cannot be driven by, although it is not silent; call `reports` before."""
+        gap = self._gap(self._clock.now()) if self._asked else 0.0
+        return "the watchdog is late again and again" if self._late.too_slow(gap) else ""
 
     @property
     def _silence(self) -> float:
