@@ -39,6 +39,9 @@ class EffectParameter(Parameter):
     """Step from neutral for a finite difference, in the parameter's unit."""
     reciprocal: bool = False
     """The prior is on 1 / value; neutral is so large that no limit is ever reached."""
+    usual: tuple[float, float] | None = None
+    """Values from 5 to 95 % of the cars that have this fault, in the parameter's unit, of the
+    buggy; None where nothing is known. No prior: what is beyond is unusual, not impossible."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -48,6 +51,11 @@ class EffectParameter(Parameter):
             raise ValueError(
                 f"parameter {self.name!r}: a probe of {self.probe} {self.unit} is zero or leads "
                 f"out of [{self.lower}, {self.upper}]"
+            )
+        if self.usual and not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
+            raise ValueError(
+                f"parameter {self.name!r}: usual is {self.usual}: must be two values, the lower "
+                f"first, within [{self.lower}, {self.upper}]"
             )
 
     def coordinate(self, value: Number) -> Number:
