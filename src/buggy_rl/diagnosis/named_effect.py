@@ -7,6 +7,7 @@ from typing import Any, Literal
 from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.posterior import stands
 from buggy_rl.effects import effect_class
+from buggy_rl.vehicle import VehicleDimensions
 
 NORMAL = 1.96  # standard deviations of a 95 % interval
 SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
@@ -89,10 +90,17 @@ class NamedEffect:
         }
 
 
-def sentence(effect: str, values: Mapping[str, float], unit: str = "", was: float = 0.0) -> str:
-    """An effect, or a wrong parameter of the simulator's own, in words."""
+def sentence(
+    effect: str,
+    values: Mapping[str, float],
+    unit: str = "",
+    was: float = 0.0,
+    car: VehicleDimensions | None = None,
+) -> str:
+    """An effect, of a car where one is given, or a wrong parameter of the simulator's, in words."""
     if effect.startswith("parameter:"):
         name = effect.partition(":")[2]
         value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
         return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
-    return effect_class(effect).sentence(values)
+    kind = effect_class(effect)
+    return kind.sentence(values) if car is None else kind.said(values, car)

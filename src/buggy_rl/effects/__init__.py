@@ -1,6 +1,6 @@
 """Missing physics by name: each effect is a transform between engine and task."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from buggy_rl.config import load_named
@@ -26,12 +26,17 @@ EFFECTS = {
     "steering_lag": "buggy_rl.effects.actuation.timing:SteeringLag",
     "steering_rate_limit": "buggy_rl.effects.actuation.servo:SteeringRateLimit",
     "steering_dead_time": "buggy_rl.effects.actuation.timing:SteeringDeadTime",
+    "understeer": "buggy_rl.effects.tyre.stiffness:Understeer",
+    "cornering_stiffness": "buggy_rl.effects.tyre.stiffness:CorneringStiffness",
+    "dive_steer": "buggy_rl.effects.tyre.stiffness:DiveSteer",
     "tire_grip": "buggy_rl.effects.tyre.grip:TireGrip",
     "grip_balance": "buggy_rl.effects.tyre.grip:GripBalance",
     "grip_patch": "buggy_rl.effects.tyre.grip:GripPatch",
     "payload": "buggy_rl.effects.motion.drive:Payload",
     "top_speed": "buggy_rl.effects.motion.drive:TopSpeed",
     "motor_power_limit": "buggy_rl.effects.motion.drive:MotorPowerLimit",
+    "steering_drag": "buggy_rl.effects.motion.resistance:SteeringDrag",
+    "torque_steer": "buggy_rl.effects.motion.driveline:TorqueSteer",
     "aerodynamic_drag": "buggy_rl.effects.motion.resistance:AerodynamicDrag",
     "rolling_resistance": "buggy_rl.effects.motion.resistance:RollingResistance",
     "viscous_drag": "buggy_rl.effects.motion.resistance:ViscousDrag",
@@ -40,10 +45,13 @@ EFFECTS = {
     "wind": "buggy_rl.effects.motion.fields:Wind",
     "one_sided_drag": "buggy_rl.effects.motion.yaw:OneSidedDrag",
     "yaw_damping": "buggy_rl.effects.motion.yaw:YawDamping",
+    "stiff_differential": "buggy_rl.effects.motion.driveline:StiffDifferential",
     "sensor_latency": "buggy_rl.effects.sensing.timing:SensorLatency",
     "sensor_lag": "buggy_rl.effects.sensing.timing:SensorLag",
     "sensor_lever_arm": "buggy_rl.effects.sensing.mounting:SensorLeverArm",
     "sensor_yaw": "buggy_rl.effects.sensing.mounting:SensorYaw",
+    "heading_drift": "buggy_rl.effects.sensing.drift:HeadingDrift",
+    "pose_scale": "buggy_rl.effects.sensing.mounting:PoseScale",
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
 }
@@ -81,6 +89,8 @@ OF_A_COMMAND = {
         "viscous_drag",
     ),
 }
+OF_A_COLUMN = {"speed_scale": "vx", "gyro_bias": "yaw_rate"}
+"""Effects of one sensor -> the column that it measures beside the pose."""
 CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
@@ -94,9 +104,20 @@ STACK = tuple(
 """All effects, in the order of a stack."""
 
 
-def offered(command: LongitudinalCommand) -> list[str]:
-    """Effects that a simulator or a recording with this command can have, in their order."""
-    return [n for n in STACK if n in EFFECTS or OF_A_COMMAND[n][1] == command.kind]
+def offered(command: LongitudinalCommand, derived: Collection[str] = ()) -> list[str]:
+    """Effects that a simulator or a recording with this command can have, in their order.
+
+    Args:
+        command: Of the car.
+        derived: Columns of the velocity that no sensor measured: they follow from the pose, and an
+            error of a sensor of theirs cannot be.
+    """
+    return [
+        n
+        for n in STACK
+        if (n in EFFECTS or OF_A_COMMAND[n][1] == command.kind)
+        and OF_A_COLUMN.get(n) not in derived
+    ]
 
 
 def effect_class(name: str) -> type["Effect"]:

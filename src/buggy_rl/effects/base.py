@@ -23,7 +23,7 @@ from torchrl.envs import Transform
 from buggy_rl.keys import MEMORY
 from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -117,6 +117,12 @@ class Effect(Transform):
     @abstractmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         """The effect in plain words, numbers in everyday units."""
+
+    @classmethod
+    def said(cls, values: Mapping[str, float], car: VehicleDimensions) -> str:
+        """The same of a car of these dimensions, where the words need them; `sentence` if not."""
+        del car
+        return cls.sentence(values)
 
     @property
     def values(self) -> dict[str, Tensor]:

@@ -14,15 +14,17 @@ DEAD_TIME_SOURCE = "Astrom & Murray 2008, Feedback Systems, table 8.1 (time dela
 LAG_SOURCE = "Astrom & Murray 2008, Feedback Systems, table 8.1 (first-order system)"
 
 
-def dead_time(size: float) -> tuple[EffectParameter]:
-    """The parameter of a dead time, of a prior scale [s]."""
-    return (EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", size, 0.01),)
+def dead_time(size: float, usual: tuple[float, float] | None = None) -> tuple[EffectParameter]:
+    """The parameter of a dead time, of a prior scale and usual values [s]."""
+    return (
+        EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", size, 0.01, usual=usual),
+    )
 
 
-def time_constant(size: float) -> tuple[EffectParameter]:
-    """The parameter of a first-order lag, of a prior scale [s]."""
+def time_constant(size: float, usual: tuple[float, float] | None = None) -> tuple[EffectParameter]:
+    """The parameter of a first-order lag, of a prior scale and usual values [s]."""
     meaning = "Time to 63 % of a step."
-    return (EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", meaning, size, 0.01),)
+    return (EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", meaning, size, 0.01, usual=usual),)
 
 
 class DeadTimeEffect(Effect):

@@ -35,6 +35,8 @@ class Recording:
     """What was cut or derived while reading, one line each."""
     command: LongitudinalCommand = ONE_WAY
     """What the throttle is; one with reverse is at rest at 0."""
+    derived: tuple[str, ...] = ()
+    """Columns of the velocity that no sensor measured: they follow from the pose."""
 
     @property
     def duration(self) -> float:

@@ -67,7 +67,14 @@ class BrakeBalance(MotionEffect):
             "shift", 0.0, -1.0, 1.0, "-", "Added to the share of the brakes in front.", 0.3, 0.05
         ),
     )
-    option_names = ("braking", "reverse_onset", "brake_front_share", "friction", "stiffness")
+    option_names = (
+        "braking",
+        "reverse_onset",
+        "brake_front_share",
+        "friction",
+        "stiffness",
+        "lock",
+    )
     braking: float = 5.0
     """B [m/s^2]."""
     reverse_onset: float = 0.0
@@ -78,6 +85,8 @@ class BrakeBalance(MotionEffect):
     """Friction of the simulated front and rear axle; DART."""
     stiffness: tuple[float, float] = (0.0, 0.0)
     """Cornering stiffness over load of both axles [1/rad]; 0 for a simulator without tyres."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -94,7 +103,8 @@ class BrakeBalance(MotionEffect):
         share = self.brake_front_share + self._value("shift")
         moved = (share.clamp(0.0, 1.0) - self.brake_front_share) * force
         d = self.dimensions
-        angle = (d.wheelbase * motion.turn_rate / motion.rolling(SLOWEST)).clamp(-LOCK, LOCK)
+        angle = d.wheelbase * motion.turn_rate / motion.rolling(SLOWEST)
+        angle = angle.clamp(-self.lock, self.lock)
         front, rear = self._side_changes(motion, force, moved)
         front = front * torch.cos(angle) - moved * torch.sin(angle)
         front, rear = self._left(front, rear, vx)
