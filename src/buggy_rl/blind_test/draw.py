@@ -9,16 +9,33 @@ from buggy_rl.blind_test.case import COMMANDS, RATES, Case
 from buggy_rl.blind_test.sizes import (
     CAMERA,
     COMMANDED_SIZES,
+    NAMED_SINCE,
     SIZES,
     UNKNOWN_SIZES,
     Range,
     composed_sizes,
     scaled,
 )
-from buggy_rl.plants.composed import SORTS, WHERE, is_composed
+from buggy_rl.effects import offered
+from buggy_rl.plants.composed import SORTS, UNNAMED, WHERE, is_composed
 from buggy_rl.plants.reference import abilities_of
 
 FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
+PUBLISHED = frozenset(
+    {
+        *{"aerodynamic_drag", "battery_sag", "cornering_drag", "floor_slope", "grip_balance"},
+        *{"grip_patch", "gyro_bias", "motor_power_limit", "one_sided_drag", "payload"},
+        *{"rolling_resistance", "sensor_lag", "sensor_latency", "sensor_lever_arm", "sensor_yaw"},
+        *{"speed_scale", "steering_asymmetry", "steering_backlash", "steering_dead_time"},
+        *{"steering_gain", "steering_lag", "steering_offset", "steering_rate_limit"},
+        *{"throttle_dead_time", "throttle_deadband", "throttle_gain", "throttle_lag"},
+        *{"throttle_offset", "tire_grip", "top_speed", "viscous_drag", "wind", "yaw_damping"},
+        *{"brake_balance", "brake_gain", "drag_brake", "driven_axle_slip", "reverse_deadband"},
+        *{"speed_controller_lag", "sticky_servo", "bump_steer", "wheel_wobble"},
+        *{"heating_motor", "loose_differential"},
+    }
+)
+"""Effects of the published sets, whose seeds still draw what they drew."""
 COUNT = {"nothing": 0, "one": 1, "two": 2, "three": 3}
 
 
@@ -75,6 +92,9 @@ class Settings:
     """With `each`: cases in which nothing is concealed."""
     names: list[str] = field(default_factory=list)
     """Effects that may be concealed; empty for all that a plant can."""
+    library: str = "published"
+    """Where `names` is empty and not `each` is drawn: `published`, the effects of the published
+    sets, or `present`, all; what has got a name since is then not drawn as unknown."""
     families: list[str] = field(
         default_factory=lambda: (
             ["nothing"] * 5 + ["one"] * 9 + ["two"] * 3 + ["three"] + ["unknown"] * 2
@@ -118,6 +138,8 @@ class Settings:
     def __post_init__(self) -> None:
         if self.split not in FIRST:
             raise ValueError(f"split is {self.split!r}: must be one of {', '.join(FIRST)}")
+        if self.library not in ("published", "present"):
+            raise ValueError(f"library is {self.library!r}: must be published or present")
         unknown = sorted(set(self.pairings) - set(PAIRINGS))
         if unknown:
             raise ValueError(f"no pairings {unknown}; available: {', '.join(PAIRINGS)}")
@@ -171,7 +193,8 @@ def draw(
         raise ValueError(f"seed {seed}: no plant of {settings.pairings} can have {names or family}")
     pairing = chance.choice(pairings)
     if names is None:
-        names = _names(chance, family, able[pairing], commanded(pairing))
+        drawable = _drawable(able[pairing], pairing, settings)
+        names = _names(chance, family, drawable, pairing, settings)
     nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
     known = SIZES | UNKNOWN_SIZES | {n: COMMANDED_SIZES[n] for n in commanded(pairing)}
     sizes = {n: composed_sizes(n) if is_composed(n) else known[n] for n in names}
@@ -228,20 +251,31 @@ def _able(pairing: Pairing, can: frozenset[str], settings: Settings) -> list[str
     return sorted(n for n in every if not settings.names or n in settings.names)
 
 
+def _drawable(able: Sequence[str], pairing: Pairing, settings: Settings) -> list[str]:
+    """Of what a pairing can have, what is drawn where no names are given."""
+    if settings.names:
+        return list(able)
+    if settings.library == "published":
+        return [n for n in able if n in PUBLISHED]
+    known = {*offered(COMMANDS[pairing.command]), *UNKNOWN_SIZES}
+    return [n for n in able if n in known and n not in NAMED_SINCE]
+
+
 def _names(
-    chance: random.Random, family: str, able: Sequence[str], own: frozenset[str]
+    chance: random.Random, family: str, able: Sequence[str], pairing: Pairing, settings: Settings
 ) -> list[str]:
+    own = commanded(pairing)
     if family == "unknown":
         return [chance.choice([n for n in able if n in UNKNOWN_SIZES and n not in own])]
     if family == "composed":
-        return [_composed(chance)]
+        return [_composed(chance, SORTS if settings.library == "published" else UNNAMED)]
     return chance.sample([n for n in able if n in SIZES or n in own], COUNT[family])
 
 
-def _composed(chance: random.Random) -> str:
+def _composed(chance: random.Random, sorts: Sequence[str]) -> str:
     """A sort: every place where it may act is as likely, however many signals it has."""
     where = chance.choice(WHERE)
-    return chance.choice([name for name in SORTS if name.startswith(f"{where}.")])
+    return chance.choice([name for name in sorts if name.startswith(f"{where}.")])
 
 
 def _suits(nuisance: str, simulator: str) -> bool:

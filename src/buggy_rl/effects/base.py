@@ -40,8 +40,8 @@ class EffectParameter(Parameter):
     reciprocal: bool = False
     """The prior is on 1 / value; neutral is so large that no limit is ever reached."""
     usual: tuple[float, float] | None = None
-    """Values from 5 to 95 % of the cars that have this fault, in the parameter's unit, of the
-    buggy; None where nothing is known. No prior: what is beyond is unusual, not impossible."""
+    """Interval in which 5 to 95 % of real small cars lie, in the parameter's unit; None where
+    nothing is known. A fitted value beyond it is more probably another effect."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -52,11 +52,13 @@ class EffectParameter(Parameter):
                 f"parameter {self.name!r}: a probe of {self.probe} {self.unit} is zero or leads "
                 f"out of [{self.lower}, {self.upper}]"
             )
-        if self.usual and not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
-            raise ValueError(
-                f"parameter {self.name!r}: usual is {self.usual}: must be two values, the lower "
-                f"first, within [{self.lower}, {self.upper}]"
-            )
+        if self.usual is not None and not self.usual[0] <= self.value <= self.usual[1]:
+            low, high = self.usual
+            if not (self.reciprocal and low < high < self.value):  # a limit that most cars have
+                raise ValueError(
+                    f"parameter {self.name!r}: its usual interval [{low}, {high}] {self.unit} does "
+                    f"not hold the neutral {self.value}"
+                )
 
     def coordinate(self, value: Number) -> Number:
         """The normalised value: distance from neutral over the prior scale."""
@@ -118,12 +120,6 @@ class Effect(Transform):
     def sentence(cls, values: Mapping[str, float]) -> str:
         """The effect in plain words, numbers in everyday units."""
 
-    @classmethod
-    def said(cls, values: Mapping[str, float], car: VehicleDimensions) -> str:
-        """The same of a car of these dimensions, where the words need them; `sentence` if not."""
-        del car
-        return cls.sentence(values)
-
     @property
     def values(self) -> dict[str, Tensor]:
         """Parameter values in use, each of shape () or of the batch's shape."""
@@ -138,6 +134,12 @@ class Effect(Transform):
             if value != getattr(type(self), name):
                 changed[name] = list(value) if isinstance(value, tuple) else value
         return changed
+
+    @classmethod
+    def said(cls, values: Mapping[str, float], car: VehicleDimensions) -> str:
+        """`sentence` of a car of these dimensions, where the words need them."""
+        del car
+        return cls.sentence(values)
 
     def _option(self, name: str, value: Any) -> Any:
         """An option as a float or a pair of floats, like its default."""

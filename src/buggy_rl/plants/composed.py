@@ -111,6 +111,38 @@ SORTS = tuple(
 )
 
 
+NAMED_SINCE = (  # patterns of sorts that the library has got a name for since the published sets
+    ("forward", "steering", "even", "none"),  # steering drag
+    ("forward", "steering", "even", "lag"),
+    ("steering", "lateral", "linear", "none"),  # understeer by compliance, roll steer
+    ("steering", "lateral", "linear", "lag"),
+    ("steering", "lateral", "threshold", "none"),
+    ("yaw", "throttle", "linear", "none"),  # torque steer; a drive is never below 0
+    ("yaw", "throttle", "linear", "lag"),
+    ("yaw", "throttle", "even", "none"),
+    ("yaw", "throttle", "even", "lag"),
+    ("steering", "throttle", "linear", "none"),  # the same, and dive steer, at the wheels
+    ("steering", "throttle", "linear", "lag"),
+    ("steering", "throttle", "even", "none"),
+    ("steering", "throttle", "even", "lag"),
+    ("seen_yaw", "time", "linear", "none"),  # heading drift
+    ("seen_yaw", "time", "even", "none"),
+)
+"""Where it acts, of what, its shape and memory; an empty part is any."""
+
+
+def _named_since(name: str) -> bool:
+    parts = name.split(".")
+    return any(
+        all(not wanted or wanted == part for wanted, part in zip(pattern, parts, strict=True))
+        for pattern in NAMED_SINCE
+    )
+
+
+UNNAMED = tuple(name for name in SORTS if not _named_since(name))
+"""Sorts that the present library has no name for either."""
+
+
 def is_composed(name: str) -> bool:
     """Whether a name is that of a sort."""
     return name in SORTS

@@ -21,8 +21,12 @@ from buggy_rl.effects.motion.yaw import TYPICAL_STIFFNESS
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.vehicle import VehicleDimensions
 
-LOCKS = ("lock_left", "lock_right", "steering_left", "steering_right", "left_angle", "right_angle")
-"""Parameters of our engines that are the road-wheel angle at full command [rad]."""
+LOCKS = {
+    **dict.fromkeys(("lock_left", "lock_right", "steering_left", "steering_right")),
+    **{"left_angle": "left_steepness", "right_angle": "right_steepness"},
+}
+"""Parameters of our engines that are the road-wheel angle at full command [rad], or its asymptote
+in tanh(steepness command) -> that steepness."""
 BEYOND = 1.15  # [-] of the lock: trim, and the more turned inner wheel; chosen
 
 Options = dict[str, dict[str, Any]]
@@ -154,8 +158,12 @@ def _lock(lock: float | None) -> dict[str, Any]:
 def _declared_lock(make: Make) -> float | None:
     """Of a simulator that declares its steering."""
     values = getattr(make(1), "values", {})
-    locks = [float(values[name].max()) for name in LOCKS if name in values]
-    return max(locks) if locks else None
+    locks = [
+        float((values[name] * (values[bend].tanh() if bend else 1.0)).max())
+        for name, bend in LOCKS.items()
+        if name in values
+    ]
+    return max(locks, default=None)
 
 
 def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float] | None) -> dict[str, Any]:

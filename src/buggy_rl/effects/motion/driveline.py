@@ -87,7 +87,7 @@ class StiffDifferential(YawEffect):
             "Yaw moment over that of a locked axle.",
             size=0.4,
             probe=0.03,
-            usual=(0.1, 1.0),
+            usual=(0.0, 1.0),
         ),
     )
     option_names = ("stiffness", "friction")
@@ -100,7 +100,7 @@ class StiffDifferential(YawEffect):
         share = 100 * values["coupling"]
         return (
             f"the wheels of the driven axle turn alike, {share:.3g} % of the way to a locked "
-            "differential: the car resists turning, most at low speed"
+            "differential: the car runs wider in every bend, in slow ones too"
         )
 
     def _moment_change(self, motion: Motion) -> Tensor:

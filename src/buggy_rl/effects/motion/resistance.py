@@ -41,7 +41,7 @@ class AerodynamicDrag(MotionEffect):
             "Deceleration over speed squared.",
             0.02,
             0.01,
-            usual=(0.003, 0.05),
+            usual=(0.0, 0.05),
         ),
     )
 
@@ -72,7 +72,7 @@ class RollingResistance(MotionEffect):
             "Whatever the speed.",
             0.2,
             0.05,
-            usual=(0.05, 0.7),
+            usual=(0.0, 0.7),
         ),
     )
 
@@ -102,7 +102,7 @@ class ViscousDrag(MotionEffect):
             "Deceleration over speed.",
             size=0.45,
             probe=0.02,
-            usual=(0.05, 1.0),
+            usual=(0.0, 1.0),
         ),
     )
 
@@ -148,7 +148,7 @@ class CorneringDrag(MotionEffect):
             "Deceleration over the square of the lateral acceleration.",
             size=0.015,
             probe=0.003,
-            usual=(0.004, 0.05),
+            usual=(0.0, 0.05),
         ),
     )
 
@@ -188,7 +188,7 @@ class SteeringDrag(MotionEffect):
             "Deceleration over the road-wheel angle.",
             size=2.5,
             probe=0.3,
-            usual=(0.5, 5.0),
+            usual=(0.0, 5.0),
         ),
     )
     option_names = ("stiffness", "lock")

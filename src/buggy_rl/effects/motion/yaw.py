@@ -124,7 +124,7 @@ class YawDamping(YawEffect):
             "Yaw deceleration over rate.",
             size=5.0,
             probe=0.3,
-            usual=(1.0, 15.0),
+            usual=(0.0, 15.0),
         ),
     )
 

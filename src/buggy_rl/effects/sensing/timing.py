@@ -38,7 +38,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
     """
 
     name = "sensor_latency"
-    declared = dead_time(0.03, (0.005, 0.1))
+    declared = dead_time(0.03, (0.0, 0.1))
     equation = "z(t) = (pose, velocity)(t - dead_time)"
 
     @classmethod
@@ -105,7 +105,7 @@ class SensorLag(SensingEffect):
     name = "sensor_lag"
     equation = "time_constant dz/dt = (pose, velocity) - z"
     source = LAG_SOURCE
-    declared = time_constant(0.03, (0.005, 0.1))
+    declared = time_constant(0.03, (0.0, 0.1))
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

@@ -30,6 +30,7 @@ SET_POINT = "set_point"  # [2] steering command behind the two stages of a furth
 WHEEL_TURN = "wheel_turn"  # [1] angle of the front left wheel about its axle [rad]
 HEAT = "heat"  # [1] in the motor's winding [J]
 CONTROLLER = "controller_current"  # [2] current behind the stages of a speed controller's lag [A]
+GIVES = "linkage_gives"  # [1] angle by which the front wheels are turned back [rad]
 LEFT_CURRENT = "left_current"  # [1] motor current at the left half of a loose differential [A]
 
 FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault that has it
@@ -39,6 +40,7 @@ FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault
     SET_POINT: ((2,), "steering_lag"),
     WHEEL_TURN: ((1,), "wheel_wobble"),
     HEAT: ((1,), "heating_motor"),
+    GIVES: ((1,), "understeer"),
     LEFT_CURRENT: ((1,), "loose_differential"),
     CONTROLLER: ((2,), "speed_controller_lag"),
 }
