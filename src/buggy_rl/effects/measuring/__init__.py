@@ -16,8 +16,7 @@ from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.holding import Make
 from buggy_rl.effects.measuring.servo import measured_steering_lag
 from buggy_rl.effects.measuring.tyres import measured_tyres
-from buggy_rl.effects.motion.base import LOCK
-from buggy_rl.effects.motion.yaw import TYPICAL_STIFFNESS
+from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.vehicle import VehicleDimensions
 

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.effects.motion.base import LOCK, Motion
+from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS, Motion
 from buggy_rl.effects.motion.drive import drive_of_motor
-from buggy_rl.effects.motion.yaw import SLOWEST, TYPICAL_STIFFNESS, YawEffect
+from buggy_rl.effects.motion.yaw import SLOWEST, YawEffect
 from buggy_rl.vehicle import GRAVITY
 
 FRICTION = 0.84  # [-] of DART's axles, 0.84 and 0.85

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect, along
-from buggy_rl.effects.motion.steered import road_wheel_angle
+from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS, Motion, MotionEffect, along
+from buggy_rl.effects.motion.steered import FrontAxle, road_wheel_angle
 from buggy_rl.vehicle import VehicleDimensions
 
 TYPICAL_SPEED = 2.0  # [m/s] speed of the decelerations quoted in sentences; chosen
@@ -191,9 +191,13 @@ class SteeringDrag(MotionEffect):
             usual=(0.0, 5.0),
         ),
     )
-    option_names = ("stiffness", "lock")
-    stiffness: tuple[float, float] = (0.0, 0.0)
-    """C of front and rear axle [1/rad]; 0 for a simulator without tyres."""
+    option_names = ("stiffness", "friction", "shape", "lock")
+    stiffness: tuple[float, float] = TYPICAL_STIFFNESS
+    """C of the simulator's front and rear axle [1/rad]; 0 for a simulator without tyres."""
+    friction: tuple[float, float] = (0.84, 0.84)
+    """D of its axles; DART."""
+    shape: tuple[float, float] = (1.2, 1.2)
+    """c of its axles; chosen."""
     lock: float = LOCK
     """Largest road-wheel angle [rad]."""
 
@@ -207,7 +211,8 @@ class SteeringDrag(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
-        angle = road_wheel_angle(motion, self.dimensions, self.stiffness[0], self.lock)
+        axle = FrontAxle(self.stiffness[0], self.friction[0], self.shape[0], self.lock)
+        angle = road_wheel_angle(motion, self.dimensions, axle)
         loss = self._value("per_angle") * angle.abs() * torch.tanh(vx.abs() / STOPPING) * self.dt
         return along(slowed(vx, loss))
 

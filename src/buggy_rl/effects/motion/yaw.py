@@ -7,11 +7,10 @@ import torch
 from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.effects.motion.base import Motion, MotionEffect, turning
+from buggy_rl.effects.motion.base import TYPICAL_STIFFNESS, Motion, MotionEffect, turning
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 SLOWEST = 0.5  # [m/s] speed below which the yaw damping of the tyres grows no further; chosen
-TYPICAL_STIFFNESS = (6.1, 9.4)  # [1/rad] over load, front and rear: B C D of DART's axles
 BRISK_LENGTHS = 15.0  # [1/s] wheelbases a second at which tyre damping is quoted: 2.6 m/s; chosen
 ROLLING = 0.3  # [m/s] speed at which a dragging wheel is at tanh(1) = 76 % of its force; chosen
 
