@@ -71,7 +71,13 @@ def test_steering_drag_goes_with_the_angle_of_the_wheels_whatever_the_speed(spee
     at_sensor = (speed, (d.cg_to_rear_axle + d.sensor_to_cg) * rate, rate)
     env = over([make_effect("steering_drag", {"per_angle": 3.0}, stiffness=(0.0, 0.0))])
     state = follow(env, start(env, at_sensor), COASTING)
-    assert math.isclose(float(speeds(state)[0]), speed - 0.01 * 3.0 * delta, abs_tol=1e-4)
+    lost = 0.01 * 3.0 * delta  # along the wheels
+    at_cg = shift_velocity(state[0][keys.VELOCITY], -d.sensor_to_cg)
+    assert float(at_cg[0]) == pytest.approx(speed - lost * math.cos(delta), abs=1e-4)
+    across = -side * lost * math.sin(delta)
+    assert float(at_cg[1] - d.cg_to_rear_axle * rate) == pytest.approx(across, abs=1e-4)
+    turned = d.cg_to_front_axle * d.mass / d.yaw_inertia * across
+    assert float(at_cg[2] - rate) == pytest.approx(turned, abs=2e-3)
 
 
 @pytest.mark.parametrize("engine", ["single_track", "reference", "mujoco"])

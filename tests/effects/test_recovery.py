@@ -23,7 +23,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
 
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
-    "understeer": ("gradient", 0.007, 0.1),
+    "understeer": ("gradient", 0.007, 0.12),
     "cornering_stiffness": ("ratio", 0.65, 0.1),
     "dive_steer": ("angle", 0.01, 0.2),
     "steering_drag": ("per_angle", 2.5, 0.1),

@@ -8,11 +8,12 @@ from torch import Tensor
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect, along
 from buggy_rl.effects.motion.resistance import STOPPING, slowed
+from buggy_rl.effects.motion.steered import left_by_tyres
 from buggy_rl.vehicle import GRAVITY
 
 IDLE = 0.01  # [-] drive beyond the dead zone at which the drag brake is off; chosen
 ROLLS = 0.2  # [m/s] forward speed from which all of a command below 0 is brake; chosen
-SLOWEST = 0.3  # [m/s] speed below which an arc is no tighter, and slip settles no faster; chosen
+SLOWEST = 0.3  # [m/s] speed below which an arc is no tighter; chosen
 USED = 0.95  # [-] largest share of its friction that a brake is taken to use; chosen
 
 
@@ -107,7 +108,7 @@ class BrakeBalance(MotionEffect):
         angle = angle.clamp(-self.lock, self.lock)
         front, rear = self._side_changes(motion, force, moved)
         front = front * torch.cos(angle) - moved * torch.sin(angle)
-        front, rear = self._left(front, rear, vx)
+        front, rear = left_by_tyres(motion, d, self.stiffness, front, rear)
         moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear
         yaw = d.mass / d.yaw_inertia * moment
         ahead = -moved * (torch.cos(angle) - 1)
@@ -125,17 +126,6 @@ class BrakeBalance(MotionEffect):
         sides = (front, self.friction[0] * load, own, own + moved)
         rest = force - own
         return _scaled(*sides), _scaled(ay - front, self.friction[1] * behind, rest, rest - moved)
-
-    def _left(self, front: Tensor, rear: Tensor, vx: Tensor) -> tuple[Tensor, Tensor]:
-        """What remains of side forces [n], once the tyres have answered within the step."""
-        d = self.dimensions
-        a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
-        rate = 0.5 * self.dt * GRAVITY / vx.abs().clamp_min(SLOWEST) / d.wheelbase
-        f, r = rate * self.stiffness[0] * b, rate * self.stiffness[1] * a
-        p, q = 1 + f * (1 + a * a / i), f * (1 - a * b / i)
-        s, t = 1 + r * (1 + b * b / i), r * (1 - a * b / i)
-        determinant = p * s - q * t
-        return (s * front - q * rear) / determinant, (p * rear - t * front) / determinant
 
 
 def _scaled(side: Tensor, circle: Tensor, brake: Tensor, changed: Tensor) -> Tensor:

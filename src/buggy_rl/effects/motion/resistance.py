@@ -8,7 +8,7 @@ from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS, Motion, MotionEffect, along
-from buggy_rl.effects.motion.steered import FrontAxle, road_wheel_angle
+from buggy_rl.effects.motion.steered import FrontAxle, left_by_tyres, road_wheel_angle
 from buggy_rl.vehicle import VehicleDimensions
 
 TYPICAL_SPEED = 2.0  # [m/s] speed of the decelerations quoted in sentences; chosen
@@ -169,12 +169,14 @@ class CorneringDrag(MotionEffect):
 class SteeringDrag(MotionEffect):
     """Drag of turned front wheels whatever the speed: scrub, no Ackermann, loaded joints.
 
-    The road-wheel angle is read off the motion, see `road_wheel_angle`. DART, the one published
-    small car with such a term, loses 3.94 + 1.34 v N/rad on 1.58 kg: 3.4 m/s^2 a radian at 1 m/s.
+    It acts at the front axle, along its wheels: so it has a part across the car, most of which the
+    tyres take back. The road-wheel angle is read off the motion, see `road_wheel_angle`. DART, the
+    one published small car with such a term, loses 3.94 + 1.34 v N/rad on 1.58 kg: 3.4 m/s^2 a
+    radian at 1 m/s.
     """
 
     name = "steering_drag"
-    equation = "dvx/dt = -per_angle |delta| tanh(vx / 0.05 m/s)"
+    equation = "drag at the front wheels: dv/dt = -per_angle |delta| tanh(vx / 0.05 m/s)"
     source = (
         "Lyons et al. 2024, DART, dynamic model (friction due to steering, a + b v over the angle)"
     )
@@ -214,7 +216,12 @@ class SteeringDrag(MotionEffect):
         axle = FrontAxle(self.stiffness[0], self.friction[0], self.shape[0], self.lock)
         angle = road_wheel_angle(motion, self.dimensions, axle)
         loss = self._value("per_angle") * angle.abs() * torch.tanh(vx.abs() / STOPPING) * self.dt
-        return along(slowed(vx, loss))
+        d, pulled = self.dimensions, slowed(vx, loss)  # (n,) along the front wheels
+        across = pulled * torch.sin(angle)
+        front, rear = left_by_tyres(motion, d, self.stiffness, across, torch.zeros_like(across))
+        moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear
+        yaw = d.mass / d.yaw_inertia * moment
+        return torch.stack([pulled * torch.cos(angle), front + rear, yaw], -1)
 
 
 def _still(motion: Motion) -> Tensor:

@@ -1,4 +1,4 @@
-"""The road-wheel angle of the simulated front axle, read off a step of its motion."""
+"""The road-wheel angle of a simulated car, and what its tyres leave of a side force on an axle."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from buggy_rl.effects.motion.base import LOCK, Motion
 from buggy_rl.effects.tyre.law import slip_of
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
-SLOWEST = 0.3  # [m/s] speed below which the angle is read off as at it, so smaller; chosen
+SLOWEST = 0.3  # [m/s] speed below which angles and the settling of slip are those at it; chosen
 
 
 @dataclass(frozen=True)
@@ -53,3 +53,32 @@ def road_wheel_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontA
         slip = torch.sign(use) * slip_of(use, torch.as_tensor(axle.shape).to(use))
         angle = angle + axle.shape * axle.friction / axle.stiffness * slip
     return torch.where(vx < 0, -angle, angle).clamp(-axle.lock, axle.lock)
+
+
+def left_by_tyres(
+    motion: Motion,
+    dimensions: VehicleDimensions,
+    stiffness: tuple[float, float],
+    front: Tensor,
+    rear: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """What remains of side forces on the axles, once the tyres have answered within the step.
+
+    Args:
+        motion: Of n environments.
+        dimensions: Of the car.
+        stiffness: C of front and rear axle, over load [1/rad]; 0: no tyres.
+        front: [n] over mass [m/s^2].
+        rear: [n] likewise.
+
+    Returns:
+        Both [n].
+    """
+    d, vx = dimensions, motion.after[..., 0]
+    a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
+    rate = 0.5 * motion.dt * GRAVITY / vx.abs().clamp_min(SLOWEST) / d.wheelbase
+    f, r = rate * stiffness[0] * b, rate * stiffness[1] * a
+    p, q = 1 + f * (1 + a * a / i), f * (1 - a * b / i)
+    s, t = 1 + r * (1 + b * b / i), r * (1 - a * b / i)
+    determinant = p * s - q * t
+    return (s * front - q * rear) / determinant, (p * rear - t * front) / determinant
