@@ -132,7 +132,7 @@ def test_what_a_cars_file_says_is_taken_where_no_step_shows_it():
     assert options["payload"]["dimensions"] == {"mass": 4.0, "wheelbase": 0.33}
     # Wheels that turn further than effects allow for: 0.6 rad and 15 % of it.
     assert options["steering_drag"]["lock"] == options["understeer"]["lock"] == 0.69
-    assert "lock" not in measurable_options(linear, lock=0.38)[0]["payload"]
+    assert "lock" not in measurable_options(linear, lock=0.38)[0]["steering_drag"]
 
 
 def rollout(env):

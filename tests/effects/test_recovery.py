@@ -29,7 +29,8 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     "steering_drag": ("per_angle", 2.5, 0.1),
     "cornering_drag": ("coefficient", 0.03, 0.15),
     "torque_steer": ("offset", -0.008, 0.15),
-    "stiff_differential": ("coupling", 0.6, 0.25),
+    # The effect's wheels slip by the turn alone, those of this car by the drive too.
+    "stiff_differential": ("coupling", 0.6, 0.5),
     "pose_scale": ("ratio", 0.9, 0.02),
     "heading_drift": ("rate", 0.02, 0.05),
 }
