@@ -8,6 +8,7 @@ from torchrl.envs import TransformedEnv
 
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.motion.step import CENTRED, MEAN_ACCELERATION, MOVED
+from buggy_rl.effects.tyre.slip import REAR_DRIVEN as SLIPS
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.single_track import KERNEL
 from buggy_rl.kernels import kernel
@@ -22,6 +23,15 @@ NAMES = [k.name for k in kernels()]
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kernels")
     KERNEL.compile(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """Of a step of an effect, with another slip too."""
+    folder = tmp_path_factory.mktemp("effects")
+    for k in (CENTRED, MEAN_ACCELERATION, MOVED, SLIPS):
+        k.compile(folder)
     return folder
 
 
@@ -90,14 +100,21 @@ def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
 
 
 @compiler
-def test_an_effect_on_the_motion_acts_alike_with_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("payload", {"mass_ratio": 1.3}),
+        ("torque_steer", {"offset": 0.01}),
+        ("steering_drag", {"per_angle": 3.0}),
+        ("understeer", {"gradient": 0.01}),
+    ],
+)
+def test_an_effect_on_the_motion_acts_alike_with_it(packages, monkeypatch, name, values):
     runs = []
-    for k in (CENTRED, MEAN_ACCELERATION, MOVED):
-        k.compile(tmp_path)
-    for chosen in ("", str(tmp_path)):
+    for chosen in ("", str(packages)):
         monkeypatch.setenv(FOLDER, chosen)
         torch.manual_seed(0)
-        effect = make_effect("payload", {"mass_ratio": 1.3})
+        effect = make_effect(name, values)
         env = TransformedEnv(make_engine("single_track", batch_size=3), effect)
         with torch.no_grad():
             after = env.rollout(50, break_when_any_done=False)["next"]

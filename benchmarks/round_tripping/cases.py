@@ -14,7 +14,7 @@ from benchmarks.resumed import appended, rows_of
 from buggy_rl.blind_test.cars import BUGGY
 from buggy_rl.blind_test.cars import written as written_car
 from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.draw import PAIRINGS, Settings, at_scale, commanded, draw
+from buggy_rl.blind_test.draw import PAIRINGS, PUBLISHED, Settings, at_scale, commanded, draw
 from buggy_rl.blind_test.drives import moved
 from buggy_rl.blind_test.recorded import BASELINE_NOISE
 from buggy_rl.blind_test.recorded import measured as recorded
@@ -108,7 +108,7 @@ def measured(config: RoundTripConfig) -> Iterator[dict[str, Any]]:
 def effect_of(seed: int) -> str:
     """What is concealed: effects of every car, in an order of their own for each run of them."""
     both = abilities("reference") & set(SIZES) | set(CAMERA)
-    names = sorted(both | commanded(PAIRINGS[BRAKED]))
+    names = sorted((both | commanded(PAIRINGS[BRAKED])) & PUBLISHED)  # of the cases in the output
     run, place = divmod(seed - FIRST, len(names))
     random.Random(run).shuffle(names)
     return names[place]

@@ -1,19 +1,21 @@
 """Drawing: one seed, one case; honest shares; ranges that are nobody's prior."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
-from buggy_rl.blind_test.draw import PAIRINGS, REFITTED, Settings, draw, draw_all
-from buggy_rl.blind_test.sizes import CAMERA, SIZES, UNKNOWN_SIZES
+from buggy_rl.blind_test.draw import PAIRINGS, PUBLISHED, REFITTED, Settings, draw, draw_all
+from buggy_rl.blind_test.sizes import CAMERA, NAMED_SINCE, SIZES, UNKNOWN_SIZES
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.engines.reference.faults import TEXTBOOK, UNKNOWN
 from buggy_rl.plants import PLANTS, abilities
-from buggy_rl.plants.composed import SORTS, WHERE, Sort
+from buggy_rl.plants.composed import SORTS, UNNAMED, WHERE, Sort
 
 CAR = frozenset(fault.name.partition(".")[0] for fault in (*TEXTBOOK, *UNKNOWN))
 ABLE = {"reference": CAR, "mujoco": CAR - set(UNKNOWN_SIZES), "commonroad": CAR}
 OLD = ("reference", "mujoco_fitted", "dropped", ("tire_grip", "top_speed"), "steady", 20.0, 0.0)
+COMPOSED = Settings(cases=300, families=["composed"])
 MANY = draw_all(Settings(cases=600), ABLE)
 
 
@@ -111,6 +113,17 @@ def test_composed_physics_is_drawn_from_all_places_and_is_unknown():
     assert {case.family for case in cases} == {"unknown"}
     assert all(case.truth[0] in SORTS for case in cases)
     assert all(not case.faults and not case.camera for case in cases)
+
+
+def test_fresh_development_cases_have_the_effects_of_today():
+    fresh = draw_all(Settings(cases=600, library="present"), ABLE)
+    drawn = {effect for case in fresh for effect in case.concealed}
+    assert {"understeer", "steering_drag", "torque_steer", "stiff_differential"} <= drawn
+    assert {"cornering_stiffness", "dive_steer", "pose_scale", "heading_drift"} <= drawn
+    assert not set(NAMED_SINCE) & drawn
+    assert not (set(SIZES) - PUBLISHED) & {effect for case in MANY for effect in case.concealed}
+    sorts = {c.truth[0] for c in draw_all(replace(COMPOSED, library="present"), ABLE)}
+    assert sorts <= set(UNNAMED)
 
 
 def test_a_plant_is_drawn_only_where_its_simulator_is_its_own_or_fitted_anew():

@@ -32,6 +32,17 @@ PARAMETERS = {
 }
 
 
+def test_an_error_of_one_sensor_is_not_offered_where_that_sensor_measured_nothing():
+    every = offered(ONE_WAY)
+    for derived, missing in (
+        ((), set()),
+        (("yaw_rate",), {"gyro_bias"}),
+        (("vx", "vy", "yaw_rate"), {"speed_scale", "gyro_bias"}),
+    ):
+        assert set(every) - set(offered(ONE_WAY, derived)) == missing
+    assert {"pose_scale", "heading_drift"} <= set(offered(ONE_WAY, ("vx", "vy", "yaw_rate")))
+
+
 @pytest.fixture(params=OF_A_COMMAND)
 def name(request):
     return request.param

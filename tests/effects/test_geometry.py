@@ -119,9 +119,20 @@ def test_what_is_no_car_on_two_axles_is_refused(engine):
 
 def test_every_force_acts_on_the_body_that_was_found():
     options = measured_options(plain(FineCar))
-    for name in ("tire_grip", "payload", "one_sided_drag", "yaw_damping", "wind"):
+    for name in ("tire_grip", "payload", "one_sided_drag", "yaw_damping", "wind", "understeer"):
         close(replace(BUGGY, **options[name]["dimensions"]), PLAIN)
     assert "dimensions" not in options["throttle_gain"]
+
+
+def test_what_a_cars_file_says_is_taken_where_no_step_shows_it():
+    linear = plain(plain_env.QuickCar, grip=40.0, stiffness=0.12)
+    car = replace(BUGGY, mass=4.0, wheelbase=0.33)
+    options, failures = measurable_options(linear, typical=car, lock=0.6)
+    assert "those of the car's file are assumed" in failures[0]
+    assert options["payload"]["dimensions"] == {"mass": 4.0, "wheelbase": 0.33}
+    # Wheels that turn further than effects allow for: 0.6 rad and 15 % of it.
+    assert options["steering_drag"]["lock"] == options["understeer"]["lock"] == 0.69
+    assert "lock" not in measurable_options(linear, lock=0.38)[0]["steering_drag"]
 
 
 def rollout(env):

@@ -1,18 +1,26 @@
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from buggy_rl import keys
-from buggy_rl.effects import make_effect
-from buggy_rl.effects.motion.fields import STREAM
+from buggy_rl.effects import effect_class, make_effect
+from buggy_rl.effects.measuring import measured_options
+from buggy_rl.effects.motion.base import Motion
+from buggy_rl.effects.motion.fields import STREAM, air_of
+from buggy_rl.effects.motion.steered import FrontAxle, road_wheel_angle
 from buggy_rl.engines import make_engine
+from buggy_rl.similarity import similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
 from tests.effects.faults import batched, fault, follow, neutral, over, start, step
 
 ARM = VehicleDimensions().sensor_to_cg
-RESISTANCES = ("aerodynamic_drag", "rolling_resistance", "viscous_drag", "cornering_drag")
-FORCES = (*RESISTANCES, "floor_slope", "wind", "one_sided_drag", "yaw_damping")
+RESISTANCES = (
+    *("aerodynamic_drag", "rolling_resistance", "viscous_drag", "cornering_drag", "steering_drag"),
+)
+YAWING = ("one_sided_drag", "yaw_damping", "stiff_differential")
+FORCES = (*RESISTANCES, "floor_slope", "wind", *YAWING)
 COASTING = torch.tensor([[-1.0, 0.0]])
 
 
@@ -47,14 +55,48 @@ def test_rolling_resistance_takes_the_same_each_second_and_ends_at_rest():
     assert 0 <= got[-1] < 1e-3
 
 
-def test_cornering_drag_is_its_share_of_the_lateral_acceleration_to_either_side():
-    # vx r = 2 * 1.5 = 3 m/s^2, a tenth of it over 10 ms.
-    state = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, 1.5), 1)
-    assert math.isclose(float(speeds(state)[0]), 2.0 - 0.003, abs_tol=1e-6)
-    right = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, -1.5), 1)
-    assert math.isclose(float(speeds(right)[0]), 2.0 - 0.003, abs_tol=1e-6)
-    straight = coasted("cornering_drag", {"coefficient": 0.1}, (2.0, 0.0, 0.0), 1)
-    assert float(speeds(straight)[0]) == 2.0
+def test_cornering_drag_goes_with_the_square_of_the_lateral_acceleration_to_either_side():
+    # vx r = 2 * 1.5 = 3 m/s^2: 0.02 of its square, 0.18 m/s^2, over 10 ms.
+    for rate, lost in ((1.5, 0.0018), (-1.5, 0.0018), (3.0, 0.0072), (0.0, 0.0)):
+        state = coasted("cornering_drag", {"coefficient": 0.02}, (2.0, 0.0, rate), 1)
+        assert math.isclose(float(speeds(state)[0]), 2.0 - lost, abs_tol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.8, 2.0])
+@pytest.mark.parametrize("side", [1, -1])
+def test_steering_drag_goes_with_the_angle_of_the_wheels_whatever_the_speed(speed, side):
+    # An engine without slip that turns about a point on the rear axle's line: L r / v = tan(delta).
+    delta, d = 0.2, VehicleDimensions()
+    rate = side * speed * math.tan(delta) / d.wheelbase
+    at_sensor = (speed, (d.cg_to_rear_axle + d.sensor_to_cg) * rate, rate)
+    env = over([make_effect("steering_drag", {"per_angle": 3.0}, stiffness=(0.0, 0.0))])
+    state = follow(env, start(env, at_sensor), COASTING)
+    lost = 0.01 * 3.0 * delta  # along the wheels
+    at_cg = shift_velocity(state[0][keys.VELOCITY], -d.sensor_to_cg)
+    assert float(at_cg[0]) == pytest.approx(speed - lost * math.cos(delta), abs=1e-4)
+    across = -side * lost * math.sin(delta)
+    assert float(at_cg[1] - d.cg_to_rear_axle * rate) == pytest.approx(across, abs=1e-4)
+    turned = d.cg_to_front_axle * d.mass / d.yaw_inertia * across
+    assert float(at_cg[2] - rate) == pytest.approx(turned, abs=2e-3)
+
+
+@pytest.mark.parametrize("engine", ["single_track", "reference", "mujoco"])
+def test_the_angle_of_the_wheels_is_read_off_the_motion(engine):
+    known = measured_options(lambda n: make_engine(engine, (n,)))["steering_drag"]
+    axle = FrontAxle(known["stiffness"][0], known["friction"][0], known["shape"][0])
+    env = make_engine(engine, (1,))
+    for throttle, steering in ((-0.5, 0.5), (-0.1, -0.4), (-0.3, 0.6)):
+        actions = torch.tensor([[throttle, steering]]).expand(120, 2)
+        states = follow(env, start(env, (1.5, 0.0, 0.0)), actions)
+        before, after = (shift_velocity(states[i][keys.VELOCITY], -ARM) for i in (-2, -1))
+        motion = Motion(states[-1][keys.POSE], before, after, actions[-1:], 0.01)
+        read = float(road_wheel_angle(motion, VehicleDimensions(), axle))
+        turned = {
+            "single_track": lambda s: math.tanh(1.1 * s) * 0.45,
+            "reference": lambda s: s * (0.36 - 0.02 * s) + 0.008,
+            "mujoco": lambda s: 0.36 * s,
+        }[engine](steering)
+        assert read == pytest.approx(turned, abs=0.03)
 
 
 @pytest.mark.parametrize("name", RESISTANCES)
@@ -103,6 +145,76 @@ def test_wind_adds_to_the_air_that_the_car_drives_through_and_finds_twice_the_ar
         state = coasted("wind", push, (2.0, 0.0, 0.0), 1, (0.0, 0.0, yaw))[0]
         gained = (state[keys.VELOCITY] - torch.tensor([2.0, 0.0, 0.0]))[:2] / 0.01
         torch.testing.assert_close(gained, torch.tensor(expected), atol=2e-3, rtol=0)
+
+
+def test_the_air_of_another_car_is_that_of_its_length_and_shape():
+    assert air_of(VehicleDimensions()) == pytest.approx((STREAM, 2.0))
+    # Ten times as long, with the mass of a similar one: a tenth of the stream [1/m].
+    car = replace(similar_dimensions({"wheelbase": 1.74, "mass": 1625.0}), track_width=1.55 / 2)
+    assert air_of(car) == pytest.approx((STREAM / 10, 4.0))
+    push = {"force_x": 0.5, "force_y": 0.0}
+    env = over([make_effect("wind", push, dimensions=car)])
+    state = follow(env, start(env, (6.0, 0.0, 0.0)), COASTING)
+    wind = math.sqrt(0.5 / (0.5 * (1 + 4.0) * STREAM / 10))
+    along = STREAM / 10 * ((wind - 6.0) ** 2 + 6.0**2)
+    assert float(speeds(state)[0]) == pytest.approx(6.0 + 0.01 * along, abs=2e-5)
+
+
+@pytest.mark.parametrize("offset", [0.01, -0.01])
+def test_a_motor_that_pushes_beside_the_middle_turns_the_car_with_its_force(offset):
+    env = over([make_effect("torque_steer", {"offset": offset})], "single_track", (1,))
+    motion = Motion(
+        torch.zeros(1, 3),
+        torch.tensor([[2.0, 0.0, 0.0]]),
+        torch.tensor([[2.02, 0.0, 0.0]]),  # 2 m/s^2, beside 0.5 + 0.25 * 2.01 of coasting
+        torch.tensor([[1.0, 0.0]]),
+        0.01,
+    )
+    # dr/dt = -offset m F / (m I): the force over mass is 3.0025 m/s^2.
+    d = VehicleDimensions()
+    expected = -offset * d.mass / d.yaw_inertia * 3.0025 * 0.01
+    effect = env.transform[0]
+    assert float(effect._change(motion)[0, 2]) == pytest.approx(expected, rel=1e-3)
+    idle = replace(motion, action=torch.tensor([[-1.0, 0.0]]))
+    assert float(effect._change(idle)[0, 2]) == 0.0
+    ends = follow(env, start(env, (1.0, 0.0, 0.0)), torch.tensor([[0.6, 0.0]]).expand(40, 2))
+    assert float(ends[keys.VELOCITY][-1, 0, 2]) * offset < -1e-4
+
+
+def test_a_locked_axle_resists_turning_until_its_wheels_slide():
+    # Couple of both rear wheels: t / 2 N D tanh(C t r / (2 D v)), N over mass g a / L.
+    d = VehicleDimensions()
+    values = {"coupling": 1.0}
+    options = {"stiffness": (0.0, 0.0), "friction": (0.84, 0.84)}
+    for rate in (0.02, 6.0):
+        env = over([make_effect("stiff_differential", values, **options)])
+        state = follow(env, start(env, (3.0, 0.0, rate)), COASTING)[0]
+        taken = (rate - float(state[keys.VELOCITY][2])) / 0.01
+        most = 0.5 * d.track_width * d.mass * 9.80665 * d.cg_to_front_axle / d.wheelbase * 0.84
+        most = most / d.yaw_inertia
+        use = 13.0 / 0.84 * 0.5 * d.track_width * rate / 3.0
+        # Less what a linear moment loses within the step, 1 - exp(-x) in place of x.
+        linear = 0.01 * most * use / rate
+        assert taken == pytest.approx(
+            most * math.tanh(use) * -math.expm1(-linear) / linear, rel=1e-3
+        )
+    straight = coasted("stiff_differential", values, (3.0, 0.0, 0.0), 5)
+    assert torch.equal(straight[keys.VELOCITY][..., 2], torch.zeros(5))
+
+
+def test_a_force_is_told_in_newtons_of_the_car_and_yaw_damping_beside_the_tyres_own():
+    drag, pull = effect_class("viscous_drag"), effect_class("one_sided_drag")
+    car, rate = VehicleDimensions(), {"rate": 0.4}
+    assert "0.4 N for each m/s and each kilogram" in drag.sentence(rate)
+    assert "0.65 N s/m at a car of 1.62 kg" in drag.said(rate, car)
+    # I dr/dt = F t / 2: 0.0049 * 8 / 0.0775 = 0.506 N.
+    assert "0.506 N at the wheel" in pull.said({"yaw_acceleration": 8.0}, car)
+    assert "0.311 N for each kilogram" in pull.sentence({"yaw_acceleration": 8.0})
+    damping = effect_class("yaw_damping").said({"rate": 6.0}, car)
+    assert "behaves like" in damping
+    # The tyres' own at 15 wheelbases a second, 2.61 m/s: 9.81 m a b (C_f a + C_r b) / (I L v).
+    own = 9.80665 * 1.625 / 0.0049 * 0.081 * 0.093 * (6.1 * 0.081 + 9.4 * 0.093) / 0.174 / 2.61
+    assert f"{100 * 6.0 / own:.2g} % more than by its tyres alone" in damping
 
 
 def test_a_dragging_wheel_turns_the_car_about_its_centre_of_gravity():

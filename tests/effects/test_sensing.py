@@ -15,10 +15,12 @@ SENSING = {
     "sensor_lag": {"time_constant": 0.05},
     "sensor_yaw": {"angle": 0.1},
     "sensor_lever_arm": {"x": 0.06, "y": -0.03},
+    "heading_drift": {"rate": 0.2},
+    "pose_scale": {"ratio": 0.9},
     "speed_scale": {"ratio": 1.1},
     "gyro_bias": {"bias": -0.2},
 }
-EXACT = ("sensor_yaw", "sensor_lever_arm", "speed_scale", "gyro_bias")
+EXACT = ("sensor_yaw", "sensor_lever_arm", "pose_scale", "speed_scale", "gyro_bias")
 
 
 def steered(steps=80):
@@ -124,6 +126,49 @@ def test_scale_and_bias_change_what_they_say():
     state = step(env, start(env, (2.0, 0.5, 1.0)))
     torch.testing.assert_close(state[keys.MEASURED_VELOCITY], torch.tensor([2.2, 0.55, 1.2]))
     assert torch.equal(state[keys.MEASURED_POSE], state[keys.POSE])
+
+
+def test_the_scale_of_a_map_is_one_of_way_and_speed_alike():
+    env = over([make_effect("pose_scale", {"ratio": 0.9})])
+    state = step(env, start(env, (2.0, 0.5, 1.0), (10.0, -4.0, 0.3)))
+    factor = torch.tensor([0.9, 0.9, 1.0])
+    torch.testing.assert_close(state[keys.MEASURED_VELOCITY], factor * state[keys.VELOCITY])
+    torch.testing.assert_close(state[keys.MEASURED_POSE], factor * state[keys.POSE])
+
+
+def test_a_drifting_heading_bends_a_straight_path_into_a_circle():
+    # 2 m/s straight ahead and 0.5 rad/s of drift: a circle of 4 m, from where the drive began.
+    env = over([make_effect("heading_drift", {"rate": 0.5})])
+    states = follow(env, start(env, (2.0, 0.0, 0.0), (3.0, 1.0, 0.0)), torch.zeros(100, 2))
+    angle = 0.005 * torch.arange(1, 101)
+    expected = torch.stack([3 + 4 * angle.sin(), 1 + 4 * (1 - angle.cos()), angle], -1)
+    torch.testing.assert_close(states[keys.MEASURED_POSE], expected, atol=2e-4, rtol=0)
+    torch.testing.assert_close(states[keys.MEASURED_VELOCITY], states[keys.VELOCITY])
+
+
+def test_a_drift_goes_on_from_a_pose_that_was_imposed():
+    env = over([make_effect("heading_drift", {"rate": 0.5})])
+    state = start(env)
+    for row in range(1, 4):  # a car that is put down 1 m further each step, and stands there
+        state = state.clone().set(keys.POSE, torch.tensor([float(row), 0.0, 0.0]))
+        state = step(env, state)
+    # Put down elsewhere it has not driven there: no way is turned, the heading has drifted.
+    expected = torch.tensor([3.0, 0.0, 0.015])
+    torch.testing.assert_close(state[keys.MEASURED_POSE], expected, atol=1e-6, rtol=0)
+
+
+def test_a_drift_behind_other_errors_bends_what_they_show():
+    # A camera 0.1 m ahead on a car that turns at 1 rad/s on the spot sees itself go round.
+    values = {"sensor_lever_arm": {"x": 0.1, "y": 0.0}, "heading_drift": {"rate": 0.2}}
+    env = over(make_effects(values))
+    states = follow(env, start(env, (0.0, 0.0, 1.0)), torch.zeros(50, 2))
+    arm = make_effects({"sensor_lever_arm": values["sensor_lever_arm"]})
+    plain = over(arm)
+    bare = follow(plain, start(plain, (0.0, 0.0, 1.0)), torch.zeros(50, 2))
+    drift = make_effect("heading_drift", {"rate": 0.2})
+    rows = torch.cat([torch.tensor([[0.1, 0.0, 0.0]]), states[keys.MEASURED_POSE]])
+    undone, _ = drift.unsensed(rows, torch.zeros(51, 3), 0.01)
+    torch.testing.assert_close(undone[1:], bare[keys.MEASURED_POSE], atol=1e-5, rtol=0)
 
 
 def recovered(name, engine="single_track"):

@@ -11,6 +11,7 @@ from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measured_options
 from buggy_rl.effects.measuring.tyres import measured_tyres
 from buggy_rl.effects.tyre.law import law, slip_of, slope
+from buggy_rl.effects.tyre.slip import SlipChange
 from buggy_rl.engines import make_engine
 from buggy_rl.engines.reference import ReferenceEngine
 from buggy_rl.keys import MEMORY
@@ -130,6 +131,79 @@ def test_a_shifted_balance_outside_does_what_one_inside_does():
     factors = {"grip_front": math.sqrt(0.8), "grip_rear": 1 / math.sqrt(0.8)}
     truth = rollout("mujoco", changed("mujoco", factors))
     assert closed("mujoco", "grip_balance", {"front_to_rear": 0.8}, truth) > 0.6
+
+
+AXLES = {  # cornering stiffness of front and rear axle of an engine
+    "single_track": ("front_stiffness", "rear_stiffness"),
+    "mujoco": ("cornering_stiffness_front", "cornering_stiffness_rear"),
+    "reference": ("front_cornering_stiffness", "rear_cornering_stiffness"),
+}
+
+
+@pytest.mark.parametrize(("engine", "least"), [("single_track", 0.8), ("reference", 0.8)])
+def test_softer_tyres_outside_the_engine_do_what_softer_tyres_inside_it_do(engine, least):
+    truth = rollout(engine, changed(engine, dict.fromkeys(AXLES[engine], 0.6)))
+    assert closed(engine, "cornering_stiffness", {"ratio": 0.6}, truth) > least
+    assert closed(engine, "cornering_stiffness", {"ratio": 0.9}, truth) < least - 0.3
+
+
+@pytest.mark.parametrize(("engine", "least"), [("single_track", 0.75), ("mujoco", 0.8)])
+def test_understeer_is_a_front_axle_of_less_cornering_stiffness(engine, least):
+    truth = rollout(engine, changed(engine, {AXLES[engine][0]: 0.6}))
+    # 1 / (0.6 C) = 1 / C + k g below the limit.
+    stiffness = options(engine)["understeer"]["stiffness"][0]
+    gradient = (1 / 0.6 - 1) / (stiffness * GRAVITY)
+    assert closed(engine, "understeer", {"gradient": gradient}, truth) > least
+    assert closed(engine, "cornering_stiffness", {"ratio": 0.6}, truth) < least - 0.3
+
+
+@pytest.mark.parametrize("gradient", [0.004, 0.012, -0.004])
+def test_a_steady_turn_loses_the_gradient_times_its_lateral_acceleration(gradient):
+    # delta = L r / v + K ay: of both cars the same, of one less gradient ay.
+    ends = []
+    effect = make_effect(
+        "understeer", {"gradient": gradient}, **options("single_track")["understeer"]
+    )
+    for env in (make_engine("single_track", (1,)), over([effect], "single_track", (1,))):
+        states = follow(
+            env, start(env, (2.2, 0.0, 0.0)), torch.tensor([[-0.4, 0.25]]).expand(150, 2)
+        )
+        vx, _, yaw_rate = states[-1][keys.VELOCITY][0].tolist()
+        ends.append((vx, yaw_rate))
+    stiff = options("single_track")["understeer"]["stiffness"]
+    own = (1 / stiff[0] - 1 / stiff[1]) / GRAVITY
+    needed = [0.174 * r / v + own * v * r for v, r in ends]
+    lateral = ends[1][0] * ends[1][1]
+    assert lateral > 1.0
+    assert needed[0] - needed[1] == pytest.approx(gradient * lateral, rel=0.12)
+
+
+def test_a_car_that_speeds_up_steers_itself_and_one_that_keeps_its_speed_does_not():
+    values = {"angle": 0.01}
+    effect = make_effect("dive_steer", values, **options("single_track")["dive_steer"])
+    env = over([effect], "single_track", (1,))
+    faster = follow(env, start(env, (1.0, 0.0, 0.0)), torch.tensor([[0.6, 0.0]]).expand(40, 2))
+    slower = follow(env, start(env, (2.5, 0.0, 0.0)), torch.tensor([[-1.0, 0.0]]).expand(40, 2))
+    assert float(faster[-1][keys.VELOCITY][0, 2]) > 0.1
+    assert float(slower[-1][keys.VELOCITY][0, 2]) < -0.02
+
+
+@pytest.mark.parametrize("compliance", [0.1, 0.02, 0.0, -0.008])
+def test_the_slip_of_a_compliant_axle_solves_its_equation(compliance):
+    numbers = make_effect("understeer", {"gradient": 0.01})._tensor("numbers")
+    change = SlipChange.of(numbers, slice(1, 2))
+    slip = torch.linspace(-6.0, 6.0, 201).expand(2, 201)
+    load = (GRAVITY * change.share).expand(2, 201)
+    ones, zeros = torch.ones(201), torch.zeros(201)
+    ratio = torch.stack([ones, ones, compliance * ones, zeros])
+    now, steep = change._slip_now(slip, ratio, load)
+    gives = compliance * change.stiffness * GRAVITY / change.shape
+    gives = gives * torch.tensor([[1.0], [0.0]])
+    torch.testing.assert_close(now + gives * law(now, change.shape), slip, atol=2e-3, rtol=2e-3)
+    assert (now.diff(dim=-1) > 0).all()  # no two slips of the simulated car are one of the changed
+    assert torch.equal(now[1], slip[1])
+    numeric = law(now, change.shape).diff(dim=-1) / slip.diff(dim=-1) / change.shape
+    torch.testing.assert_close(numeric, 0.5 * (steep[:, 1:] + steep[:, :-1]), atol=0.03, rtol=0)
 
 
 def test_the_tyres_of_a_simulator_are_found():

@@ -13,6 +13,7 @@ from buggy_rl.plants.composed import (
     PLAY,
     SEEN,
     SORTS,
+    UNNAMED,
     Disturbance,
     Sort,
     is_composed,
@@ -63,6 +64,21 @@ def test_there_are_hundreds_of_sorts_and_every_place_has_some():
 def test_what_the_library_has_is_no_sort(name):
     assert not is_composed(name)
     Sort.named(name)  # though its primitives are there
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "forward.steering.even.none",  # steering drag
+        "steering.lateral.linear.none",  # understeer by compliance
+        "yaw.throttle.linear.none",  # torque steer
+        "seen_yaw.time.linear.none",  # heading drift
+    ],
+)
+def test_what_the_library_has_since_is_read_and_no_longer_unnamed(name):
+    assert is_composed(name)  # shipped ledgers hold it
+    assert name not in UNNAMED
+    assert len(UNNAMED) > 500
 
 
 @pytest.mark.parametrize("wrong", ["forward.speed", "up.speed.linear.none", "yaw.time.cubic.lag"])

@@ -61,13 +61,77 @@ def test_aerodynamic_drag_slows_with_the_square_of_the_speed(plant):
 
 
 @foreign
-def test_cornering_drag_slows_by_its_share_of_the_lateral_acceleration(plant):
+def test_cornering_drag_slows_by_the_square_of_the_lateral_acceleration(plant):
     state = warmed(plant, (60, 0.0, 0.6), velocity=FAST)
     speed, _, yaw_rate = state[keys.VELOCITY][0].tolist()
-    car = faulty(plant, "cornering_drag", coefficient=0.2)
+    car = faulty(plant, "cornering_drag", coefficient=0.05)
     own, theirs = (gained(c, state, 5, 0.0, 0.6) for c in (sound(plant), car))
     assert speed * yaw_rate > 2.0  # [m/s^2], a real turn
-    assert own - theirs == pytest.approx(0.2 * speed * yaw_rate, rel=0.15)
+    assert own - theirs == pytest.approx(0.05 * (speed * yaw_rate) ** 2, rel=0.2)
+
+
+@foreign
+def test_turned_wheels_drag_by_their_angle_at_any_speed(plant):
+    lock = {"mujoco": 0.36, "commonroad": 0.36}[plant]
+    for speed in (0.8, 2.0):
+        state = warmed(plant, (60, -0.2, 0.5), velocity=(speed, 0.0, 0.0))
+        car = faulty(plant, "steering_drag", per_angle=3.0)
+        own, theirs = (gained(c, state, 5, -0.2, 0.5) for c in (sound(plant), car))
+        assert own - theirs == pytest.approx(3.0 * 0.5 * lock, rel=0.1)
+
+
+def turned(plant, effect, actions, speed=2.2, **parameters):
+    """Velocity [3] of a sound and of a faulty car at the end of a drive, at their sensor."""
+    cars = sound(plant), faulty(plant, effect, **parameters)
+    return [drive(car, actions, velocity=(speed, 0.0, 0.0))[-1].tolist() for car in cars]
+
+
+@foreign
+def test_a_linkage_that_gives_way_turns_less_the_faster_the_bend(plant):
+    lost = []
+    for throttle, speed in ((-0.45, 0.8), (0.0, 2.5)):
+        (vx, _, r), (less_vx, _, less_r) = turned(
+            plant, "understeer", (100, throttle, 0.3), speed, gradient=0.008
+        )
+        lost.append(1 - (less_r / less_vx) / (r / vx))
+    assert 0 <= lost[0] < 0.12
+    assert lost[1] > lost[0] + 0.05
+
+
+@foreign
+def test_softer_tyres_need_a_larger_slip_angle_for_the_same_bend(plant):
+    own, theirs = turned(plant, "cornering_stiffness", (100, -0.1, 0.3), ratio=0.6)
+    drift = []
+    for vx, vy, r in (own, theirs):
+        # Rear axle: 0.115 m behind the sensor.
+        drift.append((vy - 0.115 * r) / vx / (vx * r))  # rad over m/s^2
+    assert drift[1] / drift[0] == pytest.approx(1 / 0.6, rel=0.15)
+
+
+@foreign
+@pytest.mark.parametrize(("effect", "size"), [("torque_steer", 0.01), ("dive_steer", -0.01)])
+def test_under_throttle_the_car_pulls_to_the_side_and_coasting_it_does_not(plant, effect, size):
+    name = {"torque_steer": "offset", "dive_steer": "angle"}[effect]
+    own, right = turned(plant, effect, (40, 0.3, 0.0), 1.5, **{name: size})
+    _, left = turned(plant, effect, (40, 0.3, 0.0), 1.5, **{name: -size})
+    assert right[2] < own[2] - 0.05
+    assert left[2] - own[2] == pytest.approx(own[2] - right[2], rel=0.15)
+    if effect == "torque_steer":
+        own, coasting = turned(plant, effect, (40, NO_DRIVE, 0.0), 1.5, **{name: size})
+        assert coasting[2] == pytest.approx(own[2], abs=0.01)
+
+
+@foreign
+def test_a_stiff_differential_widens_every_bend_alike(plant):
+    # Its moment and the tyres' damping both go with r / v.
+    lost = []
+    for throttle, speed in ((-0.4, 1.0), (0.0, 2.5)):
+        (vx, _, r), (less_vx, _, less_r) = turned(
+            plant, "stiff_differential", (80, throttle, 0.3), speed, coupling=0.8
+        )
+        lost.append(1 - (less_r / less_vx) / (r / vx))
+    assert lost[0] > 0.1
+    assert lost[1] == pytest.approx(lost[0], rel=0.15)
 
 
 @foreign

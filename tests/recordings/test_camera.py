@@ -84,6 +84,7 @@ def test_dropped_frames_are_as_many_as_stated_and_never_the_first():
         {"latency": -1.0},
         {"lag": -0.1},
         {"speed_scale": 0.0},
+        {"pose_scale": 0.0},
         {"dropped_share": 1.0},
     ],
 )
@@ -99,6 +100,27 @@ def test_a_turned_camera_reports_another_heading_and_another_course():
     torch.testing.assert_close(measured, torch.tensor([[1.0, 2.0, 0.4]]))
     # Turned to the left, it sees the car move ahead to its right: 2 cos 0.1, -2 sin 0.1.
     torch.testing.assert_close(velocity, torch.tensor([[1.9900, -0.1997, 1.5]]), atol=1e-4, rtol=0)
+
+
+def test_a_map_of_another_scale_has_all_lengths_of_it():
+    pose, velocity = ramp()
+    config = dataclasses.replace(QUIET, pose_scale=0.9)
+    measured, reported = Camera(config).measure(pose, velocity, 0.01)
+    factor = torch.tensor([0.9, 0.9, 1.0])
+    torch.testing.assert_close(measured, factor * pose)
+    torch.testing.assert_close(reported, factor * velocity)
+
+
+def test_a_drifting_heading_bends_the_path_from_its_first_row_on():
+    # 0.02 m a row straight ahead, turned by 0.01 rad more from row to row: a circle of 2 m.
+    rows = torch.arange(100.0)
+    pose = torch.stack([1 + 0.02 * rows, 0 * rows, 0 * rows], -1)
+    config = dataclasses.replace(QUIET, heading_drift=1.0)
+    measured, reported = Camera(config).measure(pose, torch.ones(100, 3), 0.01)
+    angle = 0.01 * rows
+    circle = torch.stack([1 + 2 * angle.sin(), 2 * (1 - angle.cos()), angle], -1)
+    torch.testing.assert_close(measured, circle, atol=1e-3, rtol=0)
+    assert torch.equal(reported, torch.ones(100, 3))
 
 
 def test_a_lagging_camera_follows_a_ramp_late_by_its_time_constant():

@@ -56,6 +56,8 @@ def test_velocities_are_derived_on_request_even_where_measured(make_drive, write
     measured, derived = (load_recording(path, ColumnMap(derive_velocity=d)) for d in (False, True))
     assert measured.notes == []
     assert "vx, vy, yaw_rate derived" in derived.notes[-1]
+    assert derived.derived == ("vx", "vy", "yaw_rate")
+    assert measured.derived == ()
     assert not np.allclose(measured.data["velocity"], derived.data["velocity"], atol=1e-3)
 
 
@@ -63,6 +65,7 @@ def test_only_what_is_missing_is_derived(make_drive, write):
     frame = make_drive(noise=2e-4)
     recording = load_recording(write(frame.drop(columns="yaw_rate")))
     assert recording.notes[-1].startswith("yaw_rate derived")
+    assert recording.derived == ("yaw_rate",)
     assert np.allclose(recording.data["velocity"][:, :2], frame[["vx", "vy"]], atol=1e-6)
 
 

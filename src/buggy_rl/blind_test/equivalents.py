@@ -26,6 +26,7 @@ SAME = {  # a simulator's own parameter -> the effect that it is: "the lag is 0.
         "top_speed": ["drive_force_loss", "drive_speed_loss"],
         "gear_ratio": ["gear_ratio"],
         "voltage_sag": ["battery_resistance"],
+        "steering_drag": ["steering_drag"],
         "sensor_lever_arm": ["sensor_x", "sensor_y"],
     }.items()
     for parameter in parameters
@@ -38,7 +39,7 @@ NEAR = {  # a simulator's own parameter -> an effect that it is a part of, or th
         "rear_stiffness front_shape rear_shape cg_to_front_axle cg_to_rear_axle",
         "steering_asymmetry": "steering_left steering_right left_angle right_angle "
         "left_steepness right_steepness",
-        "cornering_drag": "steering_drag steering_drag_speed",
+        "steering_drag": "steering_drag_speed",
         "yaw_damping": "yaw_inertia",
     }.items()
     for parameter in parameters.split()
@@ -58,6 +59,11 @@ GROUPS = (  # effects that are easily confounded; those of one group are one ans
     {"aerodynamic_drag", "rolling_resistance", "viscous_drag", "top_speed", "motor_power_limit"},
     {"throttle_gain", "throttle_deadband", "throttle_offset", "battery_sag", "payload"},
     {"rolling_resistance", "throttle_offset", "throttle_deadband"},
+    {"cornering_drag", "steering_drag"},
+    {"torque_steer", "dive_steer"},
+    {"yaw_damping", "stiff_differential", "understeer", "cornering_stiffness"},
+    {"pose_scale", "speed_scale"},
+    {"heading_drift", "gyro_bias"},
     {"steering_offset", "one_sided_drag", "sensor_yaw"},
     {"floor_slope", "wind"},
     {"steering_gain", "steering_asymmetry", "grip_balance", "sensor_lever_arm", "yaw_damping"},

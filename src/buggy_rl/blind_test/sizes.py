@@ -53,7 +53,12 @@ SIZES: dict[str, dict[str, Range]] = {
         "deceleration": Range(0.2, 0.5, False, "a carpet instead of a floor: 2 to 5 % of g")
     },
     "viscous_drag": {"rate": Range(0.12, 0.35, False, "bearings with stiff grease")},
-    "cornering_drag": {"coefficient": Range(0.08, 0.25, False, "DART: drag that grows in turns")},
+    "cornering_drag": {
+        "coefficient": Range(0.016, 0.05, False, "one to three times the tyres' own; 0.1 g at 5")
+    },
+    "steering_drag": {
+        "per_angle": Range(1.5, 4.5, False, "DART: 3.4 at 1 m/s; loaded joints, no Ackermann")
+    },
     "floor_slope": {
         "along_x": Range(0.15, 0.4, True, "0.9 to 2.3 degrees: a garage floor's fall"),
         "along_y": Range(0.15, 0.4, True, "likewise"),
@@ -66,6 +71,15 @@ SIZES: dict[str, dict[str, Range]] = {
         "yaw_acceleration": Range(6.0, 14.0, True, "1 to 2 N at one wheel: a bent axle")
     },
     "yaw_damping": {"rate": Range(3.0, 8.0, False, "tyres that scrub: turns die in 0.1 to 0.3 s")},
+    "torque_steer": {
+        "offset": Range(0.005, 0.015, True, "one rear wheel pulls 15 to 45 % less than the other")
+    },
+    "stiff_differential": {
+        "coupling": Range(0.35, 0.9, False, "a tight gear differential to a nearly locked one")
+    },
+    "understeer": {"gradient": Range(0.004, 0.012, False, "a servo saver: 2 to 7 degrees a g")},
+    "cornering_stiffness": {"ratio": Range(0.5, 0.75, False, "softer inserts or tyres on foam")},
+    "dive_steer": {"angle": Range(0.006, 0.015, True, "1 to 2.6 degrees at full throttle")},
     "tire_grip": {"grip": Range(0.55, 0.8, False, "tiles or tape for rubber: DART about half")},
     "grip_balance": {"front_to_rear": Range(0.7, 0.85, False, "a pair of worn front tyres")},
     "grip_patch": {
@@ -86,6 +100,8 @@ SIZES: dict[str, dict[str, Range]] = {
         "x": Range(0.03, 0.08, True, "fixed another place on the car, 27 cm long"),
         "y": Range(0.02, 0.06, True, "likewise, 14 cm wide"),
     },
+    "pose_scale": {"ratio": Range(0.85, 0.94, False, "T265 indoors: up to 20 % off")},
+    "heading_drift": {"rate": Range(0.01, 0.03, True, "half to 2 degrees a second: lost features")},
     "speed_scale": {"ratio": Range(0.9, 0.96, False, "a camera with its scale off")},
     "gyro_bias": {"bias": Range(0.05, 0.2, True, "3 to 11 degrees a second: not calibrated")},
     "servo_stiction": {"width": Range(0.1, 0.25, False, "a servo's dead band, a dirty linkage")},
@@ -118,6 +134,7 @@ UNKNOWN_SIZES: dict[str, dict[str, Range]] = {
 NAMED_SINCE = {  # unknown kinds that have got a name: they are drawn under it
     "sticky_servo": "servo_stiction",
     "heating_motor": "thermal_foldback",
+    "bump_steer": "understeer",
 }
 COMMANDED_SIZES: dict[str, dict[str, Range]] = {  # of cars with brakes, or a speed controller
     "brake_gain": {"gain": Range(0.6, 0.85, False, "brake end point of the radio set by thumb")},
@@ -143,6 +160,8 @@ CAMERA = {  # where a sensing effect is an error of the camera: parameter -> fie
     "sensor_lag": {"time_constant": "lag"},
     "sensor_yaw": {"angle": "yaw"},
     "sensor_lever_arm": {"x": "lever_arm_x", "y": "lever_arm_y"},
+    "pose_scale": {"ratio": "pose_scale"},
+    "heading_drift": {"rate": "heading_drift"},
     "speed_scale": {"ratio": "speed_scale"},
     "gyro_bias": {"bias": "gyro_bias"},
 }
@@ -173,6 +192,7 @@ UNITS = {fault.name: fault.unit for fault in FAULTS} | {
     "sensor_lever_arm.x": "m",
     "sensor_lever_arm.y": "m",
     "gyro_bias.bias": "rad/s",
+    "heading_drift.rate": "rad/s",
 }
 
 

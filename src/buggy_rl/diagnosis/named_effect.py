@@ -8,6 +8,7 @@ from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.posterior import stands
 from buggy_rl.effects import effect_class
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.vehicle import VehicleDimensions
 
 NORMAL = 1.96  # standard deviations of a 95 % interval
 SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
@@ -96,10 +97,17 @@ def sentence(
     unit: str = "",
     was: float = 0.0,
     command: LongitudinalCommand = ONE_WAY,
+    car: VehicleDimensions | None = None,
 ) -> str:
-    """An effect, or a wrong parameter of the simulator's own, in the words of its command."""
+    """An effect, or a wrong parameter of the simulator's own, in the words of its command and car.
+
+    Without a car the words name no force or mass of it.
+    """
     if effect.startswith("parameter:"):
         name = effect.partition(":")[2]
         value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
         return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
-    return effect_class(effect).sentence_for(values, command)
+    kind = effect_class(effect)
+    if car is None:
+        return kind.sentence_for(values, command)
+    return kind.said(values, car, command)

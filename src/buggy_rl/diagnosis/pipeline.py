@@ -37,8 +37,8 @@ from buggy_rl.diagnosis.retuning import Retuned, retuned
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.stages import Stages
 from buggy_rl.diagnosis.statement import answered
-from buggy_rl.effects import offered
-from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.effects import OF_A_COLUMN, offered
+from buggy_rl.effects.measuring import in_turn, measurable_options
 from buggy_rl.engines import ENGINES, Factory, read_simulator, simulator_name
 from buggy_rl.estimation.baseline import Correction, correct
 from buggy_rl.estimation.cross_validation import blocks
@@ -52,7 +52,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.recording import refuse_another_rest
 from buggy_rl.similarity import Similarity
 from buggy_rl.task.augment import effects_of
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 Progress = Callable[[str], None]
 
@@ -110,7 +110,9 @@ def diagnose(
             maker(config, options=step.options), workers=workers, rolled=meter.rolled
         )
         spent = time.perf_counter() - begun  # a chain of its measurement has about as many steps
-        simulation, library, more = _measured(config, simulation, own=not baseline, seconds=spent)
+        simulation, library, more = _measured(
+            config, simulation, recordings, own=not baseline, seconds=spent
+        )
         plan = stages.done(
             "plan", lambda: plan_of(config, simulation, library, recordings, baseline, begun)
         )
@@ -146,7 +148,7 @@ def opened(
 ) -> Case:
     """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
     simulation = Simulation(maker(config, options=_step(config, recordings).options))
-    simulation, library, _ = _measured(config, simulation, own=not baseline)
+    simulation, library, _ = _measured(config, simulation, recordings, own=not baseline)
     stages, drives = Stages(None, config), (recordings, baseline)
     return _case(config, simulation, library, drives, stages, lambda _: None)[0]
 
@@ -188,7 +190,11 @@ def _preflight(
 
 
 def _measured(
-    config: DiagnosisConfig, simulation: Simulation, own: bool, seconds: float = 0.0
+    config: DiagnosisConfig,
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    own: bool,
+    seconds: float = 0.0,
 ) -> tuple[Simulation, Library, list[str]]:
     """With what effects must know of the simulator, what it may lack, and notes."""
     make, apart = simulation.make, partial(simulation.workers.results, seconds=seconds)
@@ -197,11 +203,27 @@ def _measured(
     black_box = config.parameters is False
     realises = {} if black_box else getattr(make(1), "realises", {})
     declared = getattr(make(1), "declared", {}) if own or realises else {}
-    names = config.effects or offered(declared_by(make(1)))
+    derived = set.intersection(*(set(r.derived) for r in recordings))
+    names = config.effects or offered(declared_by(make(1)), derived)
     scale = _similarity(config, make)
     library = Library([e for e in names if e not in inside], declared, own, realises, scale)
-    options, notes = measurable_options(make, apart)
+    options, notes = measurable_options(make, apart, *_of_the_file(config))
+    left_out = [n for n, column in OF_A_COLUMN.items() if column in derived]
+    if left_out and not config.effects:
+        notes.append(
+            f"{', '.join(sorted(derived))} follow from the pose in all recordings: "
+            f"{', '.join(left_out)} cannot be told and are not looked for"
+        )
     return replace(simulation, options=options), library, notes
+
+
+def _of_the_file(config: DiagnosisConfig) -> tuple[VehicleDimensions | None, float | None]:
+    """Dimensions and largest road-wheel angle [rad] of the car, where a file says them."""
+    if not config.car:
+        return None, None
+    car = load_car(config.car)
+    locks = [angle for angle in (car.steering.left, car.steering.right) if angle]
+    return car.vehicle, max(locks, default=None)
 
 
 def _similarity(config: DiagnosisConfig, make: Callable[[int], Any]) -> Similarity:
@@ -291,7 +313,9 @@ def _retuned_first(
     first = replace(done.case, problem=replace(done.case.problem, dispersion=1.0))
     tuned = stages.done("retuning", lambda: retuned(first, meter.says))
     make = maker(config, tuned.values, done.step)
-    simulation = replace(given, make=make, options=measurable_options(make)[0])
+    simulation = replace(
+        given, make=make, options=measurable_options(make, in_turn, *_of_the_file(config))[0]
+    )
     declared = getattr(make(1), "declared", {})
     library = done.case.problem.library
     library = Library(library.effects, declared, own=False, similarity=library.similarity)

@@ -33,6 +33,7 @@ from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.estimation.misfit import NOTHING, misfit
+from buggy_rl.vehicle import VehicleDimensions
 
 WRITTEN = 24  # hypotheses that are written down
 
@@ -140,8 +141,14 @@ def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
     """Another effect in the place of one of the best hypothesis, in words."""
     candidate, p = swapped(found, effect, other), case.problem.library.numbers(other)[0]
     assert candidate is not None
-    values = candidate.fit.values()[other]
-    return sentence(other, values, p.unit, p.value, case.recordings[0].command)
+    values, command = candidate.fit.values()[other], case.recordings[0].command
+    return sentence(other, values, p.unit, p.value, command, _car(case, other))
+
+
+def _car(case: Case, effect: str) -> VehicleDimensions:
+    """Dimensions that an effect has been told of; where it has not, the buggy's."""
+    own = case.problem.simulation.options.get(effect, {})
+    return VehicleDimensions(**own.get("dimensions", {}))
 
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
@@ -167,7 +174,9 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
         name=effect,
         kind=kind,
         equation="" if own else effect_class(effect).equation,
-        sentence=sentence(effect, numbers, p.unit, p.value, case.recordings[0].command),
+        sentence=sentence(
+            effect, numbers, p.unit, p.value, case.recordings[0].command, _car(case, effect)
+        ),
         parameters=values,
         confidence=sure.probability,
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),

@@ -1,6 +1,6 @@
 """Missing physics by name: each effect is a transform between engine and task."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from buggy_rl import trust
@@ -35,6 +35,9 @@ EFFECTS = {
     "servo_stiction": "buggy_rl.effects.actuation.servo:ServoStiction",
     "steering_dead_zone": "buggy_rl.effects.actuation.steering_map:SteeringDeadZone",
     "steering_dead_time": "buggy_rl.effects.actuation.timing:SteeringDeadTime",
+    "understeer": "buggy_rl.effects.tyre.stiffness:Understeer",
+    "cornering_stiffness": "buggy_rl.effects.tyre.stiffness:CorneringStiffness",
+    "dive_steer": "buggy_rl.effects.tyre.stiffness:DiveSteer",
     "tire_grip": "buggy_rl.effects.tyre.grip:TireGrip",
     "grip_balance": "buggy_rl.effects.tyre.grip:GripBalance",
     "grip_patch": "buggy_rl.effects.tyre.grip:GripPatch",
@@ -43,6 +46,8 @@ EFFECTS = {
     "voltage_sag": "buggy_rl.effects.motion.drive:VoltageSag",
     "top_speed": "buggy_rl.effects.motion.drive:TopSpeed",
     "motor_power_limit": "buggy_rl.effects.motion.drive:MotorPowerLimit",
+    "steering_drag": "buggy_rl.effects.motion.resistance:SteeringDrag",
+    "torque_steer": "buggy_rl.effects.motion.driveline:TorqueSteer",
     "aerodynamic_drag": "buggy_rl.effects.motion.resistance:AerodynamicDrag",
     "rolling_resistance": "buggy_rl.effects.motion.resistance:RollingResistance",
     "viscous_drag": "buggy_rl.effects.motion.resistance:ViscousDrag",
@@ -51,10 +56,13 @@ EFFECTS = {
     "wind": "buggy_rl.effects.motion.fields:Wind",
     "one_sided_drag": "buggy_rl.effects.motion.yaw:OneSidedDrag",
     "yaw_damping": "buggy_rl.effects.motion.yaw:YawDamping",
+    "stiff_differential": "buggy_rl.effects.motion.driveline:StiffDifferential",
     "sensor_latency": "buggy_rl.effects.sensing.timing:SensorLatency",
     "sensor_lag": "buggy_rl.effects.sensing.timing:SensorLag",
     "sensor_lever_arm": "buggy_rl.effects.sensing.mounting:SensorLeverArm",
     "sensor_yaw": "buggy_rl.effects.sensing.mounting:SensorYaw",
+    "heading_drift": "buggy_rl.effects.sensing.drift:HeadingDrift",
+    "pose_scale": "buggy_rl.effects.sensing.mounting:PoseScale",
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
 }
@@ -109,6 +117,8 @@ OF_A_COMMAND = {
 }
 # That show only where the command is a drive: a controller of speed or current makes up for them.
 OF_A_DRIVE = ("thermal_foldback", "brown_out", "gear_ratio", "voltage_sag")
+OF_A_COLUMN = {"speed_scale": "vx", "gyro_bias": "yaw_rate"}
+"""Effects of one sensor -> the column that it measures beside the pose."""
 CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
@@ -122,11 +132,17 @@ STACK = tuple(
 """All effects, in the order of a stack."""
 
 
-def offered(command: LongitudinalCommand) -> list[str]:
-    """Effects that a simulator or a recording with this command can have, in their order."""
+def offered(command: LongitudinalCommand, derived: Collection[str] = ()) -> list[str]:
+    """Effects that a simulator or a recording with this command can have, in their order.
+
+    Args:
+        command: Of the car.
+        derived: Columns of the velocity that no sensor measured: they follow from the pose, and an
+            error of a sensor of theirs cannot be.
+    """
     hidden = OF_A_DRIVE if command.kind in ("speed", "current") else ()
     own = [n for n in STACK if n in EFFECTS or OF_A_COMMAND[n][1] == command.kind]
-    return [n for n in own if n not in hidden]
+    return [n for n in own if n not in hidden and OF_A_COLUMN.get(n) not in derived]
 
 
 def effect_class(name: str) -> type["Effect"]:

@@ -21,9 +21,9 @@ from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
 from buggy_rl.keys import MEMORY
-from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand
+from buggy_rl.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
 from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -141,6 +141,17 @@ class Effect(Transform):
             if value != getattr(type(self), name):
                 changed[name] = list(value) if isinstance(value, tuple) else value
         return changed
+
+    @classmethod
+    def said(
+        cls,
+        values: Mapping[str, float],
+        car: VehicleDimensions,
+        command: LongitudinalCommand = ONE_WAY,
+    ) -> str:
+        """`sentence_for` a car of these dimensions, where the words need them."""
+        del car
+        return cls.sentence_for(values, command)
 
     def _option(self, name: str, value: Any) -> Any:
         """An option as a float or a pair of floats, like its default."""

@@ -15,16 +15,16 @@ LAG_SOURCE = "Astrom & Murray 2008, Feedback Systems, table 8.1 (first-order sys
 
 
 def dead_time(size: float, usual: tuple[float, float] | None = None) -> tuple[EffectParameter]:
-    """The parameter of a dead time, of a prior scale and a usual interval [s]."""
-    named = {"size": size, "probe": 0.01, "usual": usual}
-    return (EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", **named),)
+    """The parameter of a dead time, of a prior scale and usual values [s]."""
+    return (
+        EffectParameter("dead_time", 0.0, 0.0, LONGEST, "s", "Delay.", size, 0.01, usual=usual),
+    )
 
 
 def time_constant(size: float, usual: tuple[float, float] | None = None) -> tuple[EffectParameter]:
-    """The parameter of a first-order lag, of a prior scale and a usual interval [s]."""
-    named = {"size": size, "probe": 0.01, "usual": usual}
+    """The parameter of a first-order lag, of a prior scale and usual values [s]."""
     meaning = "Time to 63 % of a step."
-    return (EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", meaning, **named),)
+    return (EffectParameter("time_constant", 0.0, 0.0, 1.0, "s", meaning, size, 0.01, usual=usual),)
 
 
 class DeadTimeEffect(Effect):

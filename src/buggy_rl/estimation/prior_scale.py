@@ -25,5 +25,13 @@ def scaled(parameter: EffectParameter, similarity: Similarity) -> EffectParamete
         probe=p.probe if p.reciprocal else factor * p.probe,
         lower=min(p.lower, factor * p.lower),
         upper=p.upper if p.reciprocal else max(p.upper, factor * p.upper),
-        usual=None if p.usual is None else (factor * p.usual[0], factor * p.usual[1]),
+        usual=_usual(p, factor),
     )
+
+
+def _usual(p: EffectParameter, factor: float) -> tuple[float, float] | None:
+    """The usual values of the car; the neutral one, which stays, is among them."""
+    if p.usual is None:
+        return None
+    low, high = factor * p.usual[0], factor * p.usual[1]
+    return (low, high) if p.reciprocal else (min(low, p.value), max(high, p.value))

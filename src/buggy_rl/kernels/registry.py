@@ -15,6 +15,9 @@ KERNELS = (
     "buggy_rl.effects.tyre.change:REAR_DRIVEN",
     "buggy_rl.effects.tyre.change:ALL_DRIVEN",
     "buggy_rl.effects.tyre.change:REAR_DRIVEN_TWO_WAY",
+    "buggy_rl.effects.tyre.slip:REAR_DRIVEN",
+    "buggy_rl.effects.tyre.slip:ALL_DRIVEN",
+    "buggy_rl.effects.tyre.slip:REAR_DRIVEN_TWO_WAY",
 )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.plants.faults import Faults
-from buggy_rl.plants.surroundings import PUSHES, patch_grip, push
+from buggy_rl.plants.surroundings import PUSHES, patch_grip, push, turned_back
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 STATES = 9  # x, y, steering angle, speed, yaw, yaw rate, sideslip angle, wheel speeds
@@ -81,10 +81,12 @@ class CommonroadCar:
         self._scale_tyres()
         wheels = 2.0 * WHEEL_INERTIA / self.radius**2  # [kg]
         self.rolling_share = 1.0 + wheels / self.p.m
-        self._pushes = bool((PUSHES | {"floor_slope"}) & faults.active)
+        self._pushes = bool((PUSHES | {"floor_slope", "torque_steer"}) & faults.active)
+        self._turns = bool({"understeer", "dive_steer"} & faults.active)
         self._slope = (faults["floor_slope.along_x"], faults["floor_slope.along_y"])
         half_track = 0.5 * VehicleDimensions.track_width
-        self._pushed = push(faults, self.rolling_share, self.p.m, self.p.I_z, half_track)
+        rear_load = self.p.m * GRAVITY * self.p.a / (self.p.a + self.p.b)
+        self._pushed = push(faults, self.rolling_share, self.p.m, self.p.I_z, half_track, rear_load)
 
     def _scale_body(self) -> None:
         p, values, dimensions = self.p, self.values, VehicleDimensions()
@@ -116,10 +118,11 @@ class CommonroadCar:
             setattr(t, name, 0.0)
         peak = values["grip"] * self.faults["tire_grip.grip"]
         along = values["slip_stiffness"] / peak / (t.p_kx1 / t.p_dx1)
-        across = values["cornering_stiffness"] / peak / (-t.p_ky1 / t.p_dy1)
+        stiffness = values["cornering_stiffness"] * self.faults["cornering_stiffness.ratio"]
+        across = stiffness / peak / (-t.p_ky1 / t.p_dy1)
         t.r_bx1, t.r_bx2 = t.r_bx1 * across, t.r_bx2 * along
         t.r_by1, t.r_by2 = t.r_by1 * along, t.r_by2 * across
-        t.p_kx1, t.p_ky1 = values["slip_stiffness"], -values["cornering_stiffness"]
+        t.p_kx1, t.p_ky1 = values["slip_stiffness"], -stiffness
         t.p_dx1 = t.p_dy1 = self.peak = peak
 
     def moved(self, state: NDArray, duty: float, steering_rate: float) -> NDArray:
@@ -153,7 +156,9 @@ class CommonroadCar:
     def rates(self, state: NDArray, duty: float, steering_rate: float) -> NDArray:
         """Derivatives [9] of the state: the library's with corrections and added forces."""
         x = state.tolist()
-        force = self.motor_force(duty, x[REAR_WHEEL] * self.radius) - self.friction(x)
+        motor = self.motor_force(duty, x[REAR_WHEEL] * self.radius)
+        force = motor - self.friction(x)
+        x[STEERING] += self._turned(x, force)
         rates = np.array(self._equations(x, [steering_rate, force / self.p.m], self.p))
         speed, slip = x[SPEED], x[SIDESLIP]
         dynamic = 0.5 * (math.tanh((speed - BLEND_SPEED) / BLEND_WIDTH) + 1.0)
@@ -168,6 +173,7 @@ class CommonroadCar:
             rates += min(spun, 1.0) * (self.sliding_rates(x, rates) - rates)
         if self._pushes:
             ax, ay, turning = self._push(x)
+            turning -= self.faults["torque_steer.offset"] * motor / self.p.I_z
             cos, sin = math.cos(slip), math.sin(slip)
             rates[SPEED] += ax * cos + ay * sin
             rates[SIDESLIP] += dynamic * (ay * cos - ax * sin) / max(speed, SLOWEST)
@@ -195,6 +201,14 @@ class CommonroadCar:
         """Sideslip angle [rad] at the centre of gravity of a car that rolls without slip."""
         return math.atan(math.tan(angle) * self.p.b / (self.p.a + self.p.b))
 
+    def _turned(self, x: list[float], force: float) -> float:
+        """Angle [rad] of the front wheels beside the servo's, at a force along the car [N]."""
+        if not self._turns:
+            return 0.0
+        forward = force / (self.p.m * self.rolling_share)
+        vx = x[SPEED] * math.cos(x[SIDESLIP])
+        return turned_back(self.faults, vx, x[YAW_RATE], forward)
+
     def motor_force(self, duty: float, tread: float) -> float:
         """Force [N] of the motor: F = d (F0 - c u / r), not more than P / u."""
         gear = self.faults["gear_ratio.ratio"]
@@ -211,7 +225,8 @@ class CommonroadCar:
         heavy = self.p.m * self.rolling_share
         dry = values["rolling_resistance"] + heavy * faults["rolling_resistance.deceleration"]
         # Tyres push sideways by m v r in a steady turn.
-        dry += heavy * faults["cornering_drag.coefficient"] * abs(speed * x[YAW_RATE])
+        dry += heavy * faults["cornering_drag.coefficient"] * (speed * x[YAW_RATE]) ** 2
+        dry += heavy * faults["steering_drag.per_angle"] * abs(x[STEERING])
         viscous = values["viscous_drag"] + heavy * faults["viscous_drag.rate"]
         rolling = dry * math.tanh(speed / STOPPING_SPEED)
         return rolling + (viscous + values["quadratic_drag"] * abs(speed)) * speed

@@ -116,6 +116,21 @@ NAMED_SINCE = (  # patterns of sorts that the library has got a name for since t
     ("throttle", "steering_rate", "even", ""),  # and of one that moves
     ("forward", "throttle", "", "heat"),  # thermal fold-back
     ("steering", "lateral", "saturating", ""),  # play that the tyres take up
+    ("forward", "steering", "even", "none"),  # steering drag
+    ("forward", "steering", "even", "lag"),
+    ("steering", "lateral", "linear", "none"),  # understeer by compliance, roll steer
+    ("steering", "lateral", "linear", "lag"),
+    ("steering", "lateral", "threshold", "none"),
+    ("yaw", "throttle", "linear", "none"),  # torque steer; a drive is never below 0
+    ("yaw", "throttle", "linear", "lag"),
+    ("yaw", "throttle", "even", "none"),
+    ("yaw", "throttle", "even", "lag"),
+    ("steering", "throttle", "linear", "none"),  # the same, and dive steer, at the wheels
+    ("steering", "throttle", "linear", "lag"),
+    ("steering", "throttle", "even", "none"),
+    ("steering", "throttle", "even", "lag"),
+    ("seen_yaw", "time", "linear", "none"),  # heading drift
+    ("seen_yaw", "time", "even", "none"),
 )
 """Where it acts, of what, its shape and memory; an empty part is any."""
 

@@ -3,9 +3,11 @@
 In the model: gravity is tilted (`floor_slope`), the chassis is heavier (`payload`, with its own
 radius of gyration). In the tyre law: friction by axle and by the place of each wheel
 (`tire_grip`, `grip_balance`, `grip_patch`), the stiffness kept. In the applied forces: air, wind,
-drags, a couple on the rear hubs (`one_sided_drag`), a moment (`yaw_damping`). In the actuators:
-dead times are longer, and behind the car's own lags come the stages of `mechanics`. In the motor:
-less back-EMF (`top_speed`), a gear (`gear_ratio`), a limit at the shaft (`motor_power_limit`).
+drags, couples on the rear hubs (`one_sided_drag`, `torque_steer`, `stiff_differential`), a moment
+(`yaw_damping`). In the linkage: angles by the forces of a steady turn and of the drive
+(`understeer`, `dive_steer`). In the actuators: dead times are longer, and behind the car's own lags
+come the stages of `mechanics`. In the motor: less back-EMF (`top_speed`), a gear (`gear_ratio`), a
+limit at the shaft (`motor_power_limit`).
 
 Differences from the textbook's parameter: the wheels' inertia makes a slope of 0.3 m/s^2 accelerate
 the free car by 0.3 m / (m + sum I / r^2), 8 % less (drags are of the whole car and exact); with a
@@ -142,6 +144,10 @@ def with_faults(values: Mapping[str, Tensor], faults: Faults) -> dict[str, Tenso
         balance = faults["grip_balance.front_to_rear"] ** 0.5
         changed["grip_front"] = values["grip_front"] * faults["tire_grip.grip"] * balance
         changed["grip_rear"] = values["grip_rear"] * faults["tire_grip.grip"] / balance
+    if "cornering_stiffness" in faults:
+        for axle in ("front", "rear"):
+            name = f"cornering_stiffness_{axle}"
+            changed[name] = values[name] * faults["cornering_stiffness.ratio"]
     if "payload" in faults:
         load = values["mass"] * (faults["payload.mass_ratio"] - 1.0)
         changed["mass"] = values["mass"] + load

@@ -13,7 +13,8 @@ from buggy_rl.engines.mujoco.car import Car
 from buggy_rl.engines.mujoco.forces import STOPPING_SPEED, Forces, Motion, Wheels, read_motion
 from buggy_rl.engines.mujoco.weights import DRIVELINE_INERTIA, WHEEL_SPIN_INERTIA
 from buggy_rl.plants.faults import Faults
-from buggy_rl.plants.surroundings import PUSHES, patch_grip, push
+from buggy_rl.plants.surroundings import PUSHES, patch_grip, push, turned_back
+from buggy_rl.vehicle import GRAVITY
 
 SLOWEST_SHAFT = 0.05  # [m/s] least tread speed of the power limit; chosen
 
@@ -36,10 +37,19 @@ class FaultyForces(Forces):
         self._rolling_share = 1.0 + wheels / mass
         self._bare_mass = mass / faults["payload.mass_ratio"]
         self._half_track = 0.5 * car.dimensions.track_width
+        in_front = 1.0 - values["cg_to_front_axle"] / car.dimensions.wheelbase
+        self._axle_mass = (mass * in_front, mass * (1.0 - in_front))
         self._pushed = push(
-            faults, self._rolling_share, mass, values["yaw_inertia"], self._half_track
+            faults,
+            self._rolling_share,
+            mass,
+            values["yaw_inertia"],
+            self._half_track,
+            rear_load=GRAVITY * self._axle_mass[1],
         )
-        self._pushes = bool(PUSHES & faults.active)
+        self._pushes = bool((PUSHES | {"torque_steer"}) & faults.active)
+        self._turns = bool({"understeer", "dive_steer"} & faults.active)
+        self._pulled = 0.0  # yaw acceleration of the substep by the motor's force [rad/s^2]
         self._slope = (faults["floor_slope.along_x"], faults["floor_slope.along_y"])
 
     def motor_force(self, qvel: NDArray, drive: NDArray) -> NDArray:
@@ -51,12 +61,23 @@ class FaultyForces(Forces):
         """Writes the forces, with those of the faults added."""
         if "motor_power_limit" in self.faults:
             drive = self._limited(qvel, drive)
+        if "torque_steer" in self.faults:
+            moment = -self.faults["torque_steer.offset"] * self.motor_force(qvel, drive)
+            self._pulled = moment / self.values["yaw_inertia"]
+        if self._turns:
+            motor = self.motor_force(qvel, drive)
+            steering_angle = steering_angle + self._turned(read_motion(qpos, qvel), motor)
         super().apply(qpos, qvel, xfrc_applied, qfrc_applied, steering_angle, drive)
         if self._pushes:
             self._push(read_motion(qpos, qvel), xfrc_applied)
         if "cornering_drag" in self.faults:
             motion = read_motion(qpos, qvel)
             self._along(motion, -self._scrub * np.tanh(motion.vx / STOPPING_SPEED), xfrc_applied)
+        if "steering_drag" in self.faults:
+            motion = read_motion(qpos, qvel)
+            drag = self.faults["steering_drag.per_angle"] * np.abs(steering_angle)
+            drag = drag * self.values["mass"] * self._rolling_share
+            self._along(motion, -drag * np.tanh(motion.vx / STOPPING_SPEED), xfrc_applied)
 
     def tyre_forces(
         self,
@@ -74,7 +95,8 @@ class FaultyForces(Forces):
             motion = self._end_of_step(motion)
         fx, fy = super().tyre_forces(qpos, qvel, motion, wheels, resistance)
         if "cornering_drag" in self.faults:
-            axles = np.abs(fy[0] + fy[1]) + np.abs(fy[2] + fy[3])
+            front, rear = self._axle_mass
+            axles = (fy[0] + fy[1]) ** 2 / front + (fy[2] + fy[3]) ** 2 / rear
             self._scrub = self.faults["cornering_drag.coefficient"] * self._rolling_share * axles
         return fx, fy
 
@@ -87,7 +109,16 @@ class FaultyForces(Forces):
         return resistance
 
     def _accelerations(self, motion: Motion):
-        return self._pushed(motion.cos, motion.sin, motion.vx, motion.vy, motion.yaw_rate)
+        ax, ay, turning = self._pushed(
+            motion.cos, motion.sin, motion.vx, motion.vy, motion.yaw_rate
+        )
+        return ax, ay, turning + self._pulled
+
+    def _turned(self, motion: Motion, motor: NDArray) -> NDArray:
+        """Angle [n] [rad] of the front wheels beside the servo's."""
+        moved = self.values["mass"] * self._rolling_share
+        forward = (motor + self._resistance(motion.vx)) / moved
+        return turned_back(self.faults, motion.vx, motion.yaw_rate, forward)
 
     def _end_of_step(self, motion: Motion) -> Motion:
         """The motion after the faults' forces of this substep, at the sensor."""

@@ -42,6 +42,10 @@ class CameraConfig:
     """Dead time of all measurements [s]."""
     lag: float = 0.0
     """Time constant of a first-order filter on all measurements [s]."""
+    pose_scale: float = 1.0
+    """Measured over true lengths: x, y, vx, vy."""
+    heading_drift: float = 0.0
+    """Growth of the heading's error [rad/s], from 0 at the first row; the path bends with it."""
     speed_scale: float = 1.0
     """Measured over true vx and vy; the position is right."""
     gyro_bias: float = 0.0
@@ -70,8 +74,9 @@ class Camera:
         for name in (*NOISES, "latency", "lag"):
             if getattr(self.config, name) < 0:
                 raise ValueError(f"camera {name} is {getattr(self.config, name)}: must be >= 0")
-        if self.config.speed_scale <= 0:
-            raise ValueError(f"camera speed_scale is {self.config.speed_scale}: must be > 0")
+        for name in ("speed_scale", "pose_scale"):
+            if getattr(self.config, name) <= 0:
+                raise ValueError(f"camera {name} is {getattr(self.config, name)}: must be > 0")
         if not 0 <= self.config.dropped_share < 1:
             raise ValueError(
                 f"camera dropped_share is {self.config.dropped_share}: must be in [0, 1)"
@@ -82,8 +87,8 @@ class Camera:
         """Measured from true motion.
 
         z(t) = S f(p + L)(t - latency) + b + e,  e ~ N(0, sigma^2), with L the lever arm and
-        rotation of the camera, f the filter, S the speed scale and b the gyroscope bias. Before
-        the first row the motion is that of the first row.
+        rotation of the camera, f the filter, S the scales and b the gyroscope bias; a drifting
+        heading bends the path. Before the first row the motion is that of the first row.
 
         Args:
             pose: [T, *, 3] x, y [m], yaw [rad] in the world frame, yaw unwrapped.
@@ -101,8 +106,11 @@ class Camera:
             pose, velocity = turned(pose, velocity, config.yaw)
         if config.lag:
             pose, velocity = (lagging(signal, config.lag / dt) for signal in (pose, velocity))
-        scale = (config.speed_scale, config.speed_scale, 1.0)
-        velocity = velocity * velocity.new_tensor(scale)
+        if config.heading_drift:
+            pose = drifting(pose, config.heading_drift * dt)
+        length, speed = config.pose_scale, config.pose_scale * config.speed_scale
+        pose = pose * pose.new_tensor((length, length, 1.0))
+        velocity = velocity * velocity.new_tensor((speed, speed, 1.0))
         velocity = velocity + velocity.new_tensor((0.0, 0.0, config.gyro_bias))
         pose_noise = (config.position_noise, config.position_noise, config.yaw_noise)
         velocity_noise = (config.velocity_noise, config.velocity_noise, config.yaw_rate_noise)
@@ -154,6 +162,20 @@ def turned(pose: Tensor, velocity: Tensor, angle: float) -> tuple[Tensor, Tensor
     yaw = pose[..., 2:] + angle
     course = rotate(velocity[..., :2], torch.full_like(velocity[..., 2], -angle))
     return torch.cat([pose[..., :2], yaw], -1), torch.cat([course, velocity[..., 2:]], -1)
+
+
+def drifting(pose: Tensor, turn: float) -> Tensor:
+    """Pose [T, *, 3] of odometry whose heading is off by `turn` [rad] more from row to row.
+
+    Each way between two rows is laid out along the heading in the middle of both errors.
+    """
+    row = torch.arange(len(pose), dtype=torch.float64, device=pose.device)
+    error = (turn * row).reshape(-1, *(1,) * (pose.dim() - 2)).expand(pose.shape[:-1])
+    way = pose[..., :2].double().diff(dim=0)
+    ways = rotate(way, 0.5 * (error[1:] + error[:-1]))
+    start = pose[:1, ..., :2].double()
+    position = torch.cat([start, start + ways.cumsum(0)])
+    return torch.cat([position, pose[..., 2:] + error.unsqueeze(-1)], -1).to(pose.dtype)
 
 
 def lagging(signal: Tensor, rows: float) -> Tensor:

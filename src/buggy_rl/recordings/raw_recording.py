@@ -31,6 +31,8 @@ class RawRecording:
     notes: list[str] = field(default_factory=list)
     beside: Mapping[str, ndarray] = field(default_factory=dict)
     """Channel -> [T] of sensors beside the tracker, in SI units; NaN where there is no value."""
+    derived: tuple[str, ...] = ()
+    """Columns of the velocity that follow from the pose."""
     reverse: bool = False
     """Whether the command has reverse, so that driving backward is no fault."""
     rest_declared: bool = False

@@ -38,6 +38,8 @@ class Recording:
     since_first: float = 0.0
     """Time from the beginning of the session's first recording to that of this one [s]; 0 where the
     stamps do not tell."""
+    derived: tuple[str, ...] = ()
+    """Columns of the velocity that no sensor measured: they follow from the pose."""
 
     @property
     def duration(self) -> float:

@@ -174,6 +174,7 @@ def _note_derived(raw: RawRecording, columns: ColumnMap, grid: _Grid) -> None:
     names = [] if raw.linear is not None else ["vx", "vy"]
     if raw.yaw_rate is None:
         names.append("yaw_rate")
+    raw.derived = tuple(names)
     if names:
         raw.notes.append(
             f"{', '.join(names)} derived from the pose: Savitzky-Golay, order {ORDER}, "

@@ -16,10 +16,17 @@ from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.holding import Make
 from buggy_rl.effects.measuring.servo import measured_steering_lag
 from buggy_rl.effects.measuring.tyres import measured_tyres
+from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.vehicle import VehicleDimensions
 
-TYPICAL_STIFFNESS = (6.1, 9.4)  # [1/rad] over load, front and rear: B C D of DART's axles
+LOCKS = {
+    **dict.fromkeys(("lock_left", "lock_right", "steering_left", "steering_right")),
+    **{"left_angle": "left_steepness", "right_angle": "right_steepness"},
+}
+"""Parameters of our engines that are the road-wheel angle at full command [rad], or its asymptote
+in tanh(steepness command) -> that steepness."""
+BEYOND = 1.15  # [-] of the lock: trim, and the more turned inner wheel; chosen
 
 Options = dict[str, dict[str, Any]]
 """Options by the effect's name, as `make_effect` takes them."""
@@ -58,7 +65,12 @@ def measured_options(
     return options
 
 
-def measurable_options(make: Make, apart: Apart = in_turn) -> tuple[Options, list[str]]:
+def measurable_options(
+    make: Make,
+    apart: Apart = in_turn,
+    typical: VehicleDimensions | None = None,
+    lock: float | None = None,
+) -> tuple[Options, list[str]]:
     """Options as far as the simulator shows them, and in words what it does not show.
 
     A simulator whose data hold no slides, such as a learned one, shows no tyre law; its effects
@@ -67,18 +79,22 @@ def measurable_options(make: Make, apart: Apart = in_turn) -> tuple[Options, lis
     Args:
         make: Builds the simulator for a number of environments.
         apart: Calls a function with each of several arguments; beside each other where it can.
+        typical: Of the car, where its file says; where no step shows them, they are taken.
+        lock: Largest road-wheel angle of the car [rad], where its file says.
     """
     failures, names = [], offered(declared_by(make(1)))
     try:
-        car = _dimensions(make, VehicleDimensions())
+        car = _dimensions(make, typical or VehicleDimensions())
     except ValueError as error:
-        failures.append(f"axles cannot be measured ({error}): those of the buggy are assumed")
-        car = VehicleDimensions()
+        whose = "the buggy" if typical is None else "the car's file"
+        failures.append(f"axles cannot be measured ({error}): those of {whose} are assumed")
+        car = typical or VehicleDimensions()
     options: Options = {
         name: {"stiffness": [*TYPICAL_STIFFNESS]}
         for name in names
         if "stiffness" in _taken(name) and "friction" not in _taken(name)
     }
+    _assign(options, names, _lock(lock))
     measured = apart(partial(_tried, make, car), [(chain,) for chain in CHAINS])
     for part, found in [each for chain in measured for each in chain]:
         if isinstance(found, str):
@@ -133,6 +149,22 @@ def _body(car: VehicleDimensions) -> dict[str, Any]:
     return {"dimensions": other} if other else {}
 
 
+def _lock(lock: float | None) -> dict[str, Any]:
+    """Largest road-wheel angle, where a car turns its wheels further than the effects allow for."""
+    return {} if lock is None or BEYOND * lock <= LOCK else {"lock": round(BEYOND * lock, 4)}
+
+
+def _declared_lock(make: Make) -> float | None:
+    """Of a simulator that declares its steering."""
+    values = getattr(make(1), "values", {})
+    locks = [
+        float((values[name] * (values[bend].tanh() if bend else 1.0)).max())
+        for name, bend in LOCKS.items()
+        if name in values
+    ]
+    return max(locks, default=None)
+
+
 def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float] | None) -> dict[str, Any]:
     declared = getattr(make(1), "values", {}).get("front_drive_share")
     front = 0.0 if declared is None else round(float(declared.mean()), 6)
@@ -144,7 +176,7 @@ _PARTS: dict[str, Callable[[Make, VehicleDimensions, Mapping[str, Any]], dict[st
     "drive": lambda make, car, known: measured_motor(make),
     "tyres": lambda make, car, known: _tyres(make, car, known.get("coasting")),
     "servo": lambda make, car, known: {"lag": measured_steering_lag(make)},
-    "body": lambda make, car, known: _body(car),
+    "body": lambda make, car, known: _body(car) | _lock(_declared_lock(make)),
     "command": lambda make, car, known: measured_command(make),
 }
 """What a simulator shows, each of its car and of what the parts before it in the chain showed."""

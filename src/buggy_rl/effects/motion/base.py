@@ -23,6 +23,7 @@ from buggy_rl.longitudinal import ONE_WAY_REST
 from buggy_rl.vehicle import VehicleDimensions
 
 LOCK = 0.45  # [rad] largest road-wheel angle; DART's locks are 0.32 and 0.40
+TYPICAL_STIFFNESS = (6.1, 9.4)  # [1/rad] over load, front and rear: B C D of DART's axles
 SETTING_OFF = 0.1  # [m/s] speed at which a force that rest cancels reaches tanh(1) = 76 %; chosen
 
 

@@ -8,11 +8,12 @@ from torch import Tensor
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect, along
 from buggy_rl.effects.motion.resistance import STOPPING, slowed
+from buggy_rl.effects.motion.steered import left_by_tyres
 from buggy_rl.vehicle import GRAVITY
 
 IDLE = 0.01  # [-] drive beyond the dead zone at which the drag brake is off; chosen
 ROLLS = 0.2  # [m/s] forward speed from which all of a command below 0 is brake; chosen
-SLOWEST = 0.3  # [m/s] speed below which an arc is no tighter, and slip settles no faster; chosen
+SLOWEST = 0.3  # [m/s] speed below which an arc is no tighter; chosen
 USED = 0.95  # [-] largest share of its friction that a brake is taken to use; chosen
 
 
@@ -69,7 +70,14 @@ class BrakeBalance(MotionEffect):
             "shift", 0.0, -1.0, 1.0, "-", "Added to the share of the brakes in front.", 0.3, 0.05
         ),
     )
-    option_names = ("braking", "reverse_onset", "brake_front_share", "friction", "stiffness")
+    option_names = (
+        "braking",
+        "reverse_onset",
+        "brake_front_share",
+        "friction",
+        "stiffness",
+        "lock",
+    )
     braking: float = 5.0
     """B [m/s^2]."""
     reverse_onset: float = 0.0
@@ -80,6 +88,8 @@ class BrakeBalance(MotionEffect):
     """Friction of the simulated front and rear axle; DART."""
     stiffness: tuple[float, float] = (0.0, 0.0)
     """Cornering stiffness over load of both axles [1/rad]; 0 for a simulator without tyres."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -96,10 +106,11 @@ class BrakeBalance(MotionEffect):
         share = self.brake_front_share + self._value("shift")
         moved = (share.clamp(0.0, 1.0) - self.brake_front_share) * force
         d = self.dimensions
-        angle = (d.wheelbase * motion.turn_rate / motion.rolling(SLOWEST)).clamp(-LOCK, LOCK)
+        angle = d.wheelbase * motion.turn_rate / motion.rolling(SLOWEST)
+        angle = angle.clamp(-self.lock, self.lock)
         front, rear = self._side_changes(motion, force, moved)
         front = front * torch.cos(angle) - moved * torch.sin(angle)
-        front, rear = self._left(front, rear, vx)
+        front, rear = left_by_tyres(motion, d, self.stiffness, front, rear)
         moment = d.cg_to_front_axle * front - d.cg_to_rear_axle * rear
         yaw = d.mass / d.yaw_inertia * moment
         ahead = -moved * (torch.cos(angle) - 1)
@@ -117,17 +128,6 @@ class BrakeBalance(MotionEffect):
         sides = (front, self.friction[0] * load, own, own + moved)
         rest = force - own
         return _scaled(*sides), _scaled(ay - front, self.friction[1] * behind, rest, rest - moved)
-
-    def _left(self, front: Tensor, rear: Tensor, vx: Tensor) -> tuple[Tensor, Tensor]:
-        """What remains of side forces [n], once the tyres have answered within the step."""
-        d = self.dimensions
-        a, b, i = d.cg_to_front_axle, d.cg_to_rear_axle, d.yaw_inertia / d.mass
-        rate = 0.5 * self.dt * GRAVITY / vx.abs().clamp_min(SLOWEST) / d.wheelbase
-        f, r = rate * self.stiffness[0] * b, rate * self.stiffness[1] * a
-        p, q = 1 + f * (1 + a * a / i), f * (1 - a * b / i)
-        s, t = 1 + r * (1 + b * b / i), r * (1 - a * b / i)
-        determinant = p * s - q * t
-        return (s * front - q * rear) / determinant, (p * rear - t * front) / determinant
 
 
 def _scaled(side: Tensor, circle: Tensor, brake: Tensor, changed: Tensor) -> Tensor:

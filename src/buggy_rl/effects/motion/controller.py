@@ -11,7 +11,7 @@ from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.delay import LAG_SOURCE, lag_decay
-from buggy_rl.effects.motion.base import SETTING_OFF, Motion, MotionEffect, along
+from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect, along
 from buggy_rl.effects.motion.drive import turning_drag
 from buggy_rl.longitudinal import drive_of
 
@@ -22,16 +22,18 @@ UNSURE = 0.15  # [-] likewise, in proportion: a gain measured over 10 ms is 8 % 
 class ControllerEffect(MotionEffect):
     """The controller's acceleration, replaced by that of another controller."""
 
-    option_names = ("coasting",)
+    option_names = ("coasting", "lock")
     coasting: tuple[float, float] = (0.5, 0.25)
     """c0 [m/s^2] and c1 [1/s] of the simulated car without a force of the motor."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     def _controlled(self, motion: Motion) -> Tensor:
         """Acceleration [n] [m/s^2] by the controller, of either sign."""
         ax, _, _ = motion.acceleration
         vx = 0.5 * (motion.before[..., 0] + motion.after[..., 0])
         loss = self.coasting[0] * torch.tanh(vx / SETTING_OFF) + self.coasting[1] * vx
-        return ax + loss + turning_drag(motion, self.dimensions)
+        return ax + loss + turning_drag(motion, self.dimensions, self.lock)
 
 
 class SpeedControllerLag(ControllerEffect):
@@ -104,7 +106,7 @@ class DrivenAxleSlip(ControllerEffect):
             usual=(0.0, 0.05),
         ),
     )
-    option_names = ("coasting", "resistance", "speed_gain", "full_speed")
+    option_names = ("coasting", "lock", "resistance", "speed_gain", "full_speed")
     resistance: tuple[float, float] = (0.0, 0.0)
     """r0 [m/s^2] and r1 [1/s] of the resistance at the body, which the driven tyres carry."""
     speed_gain: float = 10.0
@@ -126,7 +128,7 @@ class DrivenAxleSlip(ControllerEffect):
         weight = self.speed_gain * vx.abs() * slip
         body = self.resistance[0] * torch.tanh(vx / SETTING_OFF) + self.resistance[1] * vx
         ax, _, _ = motion.acceleration
-        pulled = ax + body + turning_drag(motion, self.dimensions)
+        pulled = ax + body + turning_drag(motion, self.dimensions, self.lock)
         less = weight / (1 + weight) * pulled
         return along(-self.dt * slowed_by(less, self._held_back(motion, vx)))
 

@@ -36,11 +36,23 @@ class Payload(MotionEffect):
     equation = "(dvx/dt + rolling + braking of the turned wheels) / mass_ratio"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1)"
     declared = (
-        EffectParameter("mass_ratio", 1.0, 0.5, 3.0, "-", "Mass over the simulated.", 0.25, 0.02),
+        EffectParameter(
+            "mass_ratio",
+            1.0,
+            0.5,
+            3.0,
+            "-",
+            "Mass over the simulated.",
+            0.25,
+            0.02,
+            usual=(0.8, 1.6),
+        ),
     )
-    option_names = ("rolling",)
+    option_names = ("rolling", "lock")
     rolling: float = ROLLING
     """Deceleration of the simulated car that is in proportion to its load [m/s^2]."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -49,24 +61,22 @@ class Payload(MotionEffect):
     def _change(self, motion: Motion) -> Tensor:
         ax, _, _ = motion.acceleration
         grown = self.rolling * torch.tanh(motion.after[..., 0] / SETTING_OFF)
-        moved = ax + grown + turning_drag(motion, self.dimensions)
+        moved = ax + grown + turning_drag(motion, self.dimensions, self.lock)
         return along(self.dt * moved * (1 / self._value("mass_ratio").clamp_min(1e-2) - 1))
 
 
 class MotorEffect(MotionEffect):
     """The motor's acceleration, replaced by that of another motor."""
 
-    option_names = ("coasting",)
+    option_names = ("coasting", "lock")
     coasting: tuple[float, float] = (0.5, 0.25)
     """c0 [m/s^2] and c1 [1/s] of the coasting simulated car; those of the single-track buggy."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     def _drive(self, motion: Motion) -> Tensor:
         """Acceleration [n] >= 0 [m/s^2] by the motor; 0 without a drive command."""
-        ax, _, _ = motion.acceleration
-        vx = 0.5 * (motion.before[..., 0] + motion.after[..., 0])
-        loss = self.coasting[0] * torch.tanh(vx / SETTING_OFF) + self.coasting[1] * vx
-        given = ax + loss + turning_drag(motion, self.dimensions)
-        return given.clamp_min(0.0) * torch.tanh(motion.drive / ASKED)
+        return drive_of_motor(motion, self.dimensions, self.coasting, self.lock)
 
 
 class MotorPowerLimit(MotorEffect):
@@ -89,7 +99,7 @@ class MotorPowerLimit(MotorEffect):
             size=15.0,
             probe=8.0 - UNLIMITED,
             reciprocal=True,
-            usual=(5.0, 200.0),
+            usual=(2.0, 40.0),
         ),
     )
 
@@ -132,10 +142,10 @@ class TopSpeed(MotorEffect):
             "No-load speed over the simulated.",
             size=0.3,
             probe=0.02,
-            usual=(0.6, 1.6),
+            usual=(0.5, 1.7),
         ),
     )
-    option_names = ("coasting", "speed_loss")
+    option_names = ("coasting", "lock", "speed_loss")
     speed_loss: tuple[float, float] = SPEED_LOSS
     """b0 and b1 [1/s]."""
 
@@ -179,7 +189,7 @@ class GearRatio(MotorEffect):
             usual=(0.7, 1.4),
         ),
     )
-    option_names = ("coasting", "speed_loss")
+    option_names = ("coasting", "lock", "speed_loss")
     speed_loss: tuple[float, float] = SPEED_LOSS
     """b0 and b1 [1/s]."""
 
@@ -226,7 +236,7 @@ class VoltageSag(MotorEffect):
             usual=(0.0, 0.8),
         ),
     )
-    option_names = ("coasting", "onset")
+    option_names = ("coasting", "lock", "onset")
     onset: float = 0.0
     """Drive in 0..1 at which the simulated motor begins to give force."""
 
@@ -246,11 +256,29 @@ class VoltageSag(MotorEffect):
         return along(-self.dt * self._drive(motion) * sag / (1 + sag))
 
 
-def turning_drag(motion: Motion, dimensions: VehicleDimensions) -> Tensor:
+def drive_of_motor(
+    motion: Motion, dimensions: VehicleDimensions, coasting: tuple[float, float], lock: float = LOCK
+) -> Tensor:
+    """Acceleration [n] >= 0 [m/s^2] by the motor of a car; 0 without a drive command.
+
+    Args:
+        motion: Of n environments.
+        dimensions: Of the car.
+        coasting: c0 [m/s^2] and c1 [1/s] of the coasting simulated car.
+        lock: Largest road-wheel angle [rad].
+    """
+    ax, _, _ = motion.acceleration
+    vx = 0.5 * (motion.before[..., 0] + motion.after[..., 0])
+    loss = coasting[0] * torch.tanh(vx / SETTING_OFF) + coasting[1] * vx
+    given = ax + loss + turning_drag(motion, dimensions, lock)
+    return given.clamp_min(0.0) * torch.tanh(motion.drive / ASKED)
+
+
+def turning_drag(motion: Motion, dimensions: VehicleDimensions, lock: float = LOCK) -> Tensor:
     """Deceleration [n] [m/s^2] by turned front wheels: F tan(delta), with delta = L r / vx."""
     d = dimensions
     _, ay, yaw = motion.acceleration
     front = (d.cg_to_rear_axle * ay + d.yaw_inertia / d.mass * yaw) / d.wheelbase
     speed = motion.rolling(SLOWEST)
-    angle = (d.wheelbase * motion.turn_rate / speed).clamp(-LOCK, LOCK)
+    angle = (d.wheelbase * motion.turn_rate / speed).clamp(-lock, lock)
     return front * torch.tan(angle)

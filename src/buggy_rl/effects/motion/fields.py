@@ -12,10 +12,10 @@ from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
-from buggy_rl.vehicle import GRAVITY, rotate
+from buggy_rl.vehicle import GRAVITY, VehicleDimensions, rotate
 
 SIDE_AREA = 2.0  # [-] side over frontal area: 0.273 m of length over about 0.14 m of width
-STREAM = 0.0068  # [1/m] rho c_d A / (2 m): 1.2 kg/m^3, c_d = 1, 0.15 m x 0.12 m, 1.6 kg
+STREAM = 0.0068  # [1/m] of the buggy, rho c_d A / (2 m): 1.2 kg/m^3, 0.15 m x 0.12 m, 1.6 kg
 FAINT = 0.03  # [m/s^2] push below which the wind speed is linear in it instead of its root; chosen
 
 
@@ -27,8 +27,12 @@ class FloorSlope(MotionEffect):
     equation = "dv_world/dt = (along_x, along_y) tanh(speed / 0.1 m/s)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., eq. (4.1) (m g sin(slope))"
     declared = (
-        EffectParameter("along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.2, 0.03),
-        EffectParameter("along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.2, 0.03),
+        EffectParameter(
+            "along_x", 0.0, -3.0, 3.0, "m/s^2", "Pull along world x.", 0.2, 0.03, usual=(-0.3, 0.3)
+        ),
+        EffectParameter(
+            "along_y", 0.0, -3.0, 3.0, "m/s^2", "Pull along world y.", 0.2, 0.03, usual=(-0.3, 0.3)
+        ),
     )
 
     @classmethod
@@ -47,7 +51,9 @@ class Wind(MotionEffect):
     """Steady wind, added to the still air whose drag the simulator has.
 
     An air stream w past the car gives F(w) = c |w| (w_x, 2 w_y), with twice the area from the side
-    than from the front. The wind W adds F(W - v) - F(-v), which grows with the speed against it.
+    than from the front. c = rho c_d A / (2 m) is the buggy's, over the car's length in buggies: of
+    similar bodies A goes with L^2 and m with L^3. The side's area goes with length over track
+    width: 2 of the buggy. The wind W adds F(W - v) - F(-v), which grows with the speed against it.
     The parameters are the acceleration of a car at rest, c (1 + 2) / 2 W^2, mean of front and
     side. The yaw moment is left out.
     """
@@ -57,8 +63,28 @@ class Wind(MotionEffect):
     equation = "dv/dt = F(W - v) - F(-v), F(w) = c |w| (w_x, 2 w_y), W along (force_x, force_y)"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 4.1.1 (drag with wind)"
     declared = (
-        EffectParameter("force_x", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world x.", 0.1, 0.03),
-        EffectParameter("force_y", 0.0, -3.0, 3.0, "m/s^2", "At rest, along world y.", 0.1, 0.03),
+        EffectParameter(
+            "force_x",
+            0.0,
+            -3.0,
+            3.0,
+            "m/s^2",
+            "At rest, along world x.",
+            0.1,
+            0.03,
+            usual=(-0.3, 0.3),
+        ),
+        EffectParameter(
+            "force_y",
+            0.0,
+            -3.0,
+            3.0,
+            "m/s^2",
+            "At rest, along world y.",
+            0.1,
+            0.03,
+            usual=(-0.3, 0.3),
+        ),
     )
 
     @classmethod
@@ -73,10 +99,11 @@ class Wind(MotionEffect):
     def _change(self, motion: Motion) -> Tensor:
         force = torch.stack([self._value("force_x"), self._value("force_y")], -1)
         size = (force.square().sum(-1, keepdim=True) + FAINT**2).sqrt()
-        wind = force / (0.5 * (1 + SIDE_AREA) * STREAM * size).sqrt()  # [m/s]
+        stream, side = air_of(self.dimensions)
+        wind = force / (0.5 * (1 + side) * stream * size).sqrt()  # [m/s]
         still = -motion.after[..., :2]
         blown = still + rotate(wind.expand_as(still), -motion.heading)
-        return _pushed(motion, _air(blown) - _air(still))
+        return _pushed(motion, _air(blown, stream, side) - _air(still, stream, side))
 
 
 def _pushed(motion: Motion, acceleration: Tensor) -> Tensor:
@@ -85,7 +112,14 @@ def _pushed(motion: Motion, acceleration: Tensor) -> Tensor:
     return torch.cat([change, torch.zeros_like(change[..., :1])], -1)
 
 
-def _air(stream: Tensor) -> Tensor:
+def air_of(car: VehicleDimensions) -> tuple[float, float]:
+    """Stream c [1/m] of a car from the front, and the area of its side over that of its front."""
+    buggy = VehicleDimensions()
+    slender = (car.length / car.track_width) / (buggy.length / buggy.track_width)
+    return STREAM * buggy.wheelbase / car.wheelbase, SIDE_AREA * slender
+
+
+def _air(stream: Tensor, front: float, side: float) -> Tensor:
     """Acceleration [n, 2] [m/s^2] by an air stream [n, 2] [m/s] past the car."""
     flow = (stream.square().sum(-1, keepdim=True) + 1e-12).sqrt()  # differentiable at 0
-    return STREAM * flow * stream * stream.new_tensor([1.0, SIDE_AREA])
+    return front * flow * stream * stream.new_tensor([1.0, side])

@@ -21,8 +21,12 @@ class SensorLeverArm(MemorylessSensing):
     equation = "position + R(yaw) (x, y); vx - y r, vy + x r"
     source = "Siciliano et al. 2009, Robotics, ch. 3 (velocities of the points of a rigid body)"
     declared = (
-        EffectParameter("x", 0.0, -5.0, 5.0, "m", "Ahead of its nominal place.", 0.05, 0.01),
-        EffectParameter("y", 0.0, -5.0, 5.0, "m", "Left of its nominal place.", 0.05, 0.01),
+        EffectParameter(
+            "x", 0.0, -5.0, 5.0, "m", "Ahead of its nominal place.", 0.05, 0.01, usual=(-0.14, 0.14)
+        ),
+        EffectParameter(
+            "y", 0.0, -5.0, 5.0, "m", "Left of its nominal place.", 0.05, 0.01, usual=(-0.08, 0.08)
+        ),
     )
 
     @classmethod
@@ -50,7 +54,9 @@ class SensorYaw(MemorylessSensing):
     equation = "yaw + angle; R(-angle) (vx, vy)"
     source = f"{INERTIAL}, ch. 12 (misalignment)"
     declared = (
-        EffectParameter("angle", 0.0, -1.6, 1.6, "rad", "Mount, positive left.", 0.05, 0.01),
+        EffectParameter(
+            "angle", 0.0, -1.6, 1.6, "rad", "Mount, positive left.", 0.05, 0.01, usual=(-0.12, 0.12)
+        ),
     )
 
     @classmethod
@@ -66,7 +72,10 @@ class SensorYaw(MemorylessSensing):
 
 
 class SpeedScale(MemorylessSensing):
-    """Scale factor of the measured speed; the position is right."""
+    """Scale factor of the measured speed; the position is right: of a wheel encoder.
+
+    Where position and speed are off together, it is `pose_scale`.
+    """
 
     name = "speed_scale"
     look_at = "Check the tracker's scale: drive a measured distance and compare."
@@ -74,7 +83,15 @@ class SpeedScale(MemorylessSensing):
     source = f"{INERTIAL}, ch. 4 (scale-factor error)"
     declared = (
         EffectParameter(
-            "ratio", 1.0, 0.2, 5.0, "-", "Measured speed over the true one.", 0.03, 0.01
+            "ratio",
+            1.0,
+            0.2,
+            5.0,
+            "-",
+            "Measured speed over the true one.",
+            size=0.03,
+            probe=0.01,
+            usual=(0.9, 1.1),
         ),
     )
 
@@ -89,6 +106,46 @@ class SpeedScale(MemorylessSensing):
         return pose, scaled(velocity, 1 / over_time(self.values)["ratio"])
 
 
+class PoseScale(MemorylessSensing):
+    """Scale factor of position and speed together, as of a tracker whose map is too large.
+
+    A visual-inertial tracker filters both from the same images and the same accelerometer: where
+    its scale is off, all its lengths are. Angles are right.
+    """
+
+    name = "pose_scale"
+    equation = "ratio (x, y); ratio (vx, vy)"
+    source = "Scaramuzza & Fraundorfer 2011, IEEE Robot. Autom. Mag. 18(4), Visual Odometry (scale)"
+    declared = (
+        EffectParameter(
+            "ratio",
+            1.0,
+            0.2,
+            5.0,
+            "-",
+            "Measured length over the true one.",
+            size=0.05,
+            probe=0.01,
+            usual=(0.85, 1.15),
+        ),
+    )
+
+    @classmethod
+    def sentence(cls, values: Mapping[str, float]) -> str:
+        return (
+            f"the tracker shows {more_or_less(values['ratio'])} way and speed than there is: the "
+            "scale of its map is off"
+        )
+
+    def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
+        ratio = self._value("ratio")
+        return scaled(pose, ratio), scaled(velocity, ratio)
+
+    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        ratio = 1 / over_time(self.values)["ratio"]
+        return scaled(pose, ratio), scaled(velocity, ratio)
+
+
 class GyroBias(MemorylessSensing):
     """Bias of the measured yaw rate; the heading is measured by itself and is right."""
 
@@ -96,7 +153,11 @@ class GyroBias(MemorylessSensing):
     look_at = "Let the car stand still: does the yaw rate read 0?"
     equation = "yaw_rate + bias"
     source = f"{INERTIAL}, ch. 4 (fixed bias)"
-    declared = (EffectParameter("bias", 0.0, -2.0, 2.0, "rad/s", "Measured at rest.", 0.02, 0.01),)
+    declared = (
+        EffectParameter(
+            "bias", 0.0, -2.0, 2.0, "rad/s", "Measured at rest.", 0.02, 0.01, usual=(-0.1, 0.1)
+        ),
+    )
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
@@ -134,7 +195,7 @@ def turned(pose: Tensor, velocity: Tensor, angle: Tensor) -> tuple[Tensor, Tenso
 
 
 def scaled(velocity: Tensor, ratio: Tensor) -> Tensor:
-    """The velocity [*, 3] with vx and vy, not the yaw rate, times a ratio."""
+    """A velocity or pose [*, 3] with vx and vy, or x and y, times a ratio; not what turns."""
     return torch.cat([velocity[..., :2] * ratio.unsqueeze(-1), velocity[..., 2:]], -1)
 
 

@@ -39,7 +39,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
 
     name = "sensor_latency"
     look_at = "Check clocks and delay of the tracker: when is a measurement stamped?"
-    declared = dead_time(0.03)
+    declared = dead_time(0.03, (0.0, 0.1))
     equation = "z(t) = (pose, velocity)(t - dead_time)"
 
     @classmethod
@@ -107,7 +107,7 @@ class SensorLag(SensingEffect):
     look_at = "Check filters on the tracker's pose and velocity."
     equation = "time_constant dz/dt = (pose, velocity) - z"
     source = LAG_SOURCE
-    declared = time_constant(0.03)
+    declared = time_constant(0.03, (0.0, 0.1))
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

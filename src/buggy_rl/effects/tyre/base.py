@@ -2,14 +2,14 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.motion.base import Motion, MotionEffect
+from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import SPEED_LOSS
-from buggy_rl.effects.tyre.change import changed_by
+from buggy_rl.effects.tyre.change import FrictionChange, changed_by
 from buggy_rl.longitudinal import ONE_WAY_REST
 
 FRICTION = 0.84  # [-] D: DART, 0.84 front and 0.85 rear
@@ -35,7 +35,10 @@ class TyreEffect(MotionEffect):
         "height",
         "front_drive_share",
         "combined_slip",
+        "lock",
     )
+    changes: ClassVar[type[FrictionChange]] = FrictionChange
+    """What computes the change."""
     friction: tuple[float, float] = (FRICTION, FRICTION)
     """D of the simulator's front and rear axle."""
     stiffness: tuple[float, float] = STIFFNESS
@@ -52,6 +55,8 @@ class TyreEffect(MotionEffect):
     """Share of the drive at the front axle, 0..1; the buggy is driven at the rear."""
     combined_slip: float = 1.0
     """1: the drive takes from the side force by the friction ellipse; 0: it takes nothing."""
+    lock: float = LOCK
+    """Largest road-wheel angle [rad]."""
 
     def __init__(self, **rest: Any) -> None:
         super().__init__(**rest)
@@ -62,7 +67,7 @@ class TyreEffect(MotionEffect):
         pairs = (self.friction, self.stiffness, self.shape, self.speed_loss, self.resistance)
         car = (d.cg_to_front_axle, d.cg_to_rear_axle, d.mass, d.yaw_inertia)
         numbers = [*car, *(number for pair in pairs for number in pair)]
-        numbers += [self.height, share, self.combined_slip, self.dt]
+        numbers += [self.height, share, self.combined_slip, self.lock, self.dt]
         self.register_buffer("numbers", torch.tensor(numbers), persistent=False)
 
     def _option(self, name: str, value: Any) -> Any:
@@ -79,8 +84,11 @@ class TyreEffect(MotionEffect):
         return super()._option(name, value)
 
     @abstractmethod
-    def _ratios(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        """Friction over the simulated one, q [n], of front and rear axle."""
+    def _ratios(self, motion: Motion) -> tuple[Tensor, ...]:
+        """Friction over the simulated one, q [n], of front and rear axle; or what `changes` takes.
+
+        Each may be of shape ().
+        """
 
     def _most(self, motion: Motion) -> Tensor:
         """Largest lateral acceleration that the tyres give, [n] or () [m/s^2]."""
@@ -96,6 +104,7 @@ class TyreEffect(MotionEffect):
         rows = [part.reshape(-1, part.shape[-1]) for part in seen]
         ratio = torch.stack([r.expand(shape).reshape(-1) for r in self._ratios(motion)])
         most = self._most(motion).expand(shape).reshape(-1)
-        friction_change = changed_by(self._axles, self.rest != ONE_WAY_REST).fastest(most)
+        kernel = changed_by(self._axles, self.rest != ONE_WAY_REST, self.changes)
+        friction_change = kernel.fastest(most)
         change, spin = friction_change(self._tensor("numbers"), *rows, ratio, most)
         return change.reshape(*shape, 3), spin.reshape(*shape, self.state_size)

@@ -6,12 +6,12 @@ what a compiler turns into vector instructions.
 
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
 
-from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion
+from buggy_rl.effects.motion.base import SETTING_OFF, Motion
 from buggy_rl.effects.motion.drive import ASKED
 from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.effects.tyre.spin import DrivenAxles
@@ -43,6 +43,11 @@ class AxleForces:
 class FrictionChange:
     """What another friction changes, of a simulator with these tyres; its numbers are tensors."""
 
+    kernel: ClassVar[str] = "friction_change"
+    """Begins the names of its compiled packages."""
+    rows: ClassVar[int] = 2
+    """Numbers of an environment that say what is changed."""
+
     front_arm: Tensor
     """a [m]."""
     rear_arm: Tensor
@@ -65,17 +70,19 @@ class FrictionChange:
     """h [m]."""
     combined: Tensor
     """1 where the drive takes from the side force by the friction ellipse, 0 where it does not."""
+    lock: Tensor
+    """Largest road-wheel angle [rad]."""
     driven: DrivenAxles
     two_way: bool = False
     """Whether the car may drive backward: then its front wheels point against where they roll."""
 
     @classmethod
-    def of(cls, numbers: Tensor, axles: slice, two_way: bool = False) -> "FrictionChange":
-        """From all the numbers side by side [18] and the axles that are driven."""
+    def of(cls, numbers: Tensor, axles: slice, two_way: bool = False) -> Self:
+        """From all the numbers side by side [19] and the axles that are driven."""
         front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
         friction, stiffness, shape = numbers[4:10].view(3, 2, 1).unbind()
         speed_loss, resistance = numbers[10:14].view(2, 2).unbind()
-        height, front, combined, dt = numbers[14:].unbind()
+        height, front, combined, lock, dt = numbers[14:].unbind()
         return cls(
             front_arm=front_arm,
             rear_arm=rear_arm,
@@ -88,6 +95,7 @@ class FrictionChange:
             resistance=resistance,
             height=height,
             combined=combined,
+            lock=lock,
             driven=DrivenAxles(front, dt, axles),
             two_way=two_way,
         )
@@ -107,7 +115,7 @@ class FrictionChange:
 
         Args:
             motion: The simulator's step; its state is z.
-            ratio: Friction over the simulated one, q [2, n].
+            ratio: Friction over the simulated one, q [2, n]; of a subclass what it changes [k, n].
             most: Largest lateral acceleration that the tyres give, [n] or () [m/s^2].
         """
         felt = motion.acceleration
@@ -122,31 +130,34 @@ class FrictionChange:
         hold = hold - _in_front(self._drive_side(seen.drive, angle))
         lost = (self.speed_loss[0] + self.speed_loss[1] * motion.drive).clamp_min(0.0)
         assert motion.state is not None
+        grip = self._grip(ratio)  # (2, n)
         along, left, left_now, spin = self.driven.changed(
             motion.state.movedim(-1, 0),
             self.combined * seen.drive,
             lost,
             circle,
-            ratio,
+            grip,
             self._slide(motion, angle),
         )
         turned = torch.stack([torch.cos(angle), torch.ones_like(angle)])
         side = turned * circle * left  # (2, n) what friction leaves for the side force
-        side_now = turned * ratio * circle * left_now
+        side_now = turned * grip * circle * left_now
         pushed = (along * turned).sum(0)
 
         speed = motion.after[..., 0].abs().clamp_min(SLOWEST)
         rate = self.driven.dt * self.stiffness * load / speed  # (2, n) K dt at s = 0
         slip = slip_of(mean / side, self.shape)
         start = hold + self._start_of(mean - hold, rate * slope(slip, self.shape))
-        slip = slip_of(start / side, self.shape)
-        stiff, stiff_now = slope(slip, self.shape), slope(slip / ratio, self.shape)
-        start = hold + self._start_of(mean - hold, rate * stiff)
+        slip = torch.sign(start) * slip_of(start / side, self.shape)
+        _, stiff_now = self._slip_now(slip, ratio, load)
+        start = hold + self._start_of(mean - hold, rate * slope(slip, self.shape))
         use = start / side
+        slip = torch.sign(start) * slip_of(use, self.shape)
+        slips = slip, self._slip_now(slip, ratio, load)[0]
         gained = torch.zeros_like(ax)
         for _ in range(ITERATIONS):
             transfer = self._load(ax + resists + gained) / load
-            scaled = self._scaled(start, use, side, transfer * side_now, ratio)
+            scaled = self._scaled(start, use, side, transfer * side_now, slips)
             bounded = scaled.clamp(-most * share, most * share)
             mean_now = hold + self._mean_of(bounded - hold, rate * stiff_now)
             gained = pushed - (mean_now - mean)[0] * torch.tan(angle)
@@ -194,19 +205,35 @@ class FrictionChange:
         """Side component [n] of a driven front axle's part of the drive [n]."""
         return self.driven.front * drive * torch.sin(angle)
 
+    def _grip(self, ratio: Tensor) -> Tensor:
+        """Friction over the simulated one [2, n]."""
+        return ratio
+
+    def _slip_now(self, slip: Tensor, ratio: Tensor, load: Tensor) -> tuple[Tensor, Tensor]:
+        """Slip s [2, n] of the changed axles at one of the simulated ones, signed as its force.
+
+        And the slope of the changed law over that at s = 0. `load` [2, n] is over mass.
+        """
+        del load
+        return slip / ratio, slope(slip / ratio, self.shape)
+
     def _scaled(
-        self, start: Tensor, use: Tensor, side: Tensor, side_now: Tensor, ratio: Tensor
+        self,
+        start: Tensor,
+        use: Tensor,
+        side: Tensor,
+        side_now: Tensor,
+        slips: tuple[Tensor, Tensor],
     ) -> Tensor:
-        """Step 8: forces [2, n] of the changed axles at the slips of the simulated ones.
+        """Step 8: forces [2, n] of the changed axles, at slips of the simulated ones and of them.
 
         The simulated ones give `start` at these slips, a share `use` of `side`.
         """
-        slip = slip_of(use, self.shape) / ratio
         # A difference of two laws, which is exactly 0 at q = 1; inverse and law cancel to rounding.
-        change = side_now * law(slip, self.shape) - side * law(slip * ratio, self.shape)
+        change = side_now * law(slips[1], self.shape) - side * law(slips[0], self.shape)
         slides = side_now / side * start
         holds = ((1 - use.abs()) / (1 - HOLDS)).clamp(0.0, 1.0)
-        return slides + holds * (start + torch.sign(start) * change - slides)
+        return slides + holds * (start + change - slides)
 
     def _load(self, given: Tensor) -> Tensor:
         """N [2, n] at longitudinal tyre forces [n] [m/s^2]."""
@@ -237,7 +264,9 @@ class FrictionChange:
         moves = torch.atan2(vy + self.front_arm * yaw_rate, ahead.clamp_min(SLOWEST))
         c = self.shape[0]  # (1,)
         slip = torch.sign(use) * slip_of(use, c)
-        angle = (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(-LOCK, LOCK)
+        angle = (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(
+            -self.lock, self.lock
+        )
         return torch.where(vx < 0, -angle, angle) if self.two_way else angle
 
     def _mobility(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -266,34 +295,38 @@ def _in_front(force: Tensor) -> Tensor:
     return torch.stack([force, torch.zeros_like(force)])
 
 
-def _changed(axles: slice, two_way: bool, *arguments: Tensor) -> tuple[Tensor, Tensor]:
+def _changed(
+    kind: type[FrictionChange], axles: slice, two_way: bool, *arguments: Tensor
+) -> tuple[Tensor, Tensor]:
     numbers, before, after, action, state, ratio, most = arguments
     dt: Any = numbers[-1]
     pose = before  # the change does not depend on it
     motion = Motion(pose, before, after, action, dt, state)
-    return FrictionChange.of(numbers, axles, two_way)(motion, ratio, most)
+    return kind.of(numbers, axles, two_way)(motion, ratio, most)
 
 
-def _example(axles: slice, n: int) -> tuple[Tensor, ...]:
-    numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 1.0, 0.01])
+def _example(kind: type[FrictionChange], axles: slice, n: int) -> tuple[Tensor, ...]:
+    numbers = torch.tensor([0.08, 0.07, 2.0, 0.01, *[1.0] * 10, 0.03, 0.5, 1.0, 0.45, 0.01])
     before = torch.tensor([1.0, 0.01, 0.1])[:, None].repeat(1, n).T
     ones, state = torch.ones(n, 2), torch.zeros(n, len(range(2)[axles]))
-    ratio, most = torch.full((2, n), 0.8), torch.full((n,), 9.0)
+    ratio, most = torch.full((kind.rows, n), 0.8), torch.full((n,), 9.0)
     return numbers, before, before.clone(), 0.2 * ones, state, ratio, most
 
 
 @cache
-def changed_by(axles: tuple[int, int], two_way: bool = False) -> Kernel:
-    """`FrictionChange` of a car with these driven axles, of the first to before the last.
+def changed_by(
+    axles: tuple[int, int], two_way: bool = False, kind: type[FrictionChange] = FrictionChange
+) -> Kernel:
+    """`FrictionChange`, or a subclass, of a car with these driven axles, first to before last.
 
-    Its arguments: numbers [18], velocity before and after the step [n, 3], command [n, 2], z
-    [n, 1 or 2], ratio [2, n], largest lateral acceleration [n].
+    Its arguments: numbers [19], velocity before and after the step [n, 3], command [n, 2], z
+    [n, 1 or 2], ratio [k, n], largest lateral acceleration [n].
     """
     of = slice(*axles)
     return Kernel(
-        f"friction_change_{axles[0]}{axles[1]}" + ("_two_way" if two_way else ""),
-        partial(_changed, of, two_way),
-        partial(_example, of),
+        f"{kind.kernel}_{axles[0]}{axles[1]}" + ("_two_way" if two_way else ""),
+        partial(_changed, kind, of, two_way),
+        partial(_example, kind, of),
         (None, 0, 0, 0, 0, 1, 0),
     )
 

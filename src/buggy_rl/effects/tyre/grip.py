@@ -27,7 +27,17 @@ class TireGrip(TyreEffect):
     source = f"{PACEJKA}, sec. 4.2 (similarity method)"
     alternatives = ("max_acceleration",)
     declared = (
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.3, -0.03),
+        EffectParameter(
+            "grip",
+            1.0,
+            0.1,
+            2.5,
+            "-",
+            "Friction over the simulated.",
+            size=0.3,
+            probe=-0.03,
+            usual=(0.4, 1.4),
+        ),
         EffectParameter(
             "max_acceleration",
             NO_BOUND,
@@ -38,6 +48,7 @@ class TireGrip(TyreEffect):
             size=8.0,
             probe=6.0 - NO_BOUND,
             reciprocal=True,
+            usual=(3.0, 10.0),
         ),
     )
 
@@ -74,8 +85,9 @@ class GripBalance(TyreEffect):
             5.0,
             "-",
             "Front friction over rear, over simulated.",
-            0.2,
-            0.03,
+            size=0.2,
+            probe=0.03,
+            usual=(0.7, 1.4),
         ),
     )
 
@@ -101,8 +113,20 @@ class GripPatch(TyreEffect):
     declared = (
         EffectParameter("x", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
         EffectParameter("y", 0.0, -1000.0, 1000.0, "m", "Centre of the patch, world.", 2.0, 0.1),
-        EffectParameter("radius", 0.5, 0.05, 100.0, "m", "Of the patch.", 0.5, 0.1),
-        EffectParameter("grip", 1.0, 0.1, 2.5, "-", "Friction over the simulated.", 0.4, -0.03),
+        EffectParameter(
+            "radius", 0.5, 0.05, 100.0, "m", "Of the patch.", 0.5, 0.1, usual=(0.2, 3.0)
+        ),
+        EffectParameter(
+            "grip",
+            1.0,
+            0.1,
+            2.5,
+            "-",
+            "Friction over the simulated.",
+            size=0.4,
+            probe=-0.03,
+            usual=(0.2, 1.5),
+        ),
     )
 
     @classmethod

@@ -16,6 +16,7 @@ from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.parameters import COMMANDED, PARAMETERS
 from buggy_rl.engines.reference.state import (
     FAULT_STATES,
+    GIVES,
     HEAT,
     LINE,
     STICKS,
@@ -40,6 +41,8 @@ MOVED = (
     *("tread", "slip", "lean", "lean_rate", "servo", "duty", "charge"),
 )
 """The state of a car without a fault, which has no play either."""
+TURNING = ("bump_steer", "dive_steer", "understeer", "wheel_wobble")
+"""Faults that turn the front wheels beside the linkage."""
 GUESS_SPEED = (
     0.3  # [m/s] speed below which the steering of a buggy is not read off the velocity; chosen
 )
@@ -186,8 +189,11 @@ class Car:
         car.charge = drivetrain.drained(car.charge, mean_duty, current, dt)
         if heat is not None:
             drivetrain.warmed(fault_state, current, dt)
-        twist = drivetrain.twisted(fault_state, current) if "loose_differential" in faults else None
-        car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist, brakes)
+        twist = self._twist(fault_state, current)
+        turned = self.steering.angle(rack) if "steering_drag" in faults else None
+        car.tread = drivetrain.spun(car.tread, force, load, current, dt, twist, brakes, turned)
+        if "understeer" in faults:
+            self.steering.given_way(fault_state, force[1, :2].sum(0) / chassis.front_mass)
         if "wheel_wobble" in faults:
             turn = fault_state[WHEEL_TURN] + car.tread[0] * (
                 dt / self.build.dimensions.wheel_radius
@@ -202,12 +208,24 @@ class Car:
             ax, ay, yaw_acceleration = ax + push_x, ay + push_y, yaw_acceleration + scrub
         self._moved(car, ax, ay, yaw_acceleration, dt)
 
+    def _twist(self, fault_state: dict[str, Tensor], current: Tensor) -> Tensor | None:
+        """Motor current [*] [A] that the left half of the rear axle gets above its share."""
+        twist = None
+        if "loose_differential" in self.faults:
+            twist = self.drivetrain.twisted(fault_state, current)
+        if "torque_steer" in self.faults:
+            more = self.drivetrain.beside * current
+            twist = more if twist is None else twist + more
+        return twist
+
     def _turned(self, car: CarState) -> Tensor | None:
-        """Angle of each front wheel [2, *] [rad] beside the linkage's: bump steer, a bent rim."""
+        """Angle of each front wheel [2, *] [rad] beside the linkage's: by forces, a bent rim."""
         faults = self.faults
-        if "bump_steer" not in faults and "wheel_wobble" not in faults:
+        if not any(name in faults for name in TURNING):
             return None
-        right = faults["bump_steer.angle"] * car.lean[1]
+        right = faults["bump_steer.angle"] * car.lean[1] + faults["dive_steer.angle"] * car.lean[0]
+        if "understeer" in faults:
+            right = right - car.fault_state[GIVES].squeeze(0)
         if "wheel_wobble" not in faults:
             return torch.stack([right, right])
         wobble = faults["wheel_wobble.angle"] * torch.sin(car.fault_state[WHEEL_TURN].squeeze(0))

@@ -53,6 +53,7 @@ class Chassis:
         self.static_load = per_wheel(
             weight * to_rear / dimensions.wheelbase, weight * to_front / dimensions.wheelbase
         )
+        self.front_mass = 2.0 * self.static_load[0] / GRAVITY
         higher = (height - values["cg_height"]) * ((ratio - 1.0) / ratio)
         moment = self.mass * (values["cg_height"] + higher)  # [kg m] moment over acceleration
         pitch = 0.5 * moment / dimensions.wheelbase

@@ -71,7 +71,11 @@ class Drivetrain:
         share = self.rolling_mass / chassis.mass
         slowing = faults["rolling_resistance.deceleration"] * share / GRAVITY
         self.rolling = values["rolling_resistance"] + slowing
-        self.scrub = faults["cornering_drag.coefficient"]
+        self.scrub = faults["cornering_drag.coefficient"] * share * GRAVITY
+        self.turned_drag = faults["steering_drag.per_angle"] * self.rolling_mass  # [N/rad]
+        self.beside = faults["torque_steer.offset"] / chassis.wheel_y[0]
+        stiff = faults["stiff_differential.coupling"]
+        self.locking = stiff / (1.0 - stiff) * values["longitudinal_stiffness"]
         self.bearing = 0.25 * faults["viscous_drag.rate"] * self.rolling_mass  # [N s/m] a wheel
         self.axle_viscosity = values["gear_viscosity"] + 2.0 * self.bearing
         self.half_viscosity = values["differential_viscosity"] + self.bearing
@@ -178,6 +182,7 @@ class Drivetrain:
         dt: float,
         twist: Tensor | None = None,
         brakes: tuple[Tensor, Tensor] | None = None,
+        angle: Tensor | None = None,
     ) -> Tensor:
         """Tread speeds [4, *] [m/s] after a step.
 
@@ -193,14 +198,19 @@ class Drivetrain:
             dt: Step [s].
             twist: [*] motor current that the left half of the axle gets in excess of its share.
             brakes: [*] force of the front and of the rear brakes [N], which stop but never turn.
+            angle: [*] of the front wheels [rad], whose joints drag the more they are turned.
         """
         along, across = ground_force
         rolling = self.rolling * load * dt  # (4, *) momentum dry friction can take
         if "cornering_drag" in self.faults:
-            rolling = rolling + self.scrub * dt * shared(across, load)
+            # Of an axle c F^2 over its share of the mass, N / g.
+            use = shared(across, load) / load.clamp_min(NO_LOAD)
+            rolling = rolling + self.scrub * dt * load * use.square()
         held = rolling[:2] + self.dragging * dt if "one_sided_drag" in self.faults else rolling[:2]
         if brakes is not None:
             held = held + 0.5 * brakes[0] * dt
+        if angle is not None:
+            held = held + 0.5 * self.turned_drag * angle.abs() * dt
         front = tread[:2] - along[:2] * (dt / self.wheel_mass)
         if "viscous_drag" in self.faults:
             front = front / (1.0 + self.bearing * dt / self.wheel_mass)
@@ -222,7 +232,12 @@ class Drivetrain:
             half = half - self.binding * torch.tanh(mean / self.rolls) * (dt / self.wheel_mass)
         if twist is not None:
             half = half + 0.5 * self.motor_constant * twist * (dt / self.wheel_mass)
-        half = half / (1.0 + self.half_viscosity * dt / self.wheel_mass)
+        viscosity = self.half_viscosity
+        if "stiff_differential" in self.faults:
+            # In series with the tyres' own slip, K = C N / v: a share of what a locked axle has.
+            held_by = self.locking * 0.5 * (load[2] + load[3])
+            viscosity = viscosity + held_by / mean.abs().clamp_min(self.rolls)
+        half = half / (1.0 + viscosity * dt / self.wheel_mass)
         return torch.cat([front, torch.stack([mean + half, mean - half])])
 
     def twisted(self, fault_state: dict[str, Tensor], current: Tensor) -> Tensor:

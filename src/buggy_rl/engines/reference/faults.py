@@ -51,11 +51,19 @@ TEXTBOOK = (
     # Resistance.
     Parameter("rolling_resistance.deceleration", 0.0, 0.0, 2.0, "m/s^2", "Dry drag of the wheels."),
     Parameter("viscous_drag.rate", 0.0, 0.0, 2.0, "1/s", "Drag of the bearings over the speed."),
-    Parameter("cornering_drag.coefficient", 0.0, 0.0, 1.0, "-", "Drag over the side force."),
+    Parameter("cornering_drag.coefficient", 0.0, 0.0, 0.3, "s^2/m", "Over the square of ay."),
+    Parameter("steering_drag.per_angle", 0.0, 0.0, 20.0, "m/(s^2 rad)", "Drag of turned wheels."),
     Parameter("one_sided_drag.yaw_acceleration", 0.0, -30, 30, "rad/s^2", "A bent axle."),
     Parameter("aerodynamic_drag.coefficient", 0.0, 0.0, 0.5, "1/m", "Drag over speed squared."),
     Parameter("yaw_damping.rate", 0.0, 0.0, 20.0, "1/s", "Yaw deceleration over yaw rate."),
+    # Differential and driven wheels.
+    Parameter("torque_steer.offset", 0.0, -0.05, 0.05, "m", "Of the motor's force, to the left."),
+    Parameter("stiff_differential.coupling", 0.0, 0.0, 0.98, "-", "Couple over a locked axle's."),
+    # Linkage and suspension.
+    Parameter("understeer.gradient", 0.0, -0.006, 0.05, "rad s^2/m", "Turned back by the tyres."),
+    Parameter("dive_steer.angle", 0.0, -0.03, 0.03, "rad s^2/m", "Steering by body pitch."),
     # Tyres.
+    Parameter("cornering_stiffness.ratio", 1.0, 0.3, 3.0, "-", "Over that of the right tyres."),
     Parameter("tire_grip.grip", 1.0, 0.2, 1.4, "-", "Friction over that of the right tyre."),
     Parameter("grip_balance.front_to_rear", 1.0, 0.5, 2.0, "-", "Front over rear; product kept."),
     Parameter("grip_patch.x", 0.0, -20.0, 20.0, "m", "Centre of the patch, world."),

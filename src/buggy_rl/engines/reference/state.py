@@ -33,6 +33,7 @@ HEAT = "heat"  # [1] in the motor's winding [J]
 CONTROLLER = "controller_current"  # [2] current behind the stages of a speed controller's lag [A]
 SUPPLY_HEAT = "supply_heat"  # [1] of a controller that limits by it, 1 at full drive for ever [-]
 SPEED_SUM = "speed_sum"  # [1] setpoint that the integral of a speed controller adds [m/s]
+GIVES = "linkage_gives"  # [1] angle by which the front wheels are turned back [rad]
 LEFT_CURRENT = "left_current"  # [1] motor current at the left half of a loose differential [A]
 
 FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault that has it
@@ -43,6 +44,7 @@ FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault
     SET_POINT: ((2,), "steering_lag"),
     WHEEL_TURN: ((1,), "wheel_wobble"),
     HEAT: ((1,), "heating_motor"),
+    GIVES: ((1,), "understeer"),
     LEFT_CURRENT: ((1,), "loose_differential"),
     SUPPLY_HEAT: ((1,), "thermal_foldback"),
     SPEED_SUM: ((1,), "speed_integral"),

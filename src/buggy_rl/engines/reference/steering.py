@@ -1,5 +1,6 @@
 """From steering command to the directions of the front wheels: servo and linkage."""
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -7,9 +8,10 @@ from torch import Tensor
 
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.state import RACK, SERVO_MOVES, SET_POINT, STICKS
+from buggy_rl.engines.reference.state import GIVES, RACK, SERVO_MOVES, SET_POINT, STICKS
 from buggy_rl.engines.reference.wheels import sides
 
+GIVING = 0.008  # [s] in which a linkage gives way by 63 %: a servo saver's spring at 20 Hz; chosen
 REACHED = 0.1  # [-] share of the breakaway error at which a sticking servo stops again; chosen
 FRICTION = 0.4  # [m/s^2] of roll, at which the tyres have taken up 71 % of the play; chosen
 
@@ -49,6 +51,8 @@ class Steering:
         self.half_play = 0.5 * faults["steering_backlash.width"]
         self.more_left = faults["steering_asymmetry.left_to_right"].sqrt()
         self.lag = Lag(faults["steering_lag.time_constant"], dt)
+        self.gradient = faults["understeer.gradient"]
+        self.giving = -math.expm1(-dt / GIVING)
         self.asymmetric = "steering_asymmetry" in faults
         self.dead = faults["steering_dead_zone.width"]
         self.bent = faults["steering_curve.curvature"]
@@ -117,6 +121,12 @@ class Steering:
         rack = torch.clamp(rack, servo - self.half_play, servo + self.half_play)
         fault_state[RACK] = rack.unsqueeze(0)
         return rack
+
+    def given_way(self, fault_state: dict[str, Tensor], front: Tensor) -> None:
+        """Lets the linkage give way towards k F / m of the front axle, F / m [*] [m/s^2]."""
+        back = fault_state[GIVES].squeeze(0)
+        back = back + self.giving * (self.gradient * front - back)
+        fault_state[GIVES] = back.unsqueeze(0)
 
     def angle(self, rack: Tensor) -> Tensor:
         """Mean road-wheel angle [*] [rad] of a linkage with different locks.

@@ -45,7 +45,11 @@ class Tyres:
         self.sliding_loss = values["grip_sliding_loss"] + worn
         self.sliding_speed = values["sliding_speed"]
         along = per_wheel(values["longitudinal_stiffness"], values["longitudinal_stiffness"])
-        across = per_wheel(values["front_cornering_stiffness"], values["rear_cornering_stiffness"])
+        softer = faults["cornering_stiffness.ratio"]
+        across = per_wheel(
+            softer * values["front_cornering_stiffness"],
+            softer * values["rear_cornering_stiffness"],
+        )
         self.stiffness = torch.stack(torch.broadcast_tensors(along, across))  # (2, 4, *)
         self.relaxation_length = values["relaxation_length"]
         self.carcass_damping = values["carcass_damping"]
