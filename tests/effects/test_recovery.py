@@ -27,7 +27,8 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     "cornering_stiffness": ("ratio", 0.65, 0.1),
     "dive_steer": ("angle", 0.01, 0.2),
     "steering_drag": ("per_angle", 2.5, 0.1),
-    "cornering_drag": ("coefficient", 0.03, 0.15),
+    # Of each axle's own side force in the car, which is more in quick steering.
+    "cornering_drag": ("coefficient", 0.03, 0.3),
     "torque_steer": ("offset", -0.008, 0.15),
     # The effect's wheels slip by the turn alone, those of this car by the drive too.
     "stiff_differential": ("coupling", 0.6, 0.5),
