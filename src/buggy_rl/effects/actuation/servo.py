@@ -145,6 +145,9 @@ class ServoStiction(ServoEffect):
     """
 
     name = "servo_stiction"
+    look_at = (
+        "Turn the wheels slowly by command: does the servo stick? Check dead band and linkage."
+    )
     equation = "steering' rests while |steering - steering'| <= width, then goes to it"
     source = (
         "Armstrong-Helouvry, Dupont & Canudas de Wit 1994, Automatica 30(7) (stick-slip); the dead "
@@ -193,6 +196,7 @@ class SteeringPlay(CommandEffect):
     """
 
     name = "steering_play"
+    look_at = "Wiggle the front wheels by hand: ball joints, servo saver, hinge pins."
     channel = 1
     equation = "steering' = steering - width / 2 tanh(vx r / 0.5 m/s^2)"
     source = (

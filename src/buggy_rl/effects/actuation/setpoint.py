@@ -34,6 +34,7 @@ class SpeedRamp(RememberingCommand):
     """The setpoint follows its command no faster than a ramp, up and down alike."""
 
     name = "speed_ramp"
+    look_at = "Read the controller's ramp or acceleration limit of the speed command."
     channel = 0
     lasting = True
     equation = "|dv_set/dt| <= acceleration"
@@ -78,6 +79,7 @@ class LeastSpeed(CommandEffect):
     """
 
     name = "least_speed"
+    look_at = "Read the controller's least speed (ERPM) and its start-up setting."
     channel = 0
     equation = "no force where |v_set| < speed"
     source = f"{VESC} (minimum ERPM, 900 as shipped)"
@@ -122,6 +124,7 @@ class SpeedIntegral(CommandEffect):
     """
 
     name = "speed_integral"
+    look_at = "Read the integral gain of the speed controller's PID."
     channel = 0
     extends = True
     equation = "a = speed_gain (v_set - v + rate integral of (v_set - v))"

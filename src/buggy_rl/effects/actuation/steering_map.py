@@ -20,6 +20,9 @@ class SteeringCurve(CommandEffect):
     """
 
     name = "steering_curve"
+    look_at = (
+        "Check exponential (expo, dual rate) in radio or driver, and the angle of the servo horn."
+    )
     channel = 1
     equation = "steering' = (1 - curvature) steering + curvature steering^3"
     source = (
@@ -58,6 +61,7 @@ class SteeringEndStop(LinkageEffect):
     """Wheels that stop before full lock, on one side or on both: a stop, or a part in the way."""
 
     name = "steering_end_stop"
+    look_at = "Turn the wheels to both ends by hand: what stops them? Check end points and body."
     equation = "right_cut - 1 <= steering' <= 1 - left_cut"
     source = "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (saturation)"
     declared = tuple(
@@ -98,6 +102,7 @@ class SteeringDeadZone(CommandEffect):
     """
 
     name = "steering_dead_zone"
+    look_at = "Check the dead zone of stick or gamepad, and of the servo."
     channel = 1
     equation = "steering' = sign(steering) max(0, |steering| - width)"
     source = "Khalil 2002, Nonlinear Systems, 3rd ed., sec. 1.2.7 (dead zone)"

@@ -28,6 +28,7 @@ class BrownOut(DriveGainEffect, RememberingCommand):
     """
 
     name = "brown_out"
+    look_at = "Give the servo a supply (BEC) of its own; check battery, plug and wires."
     equation = (
         "drive' - onset = (1 - moving min(|ds/dt| / 5, 1) - holding |s|) (drive - onset), s the "
         "servo"
@@ -103,6 +104,7 @@ class ThermalFoldback(DriveGainEffect):
     """
 
     name = "thermal_foldback"
+    look_at = "Feel the motor and controller after a run; read the controller's temperature limit."
     equation = (
         "drive' - onset = (1 - foldback h) (drive - onset), time_constant dh/dt = drive^2 - h"
     )

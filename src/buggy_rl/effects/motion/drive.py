@@ -171,6 +171,7 @@ class GearRatio(MotorEffect):
     """
 
     name = "gear_ratio"
+    look_at = "Count the teeth of pinion and spur gear; measure the wheels' diameter."
     equation = "drive acceleration' (v) = ratio drive acceleration (ratio v)"
     source = (
         "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 2 (tractive force and speed through "
@@ -218,6 +219,7 @@ class VoltageSag(MotorEffect):
     """
 
     name = "voltage_sag"
+    look_at = "Measure the battery's voltage under full throttle: pack, plug, wires."
     equation = "drive acceleration / (1 + resistance_ratio duty^2)"
     source = (
         "Linden & Reddy 2002, Handbook of Batteries, 3rd ed., ch. 3 (ohmic polarisation), through "

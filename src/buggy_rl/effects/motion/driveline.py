@@ -25,6 +25,9 @@ class TorqueSteer(YawEffect):
     """
 
     name = "torque_steer"
+    look_at = (
+        "Lift the car and open the throttle: do both wheels pull alike? Check the differential."
+    )
     equation = "dr/dt = -offset (m / I) (drive acceleration)"
     source = (
         "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., ch. 8 (yaw moment of unequal left "
@@ -75,6 +78,7 @@ class StiffDifferential(YawEffect):
     """
 
     name = "stiff_differential"
+    look_at = "Turn one driven wheel by hand with the other: differential oil, or a locked axle."
     equation = "dr/dt = -coupling (t N_r / 2 I) D tanh(C t r / (2 D |vx|))"
     source = "Milliken & Milliken 1995, Race Car Vehicle Dynamics, ch. 20 (driving: differentials)"
     declared = (

@@ -187,6 +187,9 @@ class SteeringDrag(MotionEffect):
     """
 
     name = "steering_drag"
+    look_at = (
+        "Turn the front wheels and push the car by hand: joints, Ackermann angle, tyres that scrub."
+    )
     equation = "drag at the front wheels: dv/dt = -per_angle |delta| tanh(vx / 0.05 m/s)"
     source = (
         "Lyons et al. 2024, DART, dynamic model (friction due to steering, a + b v over the angle)"

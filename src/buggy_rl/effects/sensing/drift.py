@@ -28,6 +28,9 @@ class HeadingDrift(SensingEffect):
     """
 
     name = "heading_drift"
+    look_at = (
+        "Let the car stand for a minute and watch the heading: tracker features, gyroscope bias."
+    )
     equation = "yaw + rate t; each step of the position turned by rate t"
     source = f"{INERTIAL}, ch. 11 (propagation of heading errors)"
     declared = (

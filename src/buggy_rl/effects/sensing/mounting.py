@@ -114,6 +114,7 @@ class PoseScale(MemorylessSensing):
     """
 
     name = "pose_scale"
+    look_at = "Push the car a measured 2 m: does the tracker show 2 m?"
     equation = "ratio (x, y); ratio (vx, vy)"
     source = "Scaramuzza & Fraundorfer 2011, IEEE Robot. Autom. Mag. 18(4), Visual Odometry (scale)"
     declared = (

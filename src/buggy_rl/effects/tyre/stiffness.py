@@ -25,6 +25,9 @@ class Understeer(TyreEffect):
     """
 
     name = "understeer"
+    look_at = (
+        "Press the front wheels sideways: servo saver and linkage; check front tyres, inserts, toe."
+    )
     equation = "delta' = delta - gradient F_yf / m_f, at the same friction"
     source = (
         "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 6 (understeer gradient); Milliken & "
@@ -69,6 +72,7 @@ class CorneringStiffness(TyreEffect):
     """
 
     name = "cornering_stiffness"
+    look_at = "Check tyre compound, inserts and pressure, and load on the axles."
     equation = "C_f' = ratio C_f, C_r' = ratio C_r, at the same friction"
     source = "Rajamani 2012, Vehicle Dynamics and Control, 2nd ed., sec. 2.3 (cornering stiffness)"
     changes = SlipChange
@@ -108,6 +112,9 @@ class DiveSteer(TyreEffect):
     """
 
     name = "dive_steer"
+    look_at = (
+        "Press the car down at the front: do the wheels turn? Check the length of the tie rods."
+    )
     equation = "delta' = delta + angle ax"
     source = (
         "Milliken & Milliken 1995, Race Car Vehicle Dynamics, ch. 19 (steering systems: ride and "
