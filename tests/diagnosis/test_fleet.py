@@ -70,7 +70,8 @@ def test_another_question_is_refused_with_what_differs_and_the_first_one_stays(c
     with pytest.raises(ValueError, match=r"helper\.py has other content now; use another output"):
         _ = again.done
     (cars.parent / "helper.py").write_text("MASS = 1\n")
-    again, _ = diagnoses(config(cars, simulator=f"{simulator}:make", seconds=0.5), Path("d.py"))
+    shorter = config(cars, simulator=f"{simulator}:make", seconds=0.5)
+    again, _ = diagnoses(shorter, Path("diagnose.py"))
     with pytest.raises(ValueError, match=r"seconds was 1\.0, now 0\.5"):
         _ = again.done
     assert (one.folder / "question.yaml").read_text() == begun
