@@ -1,6 +1,5 @@
 """From steering command to the directions of the front wheels: servo and linkage."""
 
-import math
 from collections.abc import Mapping
 
 import torch
@@ -52,7 +51,7 @@ class Steering:
         self.more_left = faults["steering_asymmetry.left_to_right"].sqrt()
         self.lag = Lag(faults["steering_lag.time_constant"], dt)
         self.gradient = faults["understeer.gradient"]
-        self.giving = -math.expm1(-dt / GIVING)
+        self.giving = -torch.expm1(-dt / torch.full_like(self.gradient, GIVING))
         self.asymmetric = "steering_asymmetry" in faults
         self.dead = faults["steering_dead_zone.width"]
         self.bent = faults["steering_curve.curvature"]
