@@ -35,6 +35,8 @@ def main() -> None:
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     training = PolicyRun(config)
+    if training.note:
+        print(training.note)
     about = {**made_by(), **plain(config)}
     bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
                desc=folder.name)  # fmt: skip

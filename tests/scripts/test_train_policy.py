@@ -105,6 +105,12 @@ def test_a_run_is_not_resumed_with_another_question(train, tmp_path, simulator):
     assert load_policy(tmp_path / "run" / "last.pt")[1]["steps"] == 2 * BATCH
 
 
+def test_a_training_made_longer_at_a_falling_rate_says_so(train, tmp_path, capsys):
+    train(f"output={tmp_path}", f"ppo.steps={BATCH}", "ppo.schedule=linear")
+    train(f"output={tmp_path}", f"ppo.steps={2 * BATCH}", "ppo.schedule=linear", "resume=true")
+    assert f"note: begun with ppo.steps={BATCH}, now {2 * BATCH}" in capsys.readouterr().out
+
+
 def test_a_run_that_ends_before_its_first_policy_leaves_the_one_that_is_there(train, tmp_path):
     train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1")
     kept = {name: (tmp_path / name).read_bytes() for name in ("best.pt", "config.yaml", "run.json")}

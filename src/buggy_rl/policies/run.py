@@ -102,9 +102,8 @@ def asked(config: PolicyRunConfig) -> Question:
 
 
 def _so_far(asked: Question) -> Question:
-    """What a training depends on up to a checkpoint; at a constant rate not on what follows."""
-    later = {"validations"} | ({"ppo.steps"} if asked.get("ppo.schedule") == "constant" else set())
-    return {name: value for name, value in asked.items() if name not in later}
+    """What must be the same to go on from a checkpoint; a training may be made longer."""
+    return {n: value for n, value in asked.items() if n not in ("validations", "ppo.steps")}
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
@@ -168,6 +167,7 @@ class PolicyRun:
     def __init__(self, config: PolicyRunConfig) -> None:
         self.config, self.folder = config, Path(config.output)
         self._asked = {**asked(config), "schema": schema(SCHEMA)}
+        self.note = ""
         state = self._kept() if config.resume else None
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
@@ -190,6 +190,12 @@ class PolicyRun:
         remedy = "resume with the settings of the first run, or start without resume=true"
         kept = state.pop("question", None)
         refuse_another(kept and _so_far(kept), _so_far(self._asked), str(file), remedy)
+        was, now = kept["ppo.steps"], self.config.ppo.steps
+        if was != now and self.config.ppo.schedule == "linear":
+            self.note = (
+                f"note: begun with ppo.steps={was}, now {now}: so far the learning rate fell as "
+                f"for {was} steps, so this is not the policy of one training of {now}"
+            )
         return state
 
     def close(self) -> None:
