@@ -106,6 +106,7 @@ def found_of(fit, sd, *others):
     tried = {c.key: c for c in (best, *rivals)}
     return SimpleNamespace(
         best=best,
+        described=best,
         tried=tried,
         posterior=SimpleNamespace(sets={key: 1 / len(tried) for key in tried}),
     )

@@ -81,3 +81,13 @@ def test_they_are_said_as_one_finding_while_neither_is_sure(case, found):
     assert "of the throttle do nothing" in either.sentences[1]
     assert either.decided_by == ""
     assert findings(Posterior({TRIM: 0.93, BAND: 0.03}, 0.04)) == []
+
+
+def test_where_no_effect_describes_it_the_set_that_predicts_best_stands_for_the_car(found):
+    # The steering gain is the most probable set, of hardly any probability, and predicts nothing.
+    unknown = Posterior({(): 0.01, STEERING: 0.02, TRIM: 0.01}, 0.96)
+    now = replace(found, best=found.tried[STEERING], posterior=unknown)
+    assert now.predictive.key != STEERING
+    assert now.loss(now.predictive) < now.loss(now.best)
+    assert now.described is now.predictive
+    assert replace(now, posterior=Posterior({STEERING: 0.9}, 0.1)).described is now.best

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from buggy_rl.diagnosis.behaviour import Behaviour, differing
+from buggy_rl.diagnosis.delivery import Repair
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
@@ -75,6 +76,8 @@ class Answer:
     """What sensors beside the tracker say without a simulator."""
     form: list[FormFault] = field(default_factory=list)
     """Where the repaired simulator is wrong to one side, the largest first."""
+    repair: Repair = field(default_factory=Repair)
+    """What `repaired.yaml` has, as it was validated."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -98,6 +101,7 @@ class Answer:
                     "form": [f.to_dict() for f in self.form],
                 },
                 "fit": self.proof.to_dict(),
+                "repair": self.repair.to_dict(),
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,
@@ -125,6 +129,7 @@ class Answer:
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
+        result += self.repair.lines(tuple(e.name for e in self.effects))
         result += self.proof.lines()
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")

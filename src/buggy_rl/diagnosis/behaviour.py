@@ -68,11 +68,12 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
     def whole(fit: Hypothesis) -> Hypothesis:
         return fit if case.retuned_from is None else with_own(case, fit)
 
-    neutral, best = library.hypothesis(()), whole(found.best.fit)
-    covariance = found.best.cross_validated.covariance
+    described = found.described
+    neutral, best = library.hypothesis(()), whole(described.fit)
+    covariance = described.cross_validated.covariance
     if case.retuned_from is not None:
         covariance = _joint(covariance, tuned)
-    others = [whole(found.tried[key].fit) for key in leading(found) if key != found.best.key]
+    others = [whole(found.tried[key].fit) for key in leading(found) if key != described.key]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
     tested = step_tests(simulation, library, rows, driven, problem.segments.dt)

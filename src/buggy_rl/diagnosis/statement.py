@@ -11,6 +11,7 @@ from buggy_rl.diagnosis.behaviour import behaviours
 from buggy_rl.diagnosis.candidate import excess_misfit
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences
+from buggy_rl.diagnosis.delivery import OTHER, Repair, as_file, candidates, chosen
 from buggy_rl.diagnosis.equivalents import Equivalents, alike, probability_of_any, swapped
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import (
@@ -24,14 +25,15 @@ from buggy_rl.diagnosis.form_fault import form_faults
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
 from buggy_rl.diagnosis.posterior import LISTED, shipped
+from buggy_rl.diagnosis.proof import SAID
 from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained, unexplained
-from buggy_rl.diagnosis.validation import Errors, folds, validated
+from buggy_rl.diagnosis.validation import ITERATIONS, Errors, delivered, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import OWN
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 from buggy_rl.estimation.misfit import NOTHING, misfit
 
 WRITTEN = 24  # hypotheses that are written down
@@ -67,7 +69,7 @@ def answered(
     progress("step tests of both simulators")
     behaved = behaviours(case, found, tuned)
     progress("proving it on what was held out")
-    proof = _proof(case, found, _as_given(case, found).square().mean(-1))
+    proof, repair = _proof(case, found)
     progress("looking for what to drive next")
     rates = decision_rates(problem, found)
     return Answer(
@@ -76,6 +78,7 @@ def answered(
         effects=said.named,
         remaining=said.rest,
         proof=proof,
+        repair=repair,
         weak=weak(problem.segments),
         suggest=suggestions(rates),
         tried=_tried(found),
@@ -227,25 +230,42 @@ def _retuned(found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect]) -
     return [replace(n, held_out_gain=gain, confidence=n.confidence * known) for n in wrong]
 
 
-def _proof(case: Case, found: SearchResult, given: Tensor) -> Proof:
-    problem, best = case.problem, found.best.fit
+def _proof(case: Case, found: SearchResult) -> tuple[Proof, Repair]:
+    """What speaks for the repair on what was held out, and the repair as it is delivered."""
+    problem, every = case.problem, [c.fit for c in candidates(found)]
     if case.retuned_from is not None:
         # Its parameters have seen all recordings: they are fitted anew with the effects', from the
         # simulator as given, on what is not held out.
         simulation = replace(problem.simulation, make=case.given.make)
-        problem, best = replace(problem, simulation=simulation), with_own(case, best)
+        problem = replace(problem, simulation=simulation)
+        every = [with_own(case, fit) for fit in every]
     problem = replace(problem, library=case.as_given, dispersion=1.0)
-    errors = validated(problem, best, case.recordings, case.budget)
+    starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
+    second = {name: fit for name, fit in starts.items() if name != "after"}
+    errors = validated(problem, every[0], case.recordings, case.budget, second)
+    name = chosen(errors, found.posterior.says == "unknown")
+    given = errors["before"].square
+    if name == "before":
+        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
+        worse = None if None in ways else ways
+        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
+    else:
+        iterations = min(ITERATIONS, case.budget.iterations)
+        repair = as_file(*delivered(problem, starts[name], iterations))
     floor = 2 * float(problem.noise.sd[:2].square().sum())
+    errors["after"] = errors[name]
+    errors.pop(OTHER, None)
     before, none = errors["before"].mean_square, Errors()
-    return Proof(
+    medians = {name: e.median for name, e in errors.items()}
+    proof = Proof(
         before=before,
         after=errors["after"].mean_square,
         retuned=errors.get("retuned", none).mean_square,
         noise_floor={h: floor for h in before},
         black_box=errors["black_box"].mean_square,
-        median={name: e.median for name, e in errors.items()},
+        median=medians,
         misfit_before=misfit(given, given),
         misfit_after=misfit(errors["after"].square, given),
         held_out=len(folds(problem.segments).unique()) > 1,
     )
+    return proof, repair
