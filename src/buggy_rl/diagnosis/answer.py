@@ -78,6 +78,8 @@ class Answer:
     """Where the repaired simulator is wrong to one side, the largest first."""
     repair: Repair = field(default_factory=Repair)
     """What `repaired.yaml` has, as it was validated."""
+    first: list[str] = field(default_factory=list)
+    """What must be known before anything else, such as commands that do not predict the motion."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -113,7 +115,7 @@ class Answer:
 
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
-        result = [self._headline()]
+        result = [*self.first, self._headline()]
         if self.sensors:
             said = "; ".join(s.line() for s in self.sensors)
             result.append(f"Measured without a simulator: {said}.")

@@ -24,6 +24,7 @@ from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.diagnosis.planning import plan_of
 from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.diagnosis.preflight_commands import check_commands
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
     check_clock,
@@ -100,7 +101,7 @@ def diagnose(
     begun = time.perf_counter()
     stages, meter = Stages(kept, config, [*recordings, *baseline]), Meter(show, progress)
     progress("looking at drives and simulator")
-    notes = _preflight(config, recordings, baseline)
+    notes, first = _preflight(config, recordings, baseline)
     with blaming(config.simulator), Workers(config.workers) as workers:
         step = _step(config, recordings)
         simulation = Simulation(
@@ -126,13 +127,14 @@ def diagnose(
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
     notes += check_latency(done.found.best.effects)
-    verdict = "cannot_tell" if short else done.answer.verdict
+    verdict = "cannot_tell" if short or first else done.answer.verdict
     if config.car:
         driven = weak(done.case.problem.segments, load_car(config.car).similarity)
         done = replace(done, answer=replace(done.answer, weak=driven))
     measured = other_sensors(recordings)
     return replace(
-        done, answer=replace(done.answer, notes=notes, verdict=verdict, sensors=measured)
+        done,
+        answer=replace(done.answer, notes=notes, verdict=verdict, sensors=measured, first=first),
     )
 
 
@@ -171,17 +173,20 @@ def _own(config: DiagnosisConfig) -> dict[str, Any]:
 
 def _preflight(
     config: DiagnosisConfig, recordings: Sequence[Recording], baseline: Sequence[Recording]
-) -> list[str]:
-    notes = check_drives(recordings, config.seconds, config.dt)
-    if baseline:
-        notes += check_drives(baseline, config.seconds, config.dt)
+) -> tuple[list[str], list[str]]:
+    """Notes, and what the answer begins with."""
+    notes, first = list[str](), list[str]()
+    for drives in (recordings, baseline) if baseline else (recordings,):
+        notes += check_drives(drives, config.seconds, config.dt)
+        commands = check_commands(drives)
+        notes, first = [*notes, *commands.notes], [*first, *commands.first]
     make = maker(config)
     notes += check_simulator(make, config.simulator, config.dt)
     refuse_another_rest([*recordings, *baseline], make(1))
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
-    return notes
+    return notes, first
 
 
 def _measured(

@@ -39,6 +39,8 @@ class Calibration:
     """Of numbers: by how much more they are off than by chance."""
     cases: int = 0
     """Cases that the weights were fitted to; 0 where they are not from any."""
+    step_error: FormError = field(default_factory=FormError)
+    """The same of quantities of step tests; that of numbers until it was fitted to cases."""
 
     @property
     def lapse(self) -> float:
@@ -137,9 +139,11 @@ def shipped() -> Calibration:
 def load_calibration(file: Path) -> Calibration:
     """Reads what `scripts/calibrate.py` wrote."""
     content = yaml.safe_load(file.read_text())
+    form = content["form_error"]
     return Calibration(
         content["hypothesis"],
         content["unknown"],
-        FormError(**content["form_error"]),
+        FormError(**form),
         content["made_from"]["cases"],
+        FormError(**content.get("step_error", form)),
     )
