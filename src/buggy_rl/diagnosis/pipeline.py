@@ -18,6 +18,7 @@ from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import decided
 from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.joint import Keep, joint_search
+from buggy_rl.diagnosis.limits import same_sets
 from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
@@ -42,6 +43,7 @@ from buggy_rl.effects import offered
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.engines import ENGINES, read_simulator
 from buggy_rl.estimation.baseline import Correction, correct
+from buggy_rl.estimation.body import body_of, bounded_by
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
@@ -126,7 +128,7 @@ def diagnose(
             done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
-    notes += check_latency(done.found.best.effects)
+    notes += check_latency(done.found.best.effects, offset)
     verdict = "cannot_tell" if short or first else done.answer.verdict
     if config.car:
         driven = weak(done.case.problem.segments, load_car(config.car).similarity)
@@ -199,6 +201,7 @@ def _measured(
     black_box = config.parameters is False
     realises = {} if black_box else getattr(make(1), "realises", {})
     declared = getattr(make(1), "declared", {}) if own or realises else {}
+    declared = {name: bounded_by(body_of(make(1)), p) for name, p in declared.items()}
     names = config.effects or offered(declared_by(make(1)))
     scale = _similarity(config, make)
     library = Library([e for e in names if e not in inside], declared, own, realises, scale)
@@ -251,7 +254,10 @@ def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
         case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
     )
     seen = observed(case.criteria, found)
-    return replace(found.result(posterior(seen), partial(varying, seen)), observed=seen)
+    tried = {w.candidate.key: w.candidate for w in found.weighed}
+    same = same_sets(tried, found.problem.segments)
+    result = found.result(posterior(seen).merged(same), partial(varying, seen))
+    return replace(result, same=same, observed=seen)
 
 
 def _diagnosed(

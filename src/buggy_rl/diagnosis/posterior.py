@@ -83,6 +83,18 @@ class Posterior:
         median = tuple(e for e in every if self.whatever_else(e) > EVEN)
         return median if median in named else max(named, key=lambda e: named[e], default=())
 
+    def merged(self, same: Mapping[Effects, Effects]) -> "Posterior":
+        """With the probability of sets that are another one in other words added to that one's.
+
+        Args:
+            same: Set -> the one that it is the same as.
+        """
+        sets: dict[Effects, float] = {}
+        for effects, p in self.sets.items():
+            key = same.get(effects, effects)
+            sets[key] = sets.get(key, 0.0) + p
+        return Posterior(sets, self.unknown)
+
     def of(self, effect: str) -> float:
         """That an effect is missing, alone or beside others."""
         return sum(p for effects, p in self.sets.items() if effect in effects)

@@ -31,6 +31,8 @@ class SearchResult:
     """Of each hypothesis [nats]."""
     varies: Mapping[str, str] = field(default_factory=dict)
     """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
+    same: Mapping[Effects, Effects] = field(default_factory=dict)
+    """Sets that are another one in other words (`limits`) -> that one, which has their share."""
     observed: Mapping[str, Any] = field(default_factory=dict)
     """What the posterior was computed from."""
 

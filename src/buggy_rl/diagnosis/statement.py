@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
+from buggy_rl.diagnosis import plausibility
 from buggy_rl.diagnosis.answer import Alternative, Answer, Proof, Verdict
 from buggy_rl.diagnosis.behaviour import behaviours
 from buggy_rl.diagnosis.candidate import excess_misfit
@@ -22,9 +23,11 @@ from buggy_rl.diagnosis.experiments import (
     suggestions,
 )
 from buggy_rl.diagnosis.form_fault import form_faults
+from buggy_rl.diagnosis.limits import words_of
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
-from buggy_rl.diagnosis.posterior import LISTED, shipped
+from buggy_rl.diagnosis.plausibility import latencies_refused
+from buggy_rl.diagnosis.posterior import EVEN, LISTED, shipped
 from buggy_rl.diagnosis.proof import SAID
 from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
@@ -97,7 +100,8 @@ def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -
     share = criteria.rules.depends_share
     rest = unexplained(problem, before, after, share, criteria.usual)
     sure = confidences(found, found.posterior)
-    named = [_named(case, found, e, sure[e]) for e in found.best.effects]
+    refused = latencies_refused(found.best.fit.values()[""]["clock_offset"])
+    named = [_named(case, found, e, sure[e]) for e in found.best.effects if e not in refused]
     named += _retuned(found, before.square().mean(-1), wrong)
     named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
     return Judged(named, verdict_of(found.posterior, named, problem.library.own), rest)
@@ -147,7 +151,7 @@ def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
 
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
-    fit = found.best.fit
+    fit, problem = found.best.fit, case.problem
     by_blocks = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
     form, share = shipped().form_error, _remaining(case, found, effect)
     spread = [
@@ -165,19 +169,25 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     kind = "parameter" if own else effect_class(effect).kind
     library = case.problem.library
     p = library.numbers(effect)[0]
+    unusual = plausibility.unusual(library.numbers(effect), numbers)
+    most = sure.probability
+    if case.criteria.baseline is None:  # nothing shows that the simulator was right but for this
+        most = min(most, EVEN)
     return NamedEffect(
         name=effect,
         kind=kind,
         equation="" if own else effect_class(effect).equation,
-        sentence=sentence(effect, numbers, p.unit, p.value),
+        sentence=sentence(effect, numbers, p.unit, p.value) + words_of(effect, found.same),
         parameters=values,
-        confidence=sure.probability,
+        confidence=most if unusual else sure.probability,
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
         confused_with=sure.alternatives,
         at_bound=fit.at_bound(effect),
         varies_with=found.varies.get(effect, ""),
         whatever_else=sure.whatever_else,
         inside=(effect.removeprefix(OWN),) if own else library.inside.parameters_of(effect),
+        unusual=unusual,
+        undetermined=plausibility.undetermined(library.numbers(effect), values, problem.segments),
     )
 
 

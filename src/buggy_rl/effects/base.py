@@ -39,6 +39,8 @@ class EffectParameter(Parameter):
     """Step from neutral for a finite difference, in the parameter's unit."""
     reciprocal: bool = False
     """The prior is on 1 / value; neutral is so large that no limit is ever reached."""
+    usual: tuple[float, float] | None = None
+    """Interval of 5 to 95 % of real cars, in the parameter's unit; None where it is not known."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -90,6 +90,7 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
     import torch
     from tensordict import TensorDict
+    from torchrl.envs import EnvBase
 
     from buggy_rl.engines.serial import in_batch
     from buggy_rl.engines.single_precision import in_single_precision
@@ -99,7 +100,14 @@ def _users_own(name: str, batch_size, device, parameters, options) -> Any:
         inspect.signature(factory).bind(batch_size, device)
     except TypeError as error:
         raise ValueError(f"{name} is called as factory(batch_size, device): {error}") from error
-    engine = in_single_precision(in_batch(factory(batch_size, device), batch_size))
+    made = factory(batch_size, device)
+    if not isinstance(made, EnvBase):
+        raise ValueError(
+            f"{name} returned a {type(made).__module__}.{type(made).__name__}: a factory must "
+            "return a TorchRL EnvBase with pose, velocity and action in its TensorDict "
+            "(docs/extending.md shows one)"
+        )
+    engine = in_single_precision(in_batch(made, batch_size))
     if ranges:
         engine.declared = _with_ranges(name, engine, ranges)
     if not parameters:

@@ -25,4 +25,5 @@ def scaled(parameter: EffectParameter, similarity: Similarity) -> EffectParamete
         probe=p.probe if p.reciprocal else factor * p.probe,
         lower=min(p.lower, factor * p.lower),
         upper=p.upper if p.reciprocal else max(p.upper, factor * p.upper),
+        usual=p.usual and (factor * p.usual[0], factor * p.usual[1]),
     )
