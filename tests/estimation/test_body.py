@@ -4,7 +4,13 @@ import pytest
 
 from buggy_rl.car_file import load_car
 from buggy_rl.engines import as_car, make_engine
-from buggy_rl.estimation.body import body_of, bounded_by, implausible, most_yaw_inertia
+from buggy_rl.estimation.body import (
+    body_of,
+    bounded_by,
+    implausible,
+    most_yaw_inertia,
+    top_speeds,
+)
 from buggy_rl.identification.fit_result import Estimate
 from buggy_rl.identification.least_squares import FitConfig, _chosen, plausible
 from buggy_rl.vehicle import VehicleDimensions
@@ -52,6 +58,17 @@ def test_values_that_cars_do_not_have_are_said(values, expected):
     found = implausible(values, PLATE)
     assert found.keys() == expected.keys()
     assert all(words in found[name] for name, words in expected.items())
+
+
+def test_the_top_speed_is_where_motor_and_resistances_balance():
+    own = {"drive_force": 7.0, "dry_friction": 1.0, "drive_force_loss": 0.5}
+    # 7 - 1 = (0.5 + 0.5) v + 1 v^2 at 2 m/s.
+    values = own | {"viscous_friction": 0.5, "quadratic_drag": 1.0}
+    reached, known = top_speeds(dart(), values)
+    assert reached == pytest.approx(2.0)
+    assert known == pytest.approx(load_car("dart").top_speed)
+    assert top_speeds(make_engine("single_track", 1), values) is None  # of no car's file
+    assert top_speeds(dart(), {}) is None
 
 
 def test_a_top_speed_far_from_the_cars_file_is_said():

@@ -170,16 +170,15 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     library = case.problem.library
     p = library.numbers(effect)[0]
     unusual = plausibility.unusual(library.numbers(effect), numbers)
-    most = sure.probability
-    if case.criteria.baseline is None:  # nothing shows that the simulator was right but for this
-        most = min(most, EVEN)
+    # Without a baseline nothing shows that the simulator was right but for this.
+    most = EVEN if unusual and case.criteria.baseline is None else 1.0
     return NamedEffect(
         name=effect,
         kind=kind,
         equation="" if own else effect_class(effect).equation,
         sentence=sentence(effect, numbers, p.unit, p.value) + words_of(effect, found.same),
         parameters=values,
-        confidence=most if unusual else sure.probability,
+        confidence=min(most, sure.probability),
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
         confused_with=sure.alternatives,
         at_bound=fit.at_bound(effect),

@@ -4,9 +4,11 @@ A fit takes whatever the recordings let it. A yaw inertia absorbs the relaxation
 a soft servo, an axle's grip a wrong command; each comes out with a narrow interval.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from buggy_rl.car_file import BUGGY_SPEED
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import VehicleDimensions
 
@@ -40,6 +42,23 @@ def bounded_by(body: VehicleDimensions | None, parameter: Parameter) -> Paramete
         return parameter
     p = parameter
     return Parameter(p.name, p.value, p.lower, most, p.unit, p.meaning)
+
+
+def top_speeds(simulator: Any, values: Mapping[str, float]) -> tuple[float, float] | None:
+    """Top speed of a bicycle's motor and resistances, and that of its car's file [m/s].
+
+    drive_force - dry_friction = (drive_force_loss + viscous_friction) v + quadratic_drag v^2; None
+    where the simulator has no such motor, or was not made as a car of a file.
+    """
+    names = ("drive_force", "drive_force_loss", "dry_friction", "viscous_friction")
+    if getattr(simulator, "dimensions", None) is None or not set(names) <= set(values):
+        return None
+    force, loss, dry, viscous = (values[name] for name in names)
+    a, b, c = values.get("quadratic_drag", 0.0), loss + viscous, dry - force
+    inside = b * b - 4 * a * c
+    if inside < 0 or b + math.sqrt(inside) <= 0:  # a drag below 0 pushes: no speed is the top
+        return None
+    return -2 * c / (b + math.sqrt(inside)), BUGGY_SPEED * simulator.similarity.speed
 
 
 def implausible(

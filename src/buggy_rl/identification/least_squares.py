@@ -14,7 +14,7 @@ from scipy.stats import t as student_t
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl.estimation.body import body_of, bounded_by, implausible
+from buggy_rl.estimation.body import body_of, bounded_by, implausible, top_speeds
 from buggy_rl.estimation.cross_validation import jackknife
 from buggy_rl.estimation.noise_model import start_sensitivity
 from buggy_rl.estimation.rollout import Settings, Simulation
@@ -221,7 +221,7 @@ def plausible(estimates: Sequence[Estimate], simulator: EnvBase) -> list[Estimat
     declared: dict[str, Parameter] = getattr(simulator, "declared", {})
     values = {name: p.value for name, p in declared.items()}
     values |= {e.parameter.name: e.value for e in estimates}
-    odd = implausible(values, body_of(simulator))
+    odd = implausible(values, body_of(simulator), top_speeds(simulator, values))
     return [
         replace(e, warnings=(*e.warnings, odd[e.parameter.name])) if e.parameter.name in odd else e
         for e in estimates
