@@ -151,7 +151,7 @@ def test_an_interval_holds_what_another_leading_hypothesis_says(late):
         low[others] = response.low - response.given
         assert response.differs == (low[others] > 0.01)  # 10 ms do not matter
     assert low[()] > 0.035
-    assert 0.0 < low[gain,] < 0.016
+    assert -0.02 < low[gain,] < 0.016  # wider by the form error
 
 
 def test_only_what_was_driven_is_tested(late):

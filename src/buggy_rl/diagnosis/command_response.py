@@ -28,8 +28,10 @@ RIDGE = 1e-2  # [-] of the variance of a regressor
 LEAST_TIME = 20.0  # [s] compared, of which anything is said
 TURNS = 0.15  # [rad/s] standard deviation of the yaw rate from which a car turns
 VARIES = 0.05  # [-] standard deviation of the steering from which it is varied
-ROLLS = 0.2  # [m/s] median speed from which a car drives
-SLIDES = 0.12  # [-] median of lateral over whole speed from which it slides; chosen
+ROLLS = 0.2  # [m/s] speed from which a car drives
+SLIDES = 0.15  # [-] lateral over whole speed from which it slides; chosen
+AROUND = 0.5  # [s] before and after a slide in which its yaw rate is not the steering's either
+ROLLING = 0.3  # [-] share of the rows from which those that roll stand for the drive
 
 
 @dataclass(frozen=True)
@@ -48,14 +50,17 @@ class Response:
 def response(recordings: Sequence[Recording]) -> Response | None:
     """How well commands predict the yaw rate; None where it hardly turns, or for too short."""
     rows = _gathered(recordings)
-    if rows is None or float(rows.yaw_rate.std()) < TURNS:
+    if rows is None:
+        return None
+    # Where it spins the yaw rate is large, and nothing that the steering says of it is linear.
+    rolls = float(rows.rolls.double().mean()) > ROLLING
+    rows = rows[rows.rolls] if rolls else rows
+    if float(rows.yaw_rate.std()) < TURNS or len((rows.block % 2).unique()) < 2:
         return None
     given, exchanged = (
         _explained(rows.steered_by(channel), rows.yaw_rate, rows.block) for channel in (1, 0)
     )
-    varies = float(rows.commands[:, 0, 1].std()) > VARIES
-    rolls = float(rows.speed.abs().median()) > ROLLS and float(rows.slip.median()) < SLIDES
-    return Response(given, exchanged, varies and rolls)
+    return Response(given, exchanged, rolls and float(rows.commands[:, 0, 1].std()) > VARIES)
 
 
 @dataclass(frozen=True)
@@ -68,10 +73,13 @@ class _Rows:
     """[T] with the sign of vx [m/s]."""
     yaw_rate: Tensor
     """[T] [rad/s]"""
-    slip: Tensor
-    """[T] lateral over whole speed [-]."""
+    rolls: Tensor
+    """[T] bool, whether it drives and does not slide about then."""
     block: Tensor
     """[T] int"""
+
+    def __getitem__(self, index: Tensor) -> "_Rows":
+        return _Rows(*(value[index] for value in vars(self).values()))
 
     def steered_by(self, channel: int) -> Tensor:
         """Regressors [T, 3 K + 2] of the yaw rate, by the command in a column."""
@@ -85,7 +93,7 @@ def _gathered(recordings: Sequence[Recording]) -> _Rows | None:
     parts = [part for recording in recordings for part in _parts(recording)]
     if not parts:
         return None
-    names = ("commands", "speed", "yaw_rate", "slip", "block")
+    names = ("commands", "speed", "yaw_rate", "rolls", "block")
     rows = _Rows(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
     sides = (rows.block % 2).unique()
     return rows if len(rows.block) * EVERY > LEAST_TIME and len(sides) == 2 else None
@@ -110,9 +118,16 @@ def _parts(recording: Recording) -> Iterator[_Rows]:
             action[rows.unsqueeze(-1) - back],
             speed * vx.sign(),
             yaw_rate,
-            vy.abs() / speed.clamp_min(ROLLS),
+            ~_about((vy.abs() > SLIDES * speed) | (speed < ROLLS)),
             (time / FOLD).long(),
         )
+
+
+def _about(flags: Tensor) -> Tensor:
+    """Rows [T] at most `AROUND` from one with a flag."""
+    reach = round(AROUND / EVERY)
+    near = torch.nn.functional.max_pool1d(flags.double().view(1, 1, -1), 2 * reach + 1, 1, reach)
+    return near[0, 0] > 0
 
 
 def _explained(regressors: Tensor, target: Tensor, block: Tensor) -> float:
