@@ -32,6 +32,7 @@ def main() -> None:
     from buggy_rl.blind_test.intervals import form_error, intervals, numbers
     from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
     from buggy_rl.blind_test.pairings import by_pairing
+    from buggy_rl.blind_test.step_intervals import step_error, step_intervals, steps
     from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
     from buggy_rl.files import write_atomically
 
@@ -48,8 +49,10 @@ def main() -> None:
         found, mean = left_out(cases, ridge, config.without)
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
-            form = form_error(numbers(cases))
-            write_atomically(SHIPPED, content(calibration, form, files, len(cases), ridge))
+            form, of = form_error(numbers(cases)), steps(cases)
+            step = step_error(of) if of else None
+            made = content(calibration, form, files, len(cases), ridge, step)
+            write_atomically(SHIPPED, made)
     methods: dict[str, Sequence[Answered]]
     methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
     methods["best single"] = [best_single(e) for e in cases]
@@ -59,6 +62,7 @@ def main() -> None:
     if config.beside:
         print(f"\n{compared(cases, found, Path(config.beside))}")
     print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
+    print(f"\n{step_intervals(cases, shipped.step_error if config.apply else None)}")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ import pytest
 from buggy_rl.blind_test.development import DevelopmentConfig, cases_left, entries
 from buggy_rl.blind_test.discrimination import PRICE
 from buggy_rl.blind_test.draw import Settings
+from buggy_rl.blind_test.step_intervals import steps
+from buggy_rl.diagnosis.posterior import shipped
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -65,6 +67,17 @@ def test_what_is_logged_is_what_a_calibration_asks_for(run):
         assert len(hypothesis["held_out"]) >= 2
         assert set(hypothesis["varies"]) == set(hypothesis["effects"])
         assert {"log_evidence", "spread", "variation", "plain"} <= set(hypothesis["evidence"])
+
+
+def test_what_step_tests_say_is_logged_beside_the_cars_own(run):
+    for entry in entries(run[0] / "development.jsonl"):
+        told = steps([entry])
+        if entry["case"]["concealed"].keys() == {"gyro_bias"}:  # of the sensor: no truth
+            assert told == []
+            continue
+        assert {"acceleration", "steering_response"} <= {step.name for step in told}
+        held = [step.holds(shipped().step_error) for step in told]
+        assert sum(held) >= len(held) - 1
 
 
 @pytest.mark.timeout(900)

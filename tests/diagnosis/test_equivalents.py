@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.joint import joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.diagnosis.statement import _equivalents, _named
+from buggy_rl.effects import effect_class
 from buggy_rl.estimation.cross_validation import blocks
 from tests.diagnosis.planted import planted_drives, problem_of
 
@@ -81,3 +82,31 @@ def test_they_are_said_as_one_finding_while_neither_is_sure(case, found):
     assert "of the throttle do nothing" in either.sentences[1]
     assert either.decided_by == ""
     assert findings(Posterior({TRIM: 0.93, BAND: 0.03}, 0.04)) == []
+
+
+def test_where_no_effect_describes_it_the_set_that_predicts_best_stands_for_the_car(found):
+    # The steering gain is the most probable set, of hardly any probability, and predicts nothing.
+    unknown = Posterior({(): 0.01, STEERING: 0.02, TRIM: 0.01}, 0.96)
+    now = replace(found, best=found.tried[STEERING], posterior=unknown)
+    assert now.predictive.key != STEERING
+    assert now.loss(now.predictive) < now.loss(now.best)
+    assert now.described is now.predictive
+    assert replace(now, posterior=Posterior({STEERING: 0.9}, 0.1)).described is now.best
+
+
+def test_an_unusually_large_number_is_at_most_even_without_a_baseline(case, found, monkeypatch):
+    sure = Posterior({TRIM: 0.95}, 0.05)
+    now = replace(found, posterior=sure)
+
+    def named(of):
+        return _named(of, now, *TRIM, confidences(now, sure)[TRIM[0]])
+
+    assert named(case).confidence == pytest.approx(0.95)
+    kind = effect_class(*TRIM)
+    small = tuple(replace(p, usual=(-0.01, 0.01)) for p in kind.declared)
+    monkeypatch.setattr(kind, "declared", small)
+    assert named(case).unusual == ("offset",)
+    assert named(case).confidence == 0.5
+    known = replace(case, criteria=replace(case.criteria, baseline=case.problem))
+    assert named(known).confidence == pytest.approx(0.95)
+    assert named(known).unusual == ("offset",)

@@ -22,7 +22,7 @@ def faults(off):
         segments=segments, simulation=simulation, library=library, noise=noise
     )
     fit = SimpleNamespace(vector=None)
-    return form_faults(problem, SimpleNamespace(best=SimpleNamespace(fit=fit)))
+    return form_faults(problem, SimpleNamespace(described=SimpleNamespace(fit=fit)))
 
 
 def noise(segments):

@@ -234,9 +234,23 @@ def _calibration(of: Table, w: Tensor, v: Tensor) -> Calibration:
 
 
 def content(
-    calibration: Calibration, form: FormError, ledgers: Sequence[Path], cases: int, ridge: float
+    calibration: Calibration,
+    form: FormError,
+    ledgers: Sequence[Path],
+    cases: int,
+    ridge: float,
+    step: FormError | None = None,
 ) -> str:
-    """The calibration as a file, with what it was made from."""
+    """The calibration as a file, with what it was made from.
+
+    Args:
+        calibration: Weights.
+        form: Form error of numbers.
+        ledgers: Files of the cases,
+        cases: and how many.
+        ridge: Of the weights.
+        step: Form error of step tests; None where no case has any, and that of numbers counts.
+    """
     made = {
         "ledgers": {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in ledgers},
         "cases": cases,
@@ -247,5 +261,7 @@ def content(
         "unknown": dict(calibration.unknown),
         "form_error": asdict(form),
     }
+    if step is not None:
+        weights_of["step_error"] = asdict(step)
     head = "# Written by scripts/calibrate.py; not to be edited by hand.\n"
     return head + yaml.safe_dump({"made_from": made, **weights_of}, sort_keys=False)

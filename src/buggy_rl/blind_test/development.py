@@ -9,12 +9,13 @@ import gzip
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from omegaconf import MISSING
 
+from buggy_rl.blind_test import step_intervals
 from buggy_rl.blind_test.baselines.asked import asked
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import PAIRINGS, Settings, draw_all
@@ -126,7 +127,10 @@ def _line(store: CaseStore, effects: Sequence[str], case: Case) -> dict[str, Any
         question = asked(store.inputs(case.id))
         ready = opened(question.config, question.recordings, question.baseline)
         also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
-        line = described(ready, joint_search(ready.problem, ready.criteria, also), case)
+        found = joint_search(ready.problem, ready.criteria, also)
+        line = described(ready, found, case)
+        searched = replace(ready, problem=found.problem)
+        line["steps"] = step_intervals.described(searched, found, case)
     except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
         line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
     seconds = round(time.monotonic() - begun, 1)

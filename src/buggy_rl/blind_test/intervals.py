@@ -85,14 +85,14 @@ def _share(entry: Entry, own: Any, effect: str) -> float:
 
 def form_error(of: Sequence[Number]) -> FormError:
     """The narrowest of `TRIED` that covers; the widest where none does."""
-    return _narrowest(*_tried(of))
+    return narrowest(*_tried(of))
 
 
 def left_out(of: Sequence[Number]) -> list[tuple[Number, FormError]]:
     """Each number with the form error of all other groups."""
     half, inside = _tried(of)
     group_of = np.array([n.group for n in of])
-    forms = {g: _narrowest(half[:, group_of != g], inside[:, group_of != g]) for g in {*group_of}}
+    forms = {g: narrowest(half[:, group_of != g], inside[:, group_of != g]) for g in {*group_of}}
     return [(n, forms[n.group]) for n in of]
 
 
@@ -105,10 +105,13 @@ def _tried(of: Sequence[Number]) -> tuple[NDArray[np.float64], NDArray[np.bool_]
     return half, np.abs(z - true) <= half
 
 
-def _narrowest(half: NDArray[np.float64], inside: NDArray[np.bool_]) -> FormError:
+def narrowest(
+    half: NDArray[np.float64], inside: NDArray[np.bool_], tried: Sequence[FormError] = TRIED
+) -> FormError:
+    """The form error with the narrowest half widths [tried, numbers] of those that cover."""
     width = np.log(half + FINEST).mean(1)
     covers = inside.mean(1) >= COVERED
-    return TRIED[int(np.where(covers, width, np.inf).argmin() if covers.any() else width.argmax())]
+    return tried[int(np.where(covers, width, np.inf).argmin() if covers.any() else width.argmax())]
 
 
 def covered(of: Sequence[tuple[Number, FormError]]) -> tuple[Figure, float]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from buggy_rl.diagnosis.behaviour import Behaviour, differing
+from buggy_rl.diagnosis.delivery import Repair
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
@@ -75,6 +76,10 @@ class Answer:
     """What sensors beside the tracker say without a simulator."""
     form: list[FormFault] = field(default_factory=list)
     """Where the repaired simulator is wrong to one side, the largest first."""
+    repair: Repair = field(default_factory=Repair)
+    """What `repaired.yaml` has, as it was validated."""
+    first: list[str] = field(default_factory=list)
+    """What must be known before anything else, such as commands that do not predict the motion."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -98,6 +103,7 @@ class Answer:
                     "form": [f.to_dict() for f in self.form],
                 },
                 "fit": self.proof.to_dict(),
+                "repair": self.repair.to_dict(),
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,
@@ -109,7 +115,7 @@ class Answer:
 
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
-        result = [self._headline()]
+        result = [*self.first, self._headline()]
         if self.sensors:
             said = "; ".join(s.line() for s in self.sensors)
             result.append(f"Measured without a simulator: {said}.")
@@ -125,6 +131,7 @@ class Answer:
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
+        result += self.repair.lines(tuple(e.name for e in self.effects))
         result += self.proof.lines()
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")

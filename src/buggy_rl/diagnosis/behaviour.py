@@ -10,7 +10,9 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.experiments import leading
+from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.named_effect import NORMAL
+from buggy_rl.diagnosis.posterior import shipped
 from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.step_tests import Driven, Quantity, step_tests
@@ -19,6 +21,7 @@ from buggy_rl.longitudinal import declared_by
 
 SAMPLES = 16  # of the parameters' joint distribution
 RELEVANT = 0.05  # [-] share of a quantity's size by which it must differ to be said
+FINEST = 1e-3  # [s, 1/m, m/s^2] size below which no quantity is taken for known exactly; chosen
 
 
 @dataclass(frozen=True)
@@ -51,43 +54,77 @@ class Behaviour:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class Tested:
+    """A quantity of step tests as simulated, before its form error is added."""
+
+    quantity: Quantity
+    given: float
+    value: float
+    spread: float
+    """Standard deviation by the joint distribution of the numbers of the best description."""
+    apart: float
+    """Largest distance of another leading hypothesis."""
+
+    @property
+    def size(self) -> float:
+        """Of which a form error is a share; not below what matters, so that no interval is 0."""
+        return max(abs(self.value), abs(self.given), self.quantity.least, FINEST)
+
+    def half_width(self, form: FormError) -> float:
+        """Of its 95 % interval."""
+        return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
+
+
 def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Behaviour]:
     """Quantities that were driven, of the simulator as given and with what was found.
 
-    An interval holds what the numbers of the best hypothesis may be, and the other leading
-    hypotheses at theirs.
+    An interval holds what the numbers of the best description may be, the form error that such
+    quantities have beside (`Calibration.step_error`), and the other leading hypotheses.
 
     Args:
         case: Recordings and simulator.
         found: What the search came to.
         tuned: The simulator's own parameters, where they were fitted first.
     """
+    form = shipped().step_error
+    return [_compared(t, t.half_width(form)) for t in step_values(case, found, tuned)]
+
+
+def step_values(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Tested]:
+    """Quantities that were driven and that the tests show; the arguments are `behaviours`'."""
     problem, simulation, library = case.problem, case.given, case.as_given
-    driven = Driven.of(problem.segments, declared_by(simulation.make(1)).rest)
+    driven = driven_of(case)
 
     def whole(fit: Hypothesis) -> Hypothesis:
         return fit if case.retuned_from is None else with_own(case, fit)
 
-    neutral, best = library.hypothesis(()), whole(found.best.fit)
-    covariance = found.best.cross_validated.covariance
+    described = found.described
+    neutral, best = library.hypothesis(()), whole(described.fit)
+    covariance = described.cross_validated.covariance
     if case.retuned_from is not None:
         covariance = _joint(covariance, tuned)
-    others = [whole(found.tried[key].fit) for key in leading(found) if key != found.best.key]
+    others = [whole(found.tried[key].fit) for key in leading(found) if key != described.key]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
-    tested = step_tests(simulation, library, rows, driven, problem.segments.dt)
-    given, repaired, rivals = tested.split([1, len(samples), len(others)])
+    steps = step_tests(simulation, library, rows, driven, problem.segments.dt)
+    given, repaired, rivals = steps.split([1, len(samples), len(others)])
     values = repaired[0]
     spread = torch.stack([_spread(column) for column in repaired[1:].unbind(-1)])
+    apart = torch.zeros_like(spread)
     if others:  # an interval that holds whichever of them is true
-        apart = (rivals - values).abs().amax(0)
-        spread = spread + apart.nan_to_num(math.inf) / NORMAL
-    columns = (given[0].tolist(), values.tolist(), spread.tolist())
+        apart = (rivals - values).abs().amax(0).nan_to_num(math.inf)
+    columns = (part.tolist() for part in (given[0], values, spread, apart))
     return [
-        _compared(*row)
-        for row in zip(driven.quantities, *columns, strict=True)
-        if row[0].name in driven.shown and math.isfinite(row[1]) and math.isfinite(row[2])
+        t
+        for t in map(Tested, driven.quantities, *columns)
+        if t.quantity.name in driven.shown and math.isfinite(t.given + t.value + t.spread + t.apart)
     ]
+
+
+def driven_of(case: Case) -> Driven:
+    """Speeds and commands that the recordings of a case show."""
+    return Driven.of(case.problem.segments, declared_by(case.given.make(1)).rest)
 
 
 def differing(found: Sequence[Behaviour]) -> list[Behaviour]:
@@ -105,8 +142,9 @@ def _spread(values: Tensor) -> Tensor:
     return shown.std() if 2 * len(shown) > len(values) else values.new_tensor(math.inf)
 
 
-def _compared(quantity: Quantity, given: float, value: float, sd: float) -> Behaviour:
-    low, high = value - NORMAL * sd, value + NORMAL * sd
+def _compared(of: Tested, half_width: float) -> Behaviour:
+    quantity, given, value = of.quantity, of.given, of.value
+    low, high = value - half_width, value + half_width
     least = quantity.least or RELEVANT * max(abs(given), abs(value))
     return Behaviour(
         quantity.name,

@@ -8,12 +8,14 @@ from torch import Tensor
 from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.estimation.body import body_of, bounded_by
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments, cut_segments
+from buggy_rl.parameters import Parameter
 from buggy_rl.recordings import Recording
 
 
@@ -44,7 +46,9 @@ class Case:
         """The library, with what the simulator as given has of each parameter."""
         if self.retuned_from is None:
             return self.problem.library
-        declared = getattr(self.retuned_from.make(1), "declared", {})
+        given = self.retuned_from.make(1)
+        declared: dict[str, Parameter] = getattr(given, "declared", {})
+        declared = {name: bounded_by(body_of(given), p) for name, p in declared.items()}
         library = self.problem.library
         return Library(library.effects, declared, similarity=library.similarity)
 

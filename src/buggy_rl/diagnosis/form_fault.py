@@ -64,8 +64,8 @@ class FormFault:
 
 
 def form_faults(problem: Problem, found: SearchResult) -> list[FormFault]:
-    """Of the best hypothesis, the largest first; one for each channel at most."""
-    best = found.best.fit
+    """Of the best description, the largest first; one for each channel at most."""
+    best = found.described.fit
     settings = problem.library.settings([(best, best.vector)])
     residual = problem.simulation.residuals(problem.segments, settings)[0]  # (N, K, 6)
     instants = problem.simulation.instants(problem.segments)

@@ -20,6 +20,7 @@ from buggy_rl.diagnosis.candidate import Candidate, Effects
 from buggy_rl.diagnosis.constancy import conditions
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.evidence_features import PRICE
+from buggy_rl.diagnosis.limits import missing
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.search_state import (
@@ -119,6 +120,7 @@ def joint_search(
     found = set(state.tried)
     asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
     state, _ = tried_too(state, [p.start for p in asked], criteria)
+    state, _ = tried_too(state, missing(state.tried, problem.segments, problem.library), criteria)
     progress(f"weighing {len(state.tried)} hypotheses")
     weighed = _weighed(state, null, rolled, problem, found)
     return JointSearch(state.problem, state.null, weighed, proposed)

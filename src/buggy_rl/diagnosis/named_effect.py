@@ -47,6 +47,11 @@ class NamedEffect:
     inside: tuple[str, ...] = ()
     """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
 
+    unusual: tuple[str, ...] = ()
+    """Numbers outside what 5 to 95 % of real cars have."""
+    undetermined: tuple[str, ...] = ()
+    """Numbers whose interval is wider than what they can mean."""
+
     @property
     def realised(self) -> str:
         """How the repaired simulator has it, as `diagnosis.json` says."""
@@ -69,6 +74,10 @@ class NamedEffect:
             text += f"; varies with {WORDS[self.varies_with]}: probably misspecified"
         if self.inside and self.kind != "parameter":
             text += f"; in the simulator: {self.realised}"
+        if self.unusual:
+            text += f"; unusually large: more probably another effect ({', '.join(self.unusual)})"
+        if self.undetermined:
+            text += f"; not determined: {', '.join(self.undetermined)}"
         if self.at_bound:
             text += f"; at a bound of its range: {', '.join(self.at_bound)}"
         return f"{self.sentence[:1].upper()}{self.sentence[1:]} [{text}]."
@@ -88,6 +97,8 @@ class NamedEffect:
             "varies_with": self.varies_with,
             "whatever_else": self.whatever_else,
             "realised": self.realised,
+            "unusual": list(self.unusual),
+            "undetermined": list(self.undetermined),
         }
 
 

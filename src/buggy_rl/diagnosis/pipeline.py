@@ -18,12 +18,14 @@ from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import decided
 from buggy_rl.diagnosis.integration import Step, fine_enough
 from buggy_rl.diagnosis.joint import Keep, joint_search
+from buggy_rl.diagnosis.limits import same_sets
 from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.meter import Meter, Reading
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.diagnosis.planning import plan_of
 from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.diagnosis.preflight_commands import check_commands
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
     check_clock,
@@ -41,6 +43,7 @@ from buggy_rl.effects import OF_A_COLUMN, offered
 from buggy_rl.effects.measuring import in_turn, measurable_options
 from buggy_rl.engines import ENGINES, Factory, read_simulator, simulator_name
 from buggy_rl.estimation.baseline import Correction, correct
+from buggy_rl.estimation.body import body_of, bounded_by
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
@@ -103,7 +106,7 @@ def diagnose(
         kept, count = None, 1
     stages, meter = Stages(kept, config, recordings, baseline), Meter(show, progress)
     progress("looking at drives and simulator")
-    notes = _preflight(config, recordings, baseline)
+    notes, first = _preflight(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
         step = _step(config, recordings)
         simulation = Simulation(
@@ -130,14 +133,15 @@ def diagnose(
             done = _retuned_first(config, done, stages, meter)
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
-    notes += check_latency(done.found.best.effects)
-    verdict = "cannot_tell" if short else done.answer.verdict
+    notes += check_latency(done.found.best.effects, offset)
+    verdict = "cannot_tell" if short or first else done.answer.verdict
     if config.car:
         driven = weak(done.case.problem.segments, load_car(config.car).similarity)
         done = replace(done, answer=replace(done.answer, weak=driven))
     measured = other_sensors(recordings)
     return replace(
-        done, answer=replace(done.answer, notes=notes, verdict=verdict, sensors=measured)
+        done,
+        answer=replace(done.answer, notes=notes, verdict=verdict, sensors=measured, first=first),
     )
 
 
@@ -176,17 +180,20 @@ def _own(config: DiagnosisConfig) -> dict[str, Any]:
 
 def _preflight(
     config: DiagnosisConfig, recordings: Sequence[Recording], baseline: Sequence[Recording]
-) -> list[str]:
-    notes = check_drives(recordings, config.seconds, config.dt)
-    if baseline:
-        notes += check_drives(baseline, config.seconds, config.dt)
+) -> tuple[list[str], list[str]]:
+    """Notes, and what the answer begins with."""
+    notes, first = list[str](), list[str]()
+    for drives in (recordings, baseline) if baseline else (recordings,):
+        notes += check_drives(drives, config.seconds, config.dt)
+        commands = check_commands(drives)
+        notes, first = [*notes, *commands.notes], [*first, *commands.first]
     make = maker(config)
     notes += check_simulator(make, simulator_name(config.simulator), config.dt)
     refuse_another_rest([*recordings, *baseline], make(1))
     inside = [effect.name for effect in effects_of(make(1))]
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
-    return notes
+    return notes, first
 
 
 def _measured(
@@ -203,6 +210,7 @@ def _measured(
     black_box = config.parameters is False
     realises = {} if black_box else getattr(make(1), "realises", {})
     declared = getattr(make(1), "declared", {}) if own or realises else {}
+    declared = {name: bounded_by(body_of(make(1)), p) for name, p in declared.items()}
     derived = set.intersection(*(set(r.derived) for r in recordings))
     names = config.effects or offered(declared_by(make(1)), derived)
     scale = _similarity(config, make)
@@ -271,7 +279,10 @@ def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
         case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
     )
     seen = observed(case.criteria, found)
-    return replace(found.result(posterior(seen), partial(varying, seen)), observed=seen)
+    tried = {w.candidate.key: w.candidate for w in found.weighed}
+    same = same_sets(tried, found.problem.segments)
+    result = found.result(posterior(seen).merged(same), partial(varying, seen))
+    return replace(result, same=same, observed=seen)
 
 
 def _diagnosed(

@@ -39,6 +39,8 @@ class Calibration:
     """Of numbers: by how much more they are off than by chance."""
     cases: int = 0
     """Cases that the weights were fitted to; 0 where they are not from any."""
+    step_error: FormError = field(default_factory=FormError)
+    """The same of quantities of step tests; that of numbers until it was fitted to cases."""
 
     @property
     def lapse(self) -> float:
@@ -80,6 +82,18 @@ class Posterior:
         every = sorted({e for effects in named for e in effects})
         median = tuple(e for e in every if self.whatever_else(e) > EVEN)
         return median if median in named else max(named, key=lambda e: named[e], default=())
+
+    def merged(self, same: Mapping[Effects, Effects]) -> "Posterior":
+        """With the probability of sets that are another one in other words added to that one's.
+
+        Args:
+            same: Set -> the one that it is the same as.
+        """
+        sets: dict[Effects, float] = {}
+        for effects, p in self.sets.items():
+            key = same.get(effects, effects)
+            sets[key] = sets.get(key, 0.0) + p
+        return Posterior(sets, self.unknown)
 
     def of(self, effect: str) -> float:
         """That an effect is missing, alone or beside others."""
@@ -137,9 +151,11 @@ def shipped() -> Calibration:
 def load_calibration(file: Path) -> Calibration:
     """Reads what `scripts/calibrate.py` wrote."""
     content = yaml.safe_load(file.read_text())
+    form = content["form_error"]
     return Calibration(
         content["hypothesis"],
         content["unknown"],
-        FormError(**content["form_error"]),
+        FormError(**form),
         content["made_from"]["cases"],
+        FormError(**content.get("step_error", form)),
     )

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl import keys
+from buggy_rl.diagnosis.plausibility import latencies_refused
 from buggy_rl.diagnosis.preflight_simulator import FASTEST
 from buggy_rl.estimation.cross_validation import BLOCK, blocks
 from buggy_rl.estimation.segments import WARM_UP, Segments, segment_rows
@@ -106,14 +107,22 @@ def check_clock(offset: float) -> list[str]:
     side = "later" if offset > 0 else "earlier"
     return [
         f"commands act {1000 * abs(offset):.0f} ms {side} than they are stamped, throttle and "
-        "steering alike: the clocks of commands and motion differ, or both commands are late"
+        "steering alike: the clocks of commands and motion differ, or both commands are late. "
+        "Compare the clocks; where the stamps are off, add "
+        f"{offset:+.3f} s to command_offset of the column map and diagnose again"
     ]
 
 
-def check_latency(effects: Collection[str]) -> list[str]:
-    """Says what else a late sensor could be."""
+def check_latency(effects: Collection[str], offset: float = 0.0) -> list[str]:
+    """Says what else a late sensor could be, with the commands' clock as fitted [s]."""
     if "sensor_latency" not in effects:
         return []
+    if latencies_refused(offset):
+        return [
+            "a late sensor was fitted beside a clock that is off by more than stamps are: only the "
+            "difference of both is known, so none is named; compare the clocks of commands and "
+            "motion, correct command_offset of the column map, and diagnose again"
+        ]
     return [
         "a sensor that is late and commands that are stamped too early by as much are the same to "
         "these drives: compare the clocks of both before anything is built on it"

@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl import keys
+from buggy_rl.diagnosis.preflight_axes import axes_fault
 from buggy_rl.longitudinal import command_of, declared_by
 from buggy_rl.stepping import trajectory
 from buggy_rl.vehicle import CONTROL_PERIOD
@@ -23,6 +24,8 @@ OTHER = (0.8, 0.5)  # [-] trial command in place of the first, to see whether ot
 GENTLE = 0.25  # [-] drive that keeps a car rolling
 TRIAL = 1.0  # [s] of the trial commands
 SPEED = 1.5  # [m/s] at which they are set down
+ASKEW = 1.0  # [rad] heading at which axes are told apart
+SETTLING = 10  # [steps] in which a car that was set down sideways comes to roll
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
 TOGETHER = 30  # [steps] after which a command has acted, late ones too
@@ -51,6 +54,7 @@ def check_simulator(
     env = _built(make, name, dt)
     state = _set_down(env, name)
     _check_step(env, name, state, dt)
+    check_axes(env, name, dt)
     return [*_odd(make, env, name, state), *_check_commands(env, name, state, dt)]
 
 
@@ -168,6 +172,26 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> No
             )
     _check_edit(env, name, one, gentle)
     _check_period(name, (state, one), dt)
+
+
+def check_axes(env: EnvBase, name: str, dt: float) -> None:
+    """What a simulator's own steps tell of its axes: pose against velocity, in a bend.
+
+    Raises:
+        ValueError: Its heading is in degrees, or its velocity is the world's.
+    """
+    pose = torch.tensor([0.0, 0.0, ASKEW]).expand(CARS, 3)
+    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
+    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    states, action = [_reset(env, name, given)], _commands(env)
+    for _ in range(TOGETHER):
+        states.append(_step(env, name, states[-1], action))
+    poses, velocities = (
+        torch.stack([state[key] for state in states[SETTLING:]], 1).double()
+        for key in (keys.POSE, keys.VELOCITY)
+    )
+    if fault := axes_fault(poses, velocities, dt):
+        raise ValueError(f"simulator {name}: {fault}")
 
 
 def _odd(

@@ -7,6 +7,7 @@ from typing import Any
 
 SAID = 1.0  # [s] horizon of the errors that are said
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
+BETTER = 0.8  # [-] of the repair's error, below which a learned residual is worth a word; chosen
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,13 @@ class Proof:
             for name, words in OTHERS.items()
             if math.isfinite(of.get(name, {}).get(SAID, math.nan))
         ]
-        return [f"In comparison, median: {', '.join(parts)}."] if parts else []
+        if not parts:
+            return []
+        after, learned = (of.get(name, {}).get(SAID, math.nan) for name in ("after", "black_box"))
+        more = ", which is in no file: it shows how much is still to be named"
+        return [
+            f"In comparison, median: {', '.join(parts)}{more if learned < BETTER * after else ''}."
+        ]
 
 
 def _by_horizon(values: Mapping[float, float]) -> dict[str, float]:

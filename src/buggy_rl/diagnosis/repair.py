@@ -6,10 +6,11 @@ from typing import Any
 
 from buggy_rl.diagnosis.pipeline import Diagnosis
 from buggy_rl.estimation.baseline import FILE
+from buggy_rl.estimation.hypothesis import OWN
 
 
 def repaired(simulator: str, done: Diagnosis, folder: Path) -> dict[str, Any]:
-    """The simulator with what was found in it, as content of a simulator file.
+    """The simulator with the repair that was validated, as content of a simulator file.
 
     A correction of the baseline stays in it; its network lies beside the file, as `FILE`.
 
@@ -23,20 +24,21 @@ def repaired(simulator: str, done: Diagnosis, folder: Path) -> dict[str, Any]:
         content["engine"] = os.path.relpath(simulator, folder)
     if done.step:
         content["options"] = dict(done.step)
-    effects, parameters = {}, dict(done.tuned or {})
+    effects: dict[str, Any] = {}
     if done.correction is not None and done.correction.effect is not None:
         strength = float(done.correction.effect.values["strength"])
         effects[done.correction.effect.name] = {"strength": strength, "model": FILE}
     options = done.case.problem.simulation.options
-    inside, realised = done.case.problem.library.inside, {}
-    for named in done.answer.effects:
-        values = {name: value.value for name, value in named.parameters.items()}
-        if named.kind == "parameter":
-            parameters = {**values, **parameters}
-        elif named.name in inside:
-            realised[named.name] = values
+    inside = done.case.problem.library.inside
+    parameters: dict[str, float] = {}
+    realised: dict[str, Any] = {}
+    for name, values in done.answer.repair.values.items():
+        if name.startswith(OWN):
+            parameters |= values
+        elif name in inside:
+            realised[name] = values
         else:
-            effects[named.name] = {**values, **options.get(named.name, {})}
+            effects[name] = {**values, **options.get(name, {})}
     parameters = inside.values(realised, parameters)
     if parameters:
         content["parameters"] = parameters

@@ -10,6 +10,7 @@ from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import SearchConfig
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
+from buggy_rl.estimation.body import body_of, implausible
 from buggy_rl.estimation.cross_validation import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
@@ -38,7 +39,13 @@ def retuned(case: Case, progress: Callable[[str], None] = lambda _: None) -> Ret
     [known] = cross_validated(problem, [best], case.criteria.group)
     values = {n: v for effect, ps in best.values().items() if effect for n, v in ps.items()}
     # The clock is the last coordinate.
-    return Retuned(values, _wrong(Candidate(best, known), rules), known.covariance[:-1, :-1])
+    odd = implausible(values, body_of(problem.simulation.make(1)))
+    wrong = [
+        replace(n, sentence=f"{n.sentence} ({odd[name]})") if name in odd else n
+        for n in _wrong(Candidate(best, known), rules)
+        for name in n.parameters
+    ]
+    return Retuned(values, wrong, known.covariance[:-1, :-1])
 
 
 def tuned(

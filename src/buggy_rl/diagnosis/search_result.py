@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
+from buggy_rl.diagnosis.evidence_features import PRICE
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.noise_model import NoiseModel
@@ -30,6 +31,8 @@ class SearchResult:
     """Of each hypothesis [nats]."""
     varies: Mapping[str, str] = field(default_factory=dict)
     """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
+    same: Mapping[Effects, Effects] = field(default_factory=dict)
+    """Sets that are another one in other words (`limits`) -> that one, which has their share."""
     observed: Mapping[str, Any] = field(default_factory=dict)
     """What the posterior was computed from."""
 
@@ -37,6 +40,20 @@ class SearchResult:
     def null(self) -> Candidate:
         """The simulator as given, with its clock fitted."""
         return self.tried[()]
+
+    @property
+    def predictive(self) -> Candidate:
+        """The set that predicts what was held out best, at `PRICE` nats an effect."""
+        return min(self.tried.values(), key=lambda c: self.loss(c) + PRICE * len(c.effects))
+
+    @property
+    def described(self) -> Candidate:
+        """The set whose predictions stand for the car's.
+
+        Where no effect describes what is missing, the most probable set of effects may predict
+        little: there it is the one that predicts best.
+        """
+        return self.predictive if self.posterior.says == "unknown" else self.best
 
     def problem(self, problem: Problem) -> Problem:
         """The problem with the noise model and dispersion that the search came to."""

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
+from buggy_rl.diagnosis import plausibility
 from buggy_rl.diagnosis.answer import Alternative, Answer, Proof, Verdict
 from buggy_rl.diagnosis.behaviour import behaviours
 from buggy_rl.diagnosis.candidate import excess_misfit
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import Confidence, confidences
+from buggy_rl.diagnosis.delivery import OTHER, Repair, as_file, candidates, chosen
 from buggy_rl.diagnosis.equivalents import Equivalents, alike, probability_of_any, swapped
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import (
@@ -21,17 +23,20 @@ from buggy_rl.diagnosis.experiments import (
     suggestions,
 )
 from buggy_rl.diagnosis.form_fault import form_faults
+from buggy_rl.diagnosis.limits import words_of
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
-from buggy_rl.diagnosis.posterior import LISTED, shipped
+from buggy_rl.diagnosis.plausibility import latencies_refused
+from buggy_rl.diagnosis.posterior import EVEN, LISTED, shipped
+from buggy_rl.diagnosis.proof import SAID
 from buggy_rl.diagnosis.retuning import Retuned, with_own
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained, unexplained
-from buggy_rl.diagnosis.validation import Errors, folds, validated
+from buggy_rl.diagnosis.validation import ITERATIONS, Errors, delivered, folds, validated
 from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import OWN
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 from buggy_rl.estimation.misfit import NOTHING, misfit
 from buggy_rl.vehicle import VehicleDimensions
 
@@ -68,7 +73,7 @@ def answered(
     progress("step tests of both simulators")
     behaved = behaviours(case, found, tuned)
     progress("proving it on what was held out")
-    proof = _proof(case, found, _as_given(case, found).square().mean(-1))
+    proof, repair = _proof(case, found)
     progress("looking for what to drive next")
     rates = decision_rates(problem, found)
     return Answer(
@@ -77,6 +82,7 @@ def answered(
         effects=said.named,
         remaining=said.rest,
         proof=proof,
+        repair=repair,
         weak=weak(problem.segments),
         suggest=suggestions(rates),
         tried=_tried(found),
@@ -95,7 +101,8 @@ def judged(case: Case, found: SearchResult, wrong: Sequence[NamedEffect] = ()) -
     share = criteria.rules.depends_share
     rest = unexplained(problem, before, after, share, criteria.usual)
     sure = confidences(found, found.posterior)
-    named = [_named(case, found, e, sure[e]) for e in found.best.effects]
+    refused = latencies_refused(found.best.fit.values()[""]["clock_offset"])
+    named = [_named(case, found, e, sure[e]) for e in found.best.effects if e not in refused]
     named += _retuned(found, before.square().mean(-1), wrong)
     named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
     return Judged(named, verdict_of(found.posterior, named, problem.library.own), rest)
@@ -152,7 +159,7 @@ def _car(case: Case, effect: str) -> VehicleDimensions:
 
 
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
-    fit = found.best.fit
+    fit, problem = found.best.fit, case.problem
     by_blocks = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
     form, share = shipped().form_error, _remaining(case, found, effect)
     spread = [
@@ -170,21 +177,27 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     kind = "parameter" if own else effect_class(effect).kind
     library = case.problem.library
     p = library.numbers(effect)[0]
+    unusual = plausibility.unusual(library.numbers(effect), numbers)
+    # Without a baseline nothing shows that the simulator was right but for this.
+    most = EVEN if unusual and case.criteria.baseline is None else 1.0
     return NamedEffect(
         name=effect,
         kind=kind,
         equation="" if own else effect_class(effect).equation,
         sentence=sentence(
             effect, numbers, p.unit, p.value, case.recordings[0].command, _car(case, effect)
-        ),
+        )
+        + words_of(effect, found.same),
         parameters=values,
-        confidence=sure.probability,
+        confidence=min(most, sure.probability),
         held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
         confused_with=sure.alternatives,
         at_bound=fit.at_bound(effect),
         varies_with=found.varies.get(effect, ""),
         whatever_else=sure.whatever_else,
         inside=(effect.removeprefix(OWN),) if own else library.inside.parameters_of(effect),
+        unusual=unusual,
+        undetermined=plausibility.undetermined(library.numbers(effect), values, problem.segments),
     )
 
 
@@ -237,25 +250,42 @@ def _retuned(found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect]) -
     return [replace(n, held_out_gain=gain, confidence=n.confidence * known) for n in wrong]
 
 
-def _proof(case: Case, found: SearchResult, given: Tensor) -> Proof:
-    problem, best = case.problem, found.best.fit
+def _proof(case: Case, found: SearchResult) -> tuple[Proof, Repair]:
+    """What speaks for the repair on what was held out, and the repair as it is delivered."""
+    problem, every = case.problem, [c.fit for c in candidates(found)]
     if case.retuned_from is not None:
         # Its parameters have seen all recordings: they are fitted anew with the effects', from the
         # simulator as given, on what is not held out.
         simulation = replace(problem.simulation, make=case.given.make)
-        problem, best = replace(problem, simulation=simulation), with_own(case, best)
+        problem = replace(problem, simulation=simulation)
+        every = [with_own(case, fit) for fit in every]
     problem = replace(problem, library=case.as_given, dispersion=1.0)
-    errors = validated(problem, best, case.recordings, case.budget)
+    starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
+    second = {name: fit for name, fit in starts.items() if name != "after"}
+    errors = validated(problem, every[0], case.recordings, case.budget, second)
+    name = chosen(errors, found.posterior.says == "unknown")
+    given = errors["before"].square
+    if name == "before":
+        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
+        worse = None if None in ways else ways
+        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
+    else:
+        iterations = min(ITERATIONS, case.budget.iterations)
+        repair = as_file(*delivered(problem, starts[name], iterations))
     floor = 2 * float(problem.noise.sd[:2].square().sum())
+    errors["after"] = errors[name]
+    errors.pop(OTHER, None)
     before, none = errors["before"].mean_square, Errors()
-    return Proof(
+    medians = {name: e.median for name, e in errors.items()}
+    proof = Proof(
         before=before,
         after=errors["after"].mean_square,
         retuned=errors.get("retuned", none).mean_square,
         noise_floor={h: floor for h in before},
         black_box=errors["black_box"].mean_square,
-        median={name: e.median for name, e in errors.items()},
+        median=medians,
         misfit_before=misfit(given, given),
         misfit_after=misfit(errors["after"].square, given),
         held_out=len(folds(problem.segments).unique()) > 1,
     )
+    return proof, repair

@@ -1,4 +1,8 @@
-"""Validation: how far rollouts are from recordings that nothing was fitted to."""
+"""Validation: how far rollouts are from recordings that nothing was fitted to.
+
+Commands act when they are stamped, since a simulator's file holds no clock: what is validated is
+what is delivered.
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -58,26 +62,29 @@ def validated(
     best: Hypothesis,
     recordings: Sequence[Recording],
     budget: Budget = FULL,
+    others: Mapping[str, Hypothesis] | None = None,
 ) -> dict[str, Errors]:
     """Errors of rollouts over recordings, or blocks of them, that nothing was fitted to.
 
     Args:
         problem: What `best` was fitted to.
-        best: The hypothesis; fitted anew for each fold that is held out.
+        best: The hypothesis; fitted anew for each fold that is held out, its clock left out.
         recordings: That the segments were cut from.
         budget: Whether horizons beyond the segments count too, and iterations of a fit.
+        others: Name -> further hypotheses, treated like `best`.
 
     Returns:
         `before`: as given. `after`: with the effects. `retuned`: with the simulator's own
         parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a network
-        instead that was trained on the accelerations it lacks.
+        instead that was trained on the accelerations it lacks. Besides, those of `others`.
     """
     fold = folds(problem.segments)
     aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
-    starts = {"after": best}
+    starts = {"after": best, **(others or {})}
     own = _retunable(problem.library)
     if own:
         starts["retuned"] = problem.library.at(own, best.named())
+    starts = {name: start.as_stamped for name, start in starts.items()}
     begun = time.perf_counter()
     networks = _networks(problem, aside)
     apart = partial(problem.simulation.apart, seconds=time.perf_counter() - begun)
@@ -102,6 +109,28 @@ def validated(
                 whitened = problem.noise.whiten(residual.unsqueeze(0))[0]
                 result[name].square = whitened.square().mean(-1)
     return result
+
+
+def delivered(
+    problem: Problem, best: Hypothesis, iterations: int = ITERATIONS
+) -> tuple[Hypothesis, Errors]:
+    """A hypothesis as a simulator's file can hold it, and how far its rollouts are.
+
+    Args:
+        problem: Segments that it is fitted to, all of them.
+        best: Where the fit begins; its clock is left out.
+        iterations: Of the fit.
+
+    Returns:
+        The hypothesis, and errors over the same segments: those of the file itself.
+    """
+    start = best.as_stamped
+    [fit] = _fitted(problem, [start], iterations)
+    settings = problem.library.settings([(fit, fit.vector)])
+    [residual] = problem.simulation.residuals(problem.segments, settings)
+    errors, instants = Errors(), problem.simulation.instants(problem.segments)
+    errors.add(residual[..., :2].square().sum(-1), instants, problem.segments.dt)
+    return fit, errors
 
 
 def _residuals(
@@ -161,8 +190,19 @@ def _refit(
     rows: Tensor,
 ) -> list[Hypothesis]:
     """Hypotheses fitted to some of the segments."""
-    part = replace(problem, simulation=simulation)[rows]
-    return [fit.at(fit.vector) for fit in fitted(part, starts, iterations)]
+    return _fitted(replace(problem, simulation=simulation)[rows], starts, iterations)
+
+
+def _fitted(problem: Problem, starts: Sequence[Hypothesis], iterations: int) -> list[Hypothesis]:
+    """Hypotheses fitted; one without numbers stays as it is."""
+    free = [start for start in starts if len(start.vector)]
+    fits = iter(fitted(problem, free, iterations) if free else ())
+    return [_plain(next(fits)) if len(start.vector) else start for start in starts]
+
+
+def _plain(fit: Hypothesis) -> Hypothesis:
+    """A fit without its rollouts."""
+    return Hypothesis(fit.effects, fit.coordinates, fit.bounded(fit.vector))
 
 
 def _networks(

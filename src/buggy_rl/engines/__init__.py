@@ -141,7 +141,14 @@ def _users_own(simulator: str | Factory, batch_size, device, parameters, options
         inspect.signature(factory).bind(batch_size, device)
     except TypeError as error:
         raise ValueError(f"{name} is called as factory(batch_size, device): {error}") from error
-    engine = in_single_precision(in_batch(factory(batch_size, device), batch_size))
+    made = factory(batch_size, device)
+    if not isinstance(made, EnvBase):
+        raise ValueError(
+            f"{name} returned a {type(made).__module__}.{type(made).__name__}: a factory must "
+            "return a TorchRL EnvBase with pose, velocity and action in its TensorDict "
+            "(docs/extending.md shows one)"
+        )
+    engine = in_single_precision(in_batch(made, batch_size))
     if ranges:
         engine.declared = _with_ranges(name, engine, ranges)
     if not parameters:

@@ -74,6 +74,17 @@ class Hypothesis:
         low, high = torch.tensor(ends, dtype=vector.dtype).unbind(-1)
         return torch.minimum(torch.maximum(vector, low), high)
 
+    @property
+    def as_stamped(self) -> "Hypothesis":
+        """Without the clock's coordinate: commands act when they are stamped.
+
+        A clock offset belongs to a recording. A simulator's file holds none, so what a file
+        predicts is what its hypothesis predicts as stamped.
+        """
+        own = [i for i, c in enumerate(self.coordinates) if c.effect]
+        coordinates = tuple(self.coordinates[i] for i in own)
+        return Hypothesis(self.effects, coordinates, self.vector[own])
+
     def named(self) -> dict[tuple[str, str], float]:
         """(effect, parameter) -> coordinate."""
         numbers = zip(self.coordinates, self.vector.tolist(), strict=True)

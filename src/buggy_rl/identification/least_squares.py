@@ -14,6 +14,7 @@ from scipy.stats import t as student_t
 from torch import Tensor
 from torchrl.envs import EnvBase
 
+from buggy_rl.estimation.body import body_of, bounded_by, implausible, top_speeds
 from buggy_rl.estimation.cross_validation import jackknife
 from buggy_rl.estimation.noise_model import start_sensitivity
 from buggy_rl.estimation.rollout import Settings, Simulation
@@ -209,9 +210,22 @@ def fit(
     covariance = residuals.covariance(scaled, group)
     spread = float(student_t.ppf(0.975, max(1, len(group.unique()) - 1)))
     estimates = _estimates(residuals.parameters, scaled, covariance, spread)
+    estimates = plausible(estimates, make(1))
     settings = scaled_settings(residuals.parameters, scaled[None])
     errors = position_errors(simulation, segments, settings)
     return Fit(estimates, solution.status > 0, *errors)
+
+
+def plausible(estimates: Sequence[Estimate], simulator: EnvBase) -> list[Estimate]:
+    """Estimates with a warning more where a real car has no such value."""
+    declared: dict[str, Parameter] = getattr(simulator, "declared", {})
+    values = {name: p.value for name, p in declared.items()}
+    values |= {e.parameter.name: e.value for e in estimates}
+    odd = implausible(values, body_of(simulator), top_speeds(simulator, values))
+    return [
+        replace(e, warnings=(*e.warnings, odd[e.parameter.name])) if e.parameter.name in odd else e
+        for e in estimates
+    ]
 
 
 def fit_segments(recordings: Sequence[Recording], config: FitConfig) -> Segments:
@@ -238,7 +252,8 @@ def _chosen(simulator: EnvBase, config: FitConfig) -> list[Parameter]:
     names = config.parameters or [name for name in declared if name not in config.fixed]
     if not names:
         raise ValueError("the simulator declares no parameters to fit")
-    return [declared[name] for name in names]
+    body = body_of(simulator)
+    return [bounded_by(body, declared[name]) for name in names]
 
 
 def _solved(residuals: RolloutResiduals, start: NDArray, iterations: int, report):

@@ -1,0 +1,75 @@
+"""A patch that holds all that was driven is the floor, and is said as that."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from buggy_rl.diagnosis.limits import covers_what_was_driven, missing, same_sets, words_of
+from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.estimation.hypothesis import Library
+
+LIBRARY = Library(["grip_patch", "tire_grip", "wind"])
+PATCH, FLOOR, BOTH = ("grip_patch",), ("tire_grip",), ("grip_patch", "wind")
+# Along x from -2 to 2 m.
+DRIVEN = SimpleNamespace(pose=torch.linspace(-2.0, 2.0, 401).view(1, -1, 1) * torch.eye(3)[0])
+
+
+def candidate(effects, radius=10.0, sd=0.0, x=0.0):
+    own = {"x": x, "y": 0.0, "radius": radius, "grip": 0.4}
+    known = {
+        ("grip_patch", p.name): float(p.coordinate(own[p.name]))
+        for p in LIBRARY.numbers("grip_patch")
+    }
+    fit = LIBRARY.at(effects, known)
+    variance = torch.full_like(fit.vector, sd**2)
+    return SimpleNamespace(fit=fit, cross_validated=SimpleNamespace(covariance=variance.diag()))
+
+
+@pytest.mark.parametrize(
+    ("radius", "sd", "expected"),
+    [
+        (2.0, 0.0, True),  # all rows
+        (1.92, 0.0, True),  # 96 % of them
+        (1.8, 0.0, False),  # 90 %
+        (1.0, 0.0, False),
+        (1.0, 0.3, True),  # +- 1.2 m of place and 0.3 m of radius: none is surely outside
+    ],
+)
+def test_a_patch_is_the_floor_where_it_covers_what_was_driven(radius, sd, expected):
+    assert covers_what_was_driven(candidate(PATCH, radius, sd), DRIVEN) is expected
+
+
+def test_sets_with_such_a_patch_are_those_with_the_floor():
+    tried = {PATCH: candidate(PATCH), BOTH: candidate(BOTH), FLOOR: None, ("wind",): None}
+    assert same_sets(tried, DRIVEN) == {PATCH: FLOOR, BOTH: ("tire_grip", "wind")}
+    small = {PATCH: candidate(PATCH, 0.5)}
+    assert same_sets(small, DRIVEN) == {}
+
+
+def test_their_probabilities_add_before_anything_is_named():
+    # As on tape: the patch is ahead of the floor, and alone neither has half.
+    given = Posterior({(): 0.01, PATCH: 0.45, FLOOR: 0.36, ("wind",): 0.03}, 0.15)
+    assert given.best == PATCH
+    merged = given.merged({PATCH: FLOOR})
+    assert merged.best == FLOOR
+    assert merged.of("tire_grip") == pytest.approx(0.81)
+    assert merged.of("grip_patch") == 0.0
+    assert merged.nothing + merged.unknown + sum(
+        p for e, p in merged.sets.items() if e
+    ) == pytest.approx(1.0)
+
+
+def test_a_floor_that_was_not_fitted_is_fitted_from_the_patchs_grip():
+    [start] = missing({BOTH: candidate(BOTH)}, DRIVEN, LIBRARY)
+    assert start.effects == ("tire_grip", "wind")
+    assert start.values()["tire_grip"]["grip"] == pytest.approx(0.4)
+    fitted = {BOTH: candidate(BOTH), ("tire_grip", "wind"): None}
+    assert missing(fitted, DRIVEN, LIBRARY) == []
+    assert missing({PATCH: candidate(PATCH)}, DRIVEN, Library(["grip_patch"])) == []
+
+
+def test_it_is_said_wherever_it_was_driven():
+    assert words_of("tire_grip", {PATCH: FLOOR}) == ", wherever it was driven"
+    assert words_of("tire_grip", {}) == ""
+    assert words_of("wind", {PATCH: FLOOR}) == ""
