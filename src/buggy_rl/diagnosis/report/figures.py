@@ -18,12 +18,13 @@ TELLING = 2  # segments on which the hypothesis changes most; one more is the me
 
 def is_repaired(case: Case, found: SearchResult) -> bool:
     """Whether there is a repaired simulator."""
-    return bool(found.best.effects) or case.retuned_from is not None
+    return bool(found.described.effects) or case.retuned_from is not None
 
 
 def repaired_settings(case: Case, found: SearchResult) -> Settings:
     """Numbers of the repaired simulator."""
-    return case.problem.library.settings([(found.best.fit, found.best.fit.vector)])
+    fit = found.described.fit
+    return case.problem.library.settings([(fit, fit.vector)])
 
 
 def left(case: Case, found: SearchResult) -> tuple[Simulation, Settings]:
@@ -70,8 +71,8 @@ def replays(case: Case, found: SearchResult) -> list[Replay]:
 
 def _chosen(case: Case, found: SearchResult) -> list[tuple[int, str]]:
     """Rows of the segments with why: those that change most, apart in time, and the median one."""
-    before, after = found.null.held_out, found.best.held_out
-    if found.best.effects:
+    before, after = found.null.held_out, found.described.held_out
+    if found.described.effects:
         size, why = before.clamp_max(CAP) - after.clamp_max(CAP), "largest improvement"
     else:
         # Rollouts of a spinning car diverge whatever the simulator: they come last.
