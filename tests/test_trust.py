@@ -125,7 +125,9 @@ def test_a_folder_that_is_trusted_is_said_on_the_command_line(elsewhere, ran):
     assert remedy == f"trust={elsewhere}"
     try:
         assert trust.taken(["a.yaml", remedy, "output=x"]) == ["a.yaml", "output=x"]
-        with pytest.raises(AttributeError):  # its code runs, and makes no simulator
+        with pytest.raises(
+            ValueError, match="must return a TorchRL EnvBase"
+        ):  # its code runs, and makes no simulator
             make_simulator(file, 2)
         assert ran.exists()
     finally:

@@ -155,7 +155,7 @@ def _listed(cls: Any, part: Any, source: str, key: str = "") -> Any:
             raise ConfigError(f"{source}: {key}: a list is expected: write [one, two]")
         inner = f"{key}." if key else ""
         return {name: _listed(cls, value, source, f"{inner}{name}") for name, value in part.items()}
-    single = not isinstance(part, list) and part is not None and str(part)[:2] != "${"
+    single = not isinstance(part, list | tuple) and part is not None and str(part)[:2] != "${"
     return [part] if listed and single else part
 
 

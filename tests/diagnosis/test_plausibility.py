@@ -6,9 +6,16 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES
 from buggy_rl.diagnosis.named_effect import NamedEffect, Value
-from buggy_rl.diagnosis.plausibility import latencies_refused, undetermined, unusual
+from buggy_rl.diagnosis.plausibility import (
+    implausible,
+    latencies_refused,
+    undetermined,
+    unusual,
+)
 from buggy_rl.diagnosis.preflight_recordings import check_clock, check_latency
+from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.prior_scale import scaled
@@ -16,6 +23,23 @@ from buggy_rl.similarity import Similarity
 
 RATIO = EffectParameter("ratio", 1.0, 0.2, 5.0, "-", "Left lock over right.", 0.2, 0.1)
 DRIVEN = SimpleNamespace(pose=torch.tensor([[[0.0, 0.0, 0.0], [4.0, 3.0, 0.0]]]))
+
+
+@pytest.mark.parametrize("name", SIZES | COMMANDED_SIZES)
+def test_sizes_that_probabilities_are_calibrated_to_are_not_implausible(name):
+    declared = effect_class(name).declared
+    for end in (0, 1):
+        values = {p.name: p.value for p in declared}
+        values |= {n: of[end] for n, of in (SIZES | COMMANDED_SIZES)[name].items()}
+        assert not implausible(declared, values)
+
+
+def test_a_number_four_times_as_far_as_usual_is_implausible():
+    usual = replace(RATIO, usual=(0.8, 1.25))
+    assert not implausible([usual], {"ratio": 1.9})
+    assert implausible([usual], {"ratio": 2.1})
+    assert implausible([usual], {"ratio": 0.1})
+    assert not implausible([RATIO], {"ratio": 4.9})
 
 
 def test_a_number_beyond_what_cars_have_is_unusual_and_without_an_interval_none_is():
@@ -60,7 +84,7 @@ def test_both_are_said_with_the_effect():
         unusual=("left_to_right",), undetermined=("x",),
     )  # fmt: skip
     line = effect.line()
-    assert "unusually large: more probably another effect (left_to_right)" in line
+    assert "unusually large (left_to_right)" in line
     assert "not determined: x" in line
     assert effect.to_dict()["unusual"] == ["left_to_right"]
 

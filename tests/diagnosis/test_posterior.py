@@ -150,7 +150,8 @@ def test_a_calibration_is_read_from_its_file(tmp_path):
         "hypothesis: {ratio: 1.0}\nunknown: {one: -2.0}\nform_error: {always: 0.1, remains: 0.2}\n"
         "made_from: {cases: 3}\n"
     )
-    expected = Calibration({"ratio": 1.0}, {"one": -2.0}, FormError(1.0, 0.1, 0.2), 3)
+    form = FormError(1.0, 0.1, 0.2)
+    expected = Calibration({"ratio": 1.0}, {"one": -2.0}, form, 3, step_error=form)
     assert load_calibration(file) == expected
 
 

@@ -12,6 +12,7 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl.plants.faults import EFFECTS, Faults
+from buggy_rl.plants.mechanics import MINUTES
 from buggy_rl.plants.surroundings import patch_grip, push
 from tests.plants.drives import (
     FOREIGN,
@@ -313,7 +314,7 @@ def test_a_sagging_battery_weakens_the_drive_by_what_was_taken_out(plant):
     car = faulty(plant, "battery_sag", loss_per_minute=0.4)
     state = car.reset(state.select(keys.POSE, keys.VELOCITY)).update(state)
     fresh = gained(car, state.clone(), 3, 0.0)
-    state["plant_memory"][..., -1] = 1.0  # minutes of typical driving
+    state["plant_memory"][..., MINUTES] = 1.0  # of typical driving
     empty = gained(car, state.clone(), 3, 0.0)
     coasting = gained(sound(plant), start(sound(plant), FAST), 3, NO_DRIVE)
     assert (empty - coasting) / (fresh - coasting) == pytest.approx(0.6, abs=0.05)

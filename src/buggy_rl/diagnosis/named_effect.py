@@ -75,7 +75,7 @@ class NamedEffect:
         if self.inside and self.kind != "parameter":
             text += f"; in the simulator: {self.realised}"
         if self.unusual:
-            text += f"; unusually large: more probably another effect ({', '.join(self.unusual)})"
+            text += f"; unusually large ({', '.join(self.unusual)})"
         if self.undetermined:
             text += f"; not determined: {', '.join(self.undetermined)}"
         if self.at_bound:

@@ -16,6 +16,9 @@ from buggy_rl.estimation.segments import Segments
 FAR_CLOCK = 3 * CLOCK_PRIOR * CLOCK.size  # [s] three standard deviations of a stamp's error
 CLOCKLIKE = ("sensor_latency",)  # effects that are a clock's error as well
 WHOLE = 0.95  # [-] share of a number's range that an interval without meaning spans
+IMPLAUSIBLE = (
+    4.0  # times as far from neutral as the usual end: beyond all that is drawn, by a third
+)
 PLACES = ("x", "y")  # numbers that are places in the room, in effects that have a radius
 
 
@@ -26,6 +29,21 @@ def unusual(numbers: Sequence[EffectParameter], values: Mapping[str, float]) -> 
         for p in numbers
         if p.usual is not None and not p.usual[0] <= values[p.name] <= p.usual[1]
     )
+
+
+def implausible(numbers: Sequence[EffectParameter], values: Mapping[str, float]) -> bool:
+    """Whether a number is so far beyond the usual ones that another effect is more probable.
+
+    Distances are of the normalised value from neutral. Sizes that development cases draw, to
+    which the probabilities are calibrated, are all within.
+    """
+    for p in numbers:
+        if p.usual is not None:
+            found, *ends = (p.coordinate(v) for v in (values[p.name], *p.usual))
+            low, high = min(0.0, *ends), max(0.0, *ends)
+            if not IMPLAUSIBLE * low <= found <= IMPLAUSIBLE * high:
+                return True
+    return False
 
 
 def undetermined(

@@ -179,7 +179,8 @@ def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> Na
     p = library.numbers(effect)[0]
     unusual = plausibility.unusual(library.numbers(effect), numbers)
     # Without a baseline nothing shows that the simulator was right but for this.
-    most = EVEN if unusual and case.criteria.baseline is None else 1.0
+    doubtful = plausibility.implausible(library.numbers(effect), numbers)
+    most = EVEN if doubtful and case.criteria.baseline is None else 1.0
     return NamedEffect(
         name=effect,
         kind=kind,

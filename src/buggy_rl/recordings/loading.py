@@ -150,7 +150,15 @@ def _load(path: Path, columns: ColumnMap, dt: float) -> Recording:
         for key, values in arrays.items()
     }
     data = TensorDict(tensors, batch_size=[len(arrays[keys.TIME])])
-    return Recording(_name(path), data, dt, str(path), raw.notes, columns.command, raw.derived)
+    return Recording(
+        _name(path),
+        data,
+        dt,
+        str(path),
+        raw.notes,
+        columns.command,
+        derived=raw.derived,
+    )
 
 
 def _name(path: Path) -> str:
