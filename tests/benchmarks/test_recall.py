@@ -1,0 +1,41 @@
+"""Cases of benchmarks/recall.py: every effect of the generator, from faint to strong."""
+
+from benchmarks.recalling.cases import STRENGTHS, RecallConfig, cases, left, strength, table
+
+from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES
+from buggy_rl.effects import effect_class
+
+EVERY = cases()
+
+
+def test_every_effect_is_a_case_at_each_strength_under_a_seed_of_its_own():
+    assert len({case.seed for case in EVERY}) == len(EVERY)
+    of = {name: [c for c in EVERY if c.truth == (name,)] for name in SIZES | COMMANDED_SIZES}
+    for found in of.values():
+        assert [strength({"seed": c.seed}) for c in found] == list(STRENGTHS)
+
+
+def test_a_stronger_case_is_farther_from_neutral():
+    for faint, _, strong in zip(*[iter(EVERY)] * 3, strict=True):
+        [name] = faint.truth
+        for p in effect_class(name).declared:
+            if p.name in faint.concealed[name] and p.name not in ("x", "y", "time_constant"):
+                near, far = (
+                    abs(p.coordinate(case.concealed[name][p.name])) for case in (faint, strong)
+                )
+                assert far >= near
+
+
+def test_only_what_is_asked_for_and_not_done_is_left(tmp_path):
+    config = RecallConfig(names=["payload"], output=str(tmp_path / "none.jsonl"))
+    assert [c.truth for c in left(config)] == [("payload",)] * len(STRENGTHS)
+
+
+def test_a_refused_case_is_told_in_the_table():
+    [case, *_] = [c for c in EVERY if c.truth == ("payload",)]
+    line = {
+        "case": {"seed": case.seed, "concealed": case.concealed, "command": "throttle"},
+        "failed": "ValueError: drive drive_0 only spins",
+    }
+    assert "| `payload` | refused: drive drive_0 only spins |" in table([line])
+    assert "first name right: 0 of 1" in table([line])
