@@ -118,3 +118,17 @@ def test_a_filter_that_gives_0_for_a_car_that_stands_can_be_armed_by():
     drive.hold = True
     drive.run(0.05, standing)
     assert drive.last.armed
+
+
+def test_a_velocity_that_freezes_again_and_again_stays_a_fault():
+    """A fault that a person has cleared several times is not taken for the sensor's habit."""
+    drive = armed_by(lambda stamp: [noisy(stamp)])
+    for _ in range(8):
+        held = noisy(drive.now).velocity
+        drive.run(0.3, lambda stamp, held=held: [noisy(stamp, velocity=held)])
+        assert "frozen" in drive.message
+        drive.hold = False
+        drive.run(0.7, lambda stamp: [noisy(stamp)])
+        drive.hold = True
+        drive.run(0.7, lambda stamp: [noisy(stamp)])
+        assert drive.last.source == "policy"

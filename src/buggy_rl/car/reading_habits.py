@@ -27,6 +27,7 @@ class FrozenNumber:
         self._pairs = 0
         self._repeats: List[int] = [0] * len(NAMES)
         self._run: List[int] = [0] * len(NAMES)
+        self._faulty: List[bool] = [False] * len(NAMES)
 
     def found(self, reading: Reading) -> str:
         """Takes a reading that differs from the last one; returns what of it is frozen."""
@@ -34,19 +35,22 @@ class FrozenNumber:
         if not last:
             return ""
         self._pairs += 1
+        found = ""
         for index, name in enumerate(NAMES):
             value, run = reading.velocity[index], self._run[index]
             if value == last[index]:
                 run += 1
             else:
-                self._repeats[index] += run
-                run = 0
+                if not self._faulty[index]:  # a fault is no habit, however often it comes back
+                    self._repeats[index] += run
+                self._faulty[index], run = False, 0
             self._run[index] = run
             before = self._pairs - run
             lives = before >= LEARNT and self._repeats[index] <= RARE * before
             if lives and run >= FROZEN and value != 0:
-                return f"{name} is frozen at {value:.3f}, while the rest of the reading lives"
-        return ""
+                self._faulty[index] = True
+                found = found or f"{name} is frozen at {value:.3f}, while the rest lives"
+        return found
 
 
 class Recurrence:
