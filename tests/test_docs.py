@@ -77,6 +77,23 @@ def test_every_page_that_code_names_is_there():
     assert {(file, name) for file, name in named if not (ROOT / name).exists()} == set()
 
 
+def test_every_script_and_config_that_a_page_names_is_there():
+    named = {
+        (page.name, name)
+        for page in LINKED
+        for name in re.findall(r"(?<![\w/])(?:scripts|configs|examples)/[\w/]+\.\w+", page.read_text())
+    }
+    assert len(named) > 50
+    assert {(page, name) for page, name in named if not (ROOT / name).exists()} == set()
+
+
+def test_the_shares_of_the_front_page_are_those_of_the_evidence():
+    front, evidence = (ROOT / "README.md").read_text(), (DOCS / "evidence.md").read_text()
+    shares = re.findall(r"\d+ % \(\d+ to \d+\) of \d+", front)
+    assert len(shares) > 5
+    assert [share for share in shares if share not in evidence] == []
+
+
 def test_every_config_is_named_somewhere():
     texts = {file: file.read_text() for file in [*files(*CODE), *PAGES]}
     for config in (ROOT / "configs").glob("*.yaml"):
