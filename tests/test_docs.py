@@ -81,10 +81,23 @@ def test_every_script_and_config_that_a_page_names_is_there():
     named = {
         (page.name, name)
         for page in LINKED
-        for name in re.findall(r"(?<![\w/])(?:scripts|configs|examples)/[\w/]+\.\w+", page.read_text())
+        for name in re.findall(
+            r"(?<![\w/])(?:scripts|configs|examples)/[\w/]+\.\w+", page.read_text()
+        )
     }
     assert len(named) > 50
     assert {(page, name) for page, name in named if not (ROOT / name).exists()} == set()
+
+
+def test_every_source_file_that_a_page_names_is_there():
+    places = (ROOT, ROOT / "src", ROOT / "src" / "buggy_rl", ROOT / "configs")
+    names = {file.name for file in files("src", "scripts", "benchmarks", "tests", "examples")}
+    for page in PAGES:
+        text = page.read_text()
+        made = set(re.findall(r"File\s`([^`]+)`", text))  # of a reader, on the page itself
+        for name in set(re.findall(r"`((?:\w+/)*\w+\.py)`", text)) - made:
+            there = any((place / name).exists() for place in places)
+            assert there if "/" in name else name in names, f"{page.name}: {name}"
 
 
 def test_the_shares_of_the_front_page_are_those_of_the_evidence():
