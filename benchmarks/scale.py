@@ -38,7 +38,7 @@ PROVE = (
 DISK = 100e6  # [bytes/s] assumed: a shared disk over gigabit Ethernet
 CAR_SECONDS = 600.0  # [s] of a core: diagnose.py's default limit of 10 minutes
 CAR_BYTES = 26e6  # [bytes] an hour at 100 Hz; data/sample/sample_00.csv has 72 bytes a row
-CASE_SECONDS = 103.0  # [s] median case of docs/proof.md
+CASE_SECONDS = 103.0  # [s] a diagnosis of two drives, median of 200 cases of configs/proof.yaml
 CASE_BYTES = 1e6  # [bytes] assumed: two drives of 45 s are 0.65 MB; the report
 DAY = 86400.0  # [s]
 
@@ -148,7 +148,7 @@ def modelled(rows: list[dict[str, Any]], costs: list[dict[str, Any]]) -> list[di
     if case := alone.get("cases"):
         seconds = max(0.0, case["job_seconds"] - beside.start)
         works.append(Work("10,000 cases as small as these", 10_000, seconds, case["bytes"]))
-    works.append(Work("10,000 cases of docs/proof.md", 10_000, CASE_SECONDS, CASE_BYTES))
+    works.append(Work("10,000 cases of configs/proof.yaml", 10_000, CASE_SECONDS, CASE_BYTES))
     return [
         {
             "work": work.name,

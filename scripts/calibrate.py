@@ -11,7 +11,7 @@ physics, or its pairing; beside it, what the held-out loss alone would name. Wit
 weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
 those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
-features get no weight. `beside=FILE` holds another method's answers.
+features get no weight.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.blind_test.calibration:CalibrateConfig")
 
     from buggy_rl.blind_test.calibration import calibrated, content, left_out
-    from buggy_rl.blind_test.compared import compared, mcnemar
+    from buggy_rl.blind_test.compared import mcnemar
     from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import entries
     from buggy_rl.blind_test.discrimination import discrimination
@@ -59,8 +59,6 @@ def main() -> None:
     print(counted(cases, methods))
     print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
     print(f"\n{by_pairing(cases, found)}\n\n{counts(cases)}\n\n{discrimination(cases)}")
-    if config.beside:
-        print(f"\n{compared(cases, found, Path(config.beside))}")
     print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
     print(f"\n{step_intervals(cases, shipped.step_error if config.apply else None)}")
 

@@ -6,7 +6,7 @@
 Writes OUTPUT/diagnosis.json, repaired.yaml (which every script takes as a simulator), report.html.
 Interrupted, it goes on where it stopped when it is started again. With `cars=FOLDER` in place of
 recordings, every folder in it is one car's recordings: each is diagnosed by itself in OUTPUT/CAR,
-`workers` at a time on any `launcher` (docs/scale.md), and OUTPUT/fleet.csv has a row for each.
+`workers` at a time on any `launcher` (docs/policies.md), and OUTPUT/fleet.csv has a row for each.
 """
 
 from pathlib import Path

@@ -6,8 +6,8 @@ r"""Draws the figures of a study, each as svg and png.
         'learning.runs.learned=[runs/policies/learned_0,runs/policies/learned_1]' \
         policies.policies.learned=runs/policies/learned_0/best.pt
 
-docs/figures.md says what each shows. A figure whose data are not there is skipped, and the command
-that makes them is printed.
+docs/simulators.md says what each shows. A figure whose data are not there is skipped, and the
+command that makes them is printed.
 """
 
 from pathlib import Path

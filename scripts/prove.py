@@ -2,7 +2,7 @@
 
     python scripts/prove.py configs/proof.yaml
     python scripts/prove.py configs/proof_reference.yaml output=runs/proof_reference
-    python scripts/prove.py configs/proof_second.yaml workers=2
+    python scripts/prove.py configs/proof.yaml draw.split=sealed draw.first=2000 workers=2
     python scripts/prove.py configs/proof.yaml stages=score,page
 
 Stages: prepare (simulators that are fitted first), seal (the hashes of all answers are published,

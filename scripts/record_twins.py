@@ -5,8 +5,8 @@
 
 Writes OUTPUT/before and OUTPUT/after (drives of the car as it was and since something has changed),
 raw tables with names and units of their own, OUTPUT/car.yaml (the car's file) and OUTPUT/answer
-(the right column map, the true parameters, what has changed). docs/cars.md shows what is made of
-them.
+(the right column map, the true parameters, what has changed). docs/recordings.md shows what is made
+of them.
 """
 
 from pathlib import Path

@@ -5,7 +5,7 @@
 
 TPE proposes, the median rule ends trials early by their validations, and the best settings are
 trained again with further seeds beside what the config has. Writes OUTPUT/trials.csv, sweep.csv,
-sweep.png. Started again, it goes on where it stopped. docs/scale.md says how to read the result.
+sweep.png. Started again, it goes on where it stopped. docs/policies.md says how to read the result.
 """
 
 from pathlib import Path

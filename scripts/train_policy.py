@@ -6,7 +6,7 @@
 Writes OUTPUT/best.pt (by the validation paths), last.pt, checkpoint.pt, the resolved config, and
 logs as CSV and for TensorBoard; `wandb=true` tells Weights & Biases, `media=true` adds pictures and
 films. `resume=true` goes on where a run stopped, bit for bit. With `seeds=[0,1,2]` each is a run of
-its own in OUTPUT/seed_N, `workers` at a time on any `launcher` (docs/scale.md), OUTPUT/seeds.csv
+its own in OUTPUT/seed_N, `workers` at a time on any `launcher` (docs/policies.md), OUTPUT/seeds.csv
 compares them; started again, it goes on from their checkpoints by itself.
 """
 

@@ -1,4 +1,4 @@
-"""What the README tells a newcomer to type, typed."""
+"""What README and the walks of docs tell a newcomer to type, typed."""
 
 import re
 import shlex
@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from buggy_rl.config import build, plain
-from buggy_rl.effects import EFFECTS
+from buggy_rl.effects import EFFECTS, OF_A_COMMAND
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.run import PolicyRunConfig
 from buggy_rl.task.transforms.rate_limit import RateLimit
@@ -23,15 +23,26 @@ FITTED = {
     "_fit": {"steering_lag": {"low": 0.02, "high": 0.04}},
 }
 README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"^```(bash|python)\n(.*?)^```", README, re.M | re.S)
+POLICIES = (ROOT / "docs" / "policies.md").read_text()
+SIMULATORS = (ROOT / "docs" / "simulators.md").read_text()
+WALK = SIMULATORS.split("\n## From drives to a simulator\n")[1].split("\n## ")[0]
 
 
-def test_the_readme_has_commands_to_run():
-    assert {language for language, _ in BLOCKS} == {"bash", "python"}
+def blocks(text):
+    """Language and code of each block that a test runs."""
+    return re.findall(r"^```(bash|python)\n(.*?)^```", text, re.M | re.S)
+
+
+BLOCKS = {"readme": blocks(README), "simulators": blocks(WALK)}
+
+
+def test_the_readme_and_the_walk_have_commands_to_run():
+    assert {language for language, _ in BLOCKS["readme"]} == {"bash"}
+    assert {language for language, _ in BLOCKS["simulators"]} == {"bash", "python"}
 
 
 def test_the_example_swaps_one_transform_in_five_lines(monkeypatch, capsys):
-    (block,) = [b for _, b in BLOCKS if "transforms.command.name=none" in b]
+    (block,) = [b for _, b in blocks(POLICIES) if "transforms.command.name=none" in b]
     assert len([line for line in block.splitlines() if line]) == 5
     monkeypatch.chdir(ROOT)
     space: dict = {}
@@ -45,21 +56,16 @@ def test_the_example_swaps_one_transform_in_five_lines(monkeypatch, capsys):
 
 
 def test_every_effect_of_the_library_is_in_the_table_and_no_count_of_them_ages():
-    rows = set(re.findall(r"^\| `(\w+)` \|", README, re.M))
-    assert set(EFFECTS) <= rows
+    rows = re.findall(r"^\| `(\w+)` \|", README, re.M)
+    assert sorted(rows) == sorted([*EFFECTS, *OF_A_COMMAND])
+    method = (ROOT / "docs" / "diagnosis.md").read_text()
+    assert set(EFFECTS) <= set(re.findall(r"^\| `(\w+)` \|", method, re.M))
     assert not re.search(r"\b\d+ effects\b", README)
-
-
-def test_every_page_that_the_readme_links_is_there_and_the_tour_is_one_of_them():
-    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", README)]
-    local = {link for link in links if link and "://" not in link}
-    assert [link for link in sorted(local) if not (ROOT / link).exists()] == []
-    assert "docs/tour.ipynb" in local
 
 
 def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
     monkeypatch.chdir(ROOT)
-    lines = README.replace("\\\n", " ").splitlines()
+    lines = POLICIES.replace("\\\n", " ").splitlines()
     commands = [shlex.split(line) for line in lines if "scripts/train_policy.py" in line]
     learned, mujoco = (plain(build(PolicyRunConfig, words[2:])) for words in commands[:2])
     assert {Path(c["engine"]["simulator"]).suffix for c in (learned, mujoco)} == {".pt", ".yaml"}
@@ -70,7 +76,9 @@ def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
 
 
 def test_a_policy_for_a_car_trains_in_cars_that_differ(tmp_path: Path):
-    (block,) = [b for b in re.findall(r"^```sh\n(.*?)^```", README, re.M | re.S) if "cars.py" in b]
+    (block,) = [
+        b for b in re.findall(r"^```sh\n(.*?)^```", POLICIES, re.M | re.S) if "cars.py" in b
+    ]
     for part in ("scripts", "configs"):
         shutil.copytree(ROOT / part, tmp_path / part)
     fitted = tmp_path / "runs" / "my_car" / "mujoco_fitted.yaml"
@@ -93,14 +101,15 @@ def test_a_policy_for_a_car_trains_in_cars_that_differ(tmp_path: Path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_every_command_of_the_readme_runs_in_the_order_given(tmp_path: Path):
+@pytest.mark.parametrize("page", BLOCKS)
+def test_every_command_of_a_page_runs_in_the_order_given(page: str, tmp_path: Path):
     clone = tmp_path / "clone"
     parts = ("scripts", "configs", "data/sample", "src")
     for part in parts:
         shutil.copytree(ROOT / part, clone / part)
     path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
     environment = {"PATH": path, "OMP_NUM_THREADS": "1", "HOME": str(tmp_path)}
-    for language, block in BLOCKS:
+    for language, block in BLOCKS[page]:
         command = ["bash", "-ec", block] if language == "bash" else [sys.executable, "-c", block]
         done = subprocess.run(
             command,

@@ -37,6 +37,10 @@ class RecallConfig(Launching):
     """Folder of cases while they are worked on."""
     output: str = "runs/recall/recall.jsonl"
     """Ledger; a case in it is not run again."""
+    cases: bool = True
+    """Whether the cases that are left are searched; else the ledger is only read."""
+    pages: list[str] = field(default_factory=list)
+    """Markdown files whose table of effects gets its last column from the ledger."""
 
 
 def left(config: RecallConfig) -> list[Case]:
@@ -109,6 +113,12 @@ def table(lines: Sequence[Mapping[str, Any]]) -> str:
         for name, row in rows.items()
     ]
     return "\n".join([*header, *body, f"\nfirst name right: {right} of {len(lines)}"])
+
+
+def first_named(entry: Mapping[str, Any]) -> tuple[str, bool]:
+    """The effect that is concealed in a case, and whether it is named first."""
+    [name] = truth(entry)
+    return name, _named(entry, name)[1]
 
 
 def _named(entry: Mapping[str, Any], name: str) -> tuple[str, bool]:

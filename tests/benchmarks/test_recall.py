@@ -1,7 +1,12 @@
 """Cases of benchmarks/recall.py: every effect of the generator, from faint to strong."""
 
-from benchmarks.recalling.cases import STRENGTHS, RecallConfig, cases, left, strength, table
+from pathlib import Path
 
+import pytest
+from benchmarks.recalling.cases import STRENGTHS, RecallConfig, cases, left, strength, table
+from benchmarks.recalling.page import BEGIN, END, column, written
+
+from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES
 from buggy_rl.effects import effect_class
 
@@ -39,3 +44,35 @@ def test_a_refused_case_is_told_in_the_table():
     }
     assert "| `payload` | refused: drive drive_0 only spins |" in table([line])
     assert "first name right: 0 of 1" in table([line])
+
+
+ROOT = Path(__file__).parents[2]
+ROWS = "| effect | named |\n|---|---|\n| `wind` | – |\n| `payload` | 1 of 1 |\n"
+TABLE = f"before\n{BEGIN}{ROWS}{END}after\n"
+
+
+def test_the_column_of_a_page_is_filled_in_by_effect():
+    text = written(TABLE, {"wind": "2 of 3"})
+    assert text.startswith("before\n")
+    assert text.endswith(f"{END}after\n")
+    assert "| `wind` | 2 of 3 |\n| `payload` | – |\n" in text
+    assert written(text, {"wind": "2 of 3"}) == text
+
+
+def test_a_page_without_the_marks_or_the_row_is_refused():
+    with pytest.raises(ValueError, match="no lines <!-- recall: begin -->"):
+        written("no table", {})
+    with pytest.raises(ValueError, match="no row for top_speed"):
+        written(TABLE, {"top_speed": "1 of 3"})
+
+
+def test_a_refused_case_counts_as_not_named():
+    [case, *_] = [c for c in EVERY if c.truth == ("payload",)]
+    line = {"case": {"seed": case.seed, "concealed": case.concealed}, "failed": "ValueError: spins"}
+    assert column([line]) == {"payload": "0 of 1"}
+
+
+def test_the_column_of_the_readme_is_that_of_the_ledger():
+    lines = entries(ROOT / "docs" / "development" / "recall.jsonl.gz")
+    text = (ROOT / "README.md").read_text()
+    assert written(text, column(lines)) == text

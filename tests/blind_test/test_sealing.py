@@ -131,15 +131,3 @@ def test_cases_are_driven_together_only_where_plant_and_length_agree():
     for group in made:
         assert len({(case.plant, case.seconds) for case in group}) == 1
         assert len(group) <= (TOGETHER if group[0].plant == "reference" else 1)
-
-
-def test_a_case_without_a_drawn_plant_has_the_hash_that_was_published(tmp_path):
-    # Of this very case, by the code before plants were drawn.
-    made = store(tmp_path)
-    publish(made, [Case(11, "reference", "reference", concealed={"payload": {"mass_ratio": 1.3}})])
-    assert made.digests() == {
-        "0000011": "98df024f46e14deb53481f9db409774a8932b120ceb9dd1da8c0f4b61ef66621"
-    }
-    drawn = Case(12, "reference", "reference", spread=0.1)
-    publish(made, [drawn])
-    assert len(made.digests()) == 2

@@ -1,6 +1,5 @@
 """Jobs that are run once, with scripts that do what they are told."""
 
-import json
 import os
 import pickle
 import signal
@@ -176,17 +175,6 @@ def test_a_file_that_changes_while_a_script_runs_is_not_taken_for_what_it_read(j
     list(running)
     with pytest.raises(ValueError, match="had changed"):
         _ = one.done
-
-
-@pytest.mark.parametrize("done", [False, True])
-def test_a_record_from_before_there_were_outcomes_is_read(job, done):
-    one = job("one")
-    one.folder.mkdir()
-    record = {"command": ["script.py", *one.command[1:]], "inputs": {}, "done": done}
-    (one.folder / "job.json").write_text(json.dumps(record))
-    assert one.done is done
-    assert len(outcomes([one])) == (not done)
-    assert one.done
 
 
 INTERRUPTED = """

@@ -46,8 +46,6 @@ class CalibrateConfig:
     """With `apply=true`: a file of other weights, to be counted in their place."""
     without: list[str] = field(default_factory=list)
     """Features that get no weight, to see what they tell; not to be written."""
-    beside: str = ""
-    """Another method's answers to some of the cases, to compare with."""
     write: bool = False
     """Whether the weights replace those that the package ships."""
 

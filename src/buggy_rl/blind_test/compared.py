@@ -1,17 +1,11 @@
-"""Two methods on the same development cases: their tables, and which of them is right more often.
+"""Two methods on the same development cases: which of them is exactly right more often."""
 
-The other method's answers are a JSON Lines file of `seed`, `verdict` and `named`, a confidence for
-each effect.
-"""
-
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from scipy.stats import binomtest
 
 from buggy_rl.blind_test.calibration import Entry, meant, truth, unknown
-from buggy_rl.blind_test.named import Answered, Claimed, counted
+from buggy_rl.blind_test.named import Answered
 
 
 def right(entry: Entry, said: Answered) -> bool:
@@ -21,23 +15,6 @@ def right(entry: Entry, said: Answered) -> bool:
     if not truth(entry):
         return said.says == "nothing"
     return said.says == "effects" and meant(said.best) == truth(entry)
-
-
-def compared(entries: Sequence[Entry], found: Sequence[Answered], file: Path) -> str:
-    """Tables of both over the cases that both have answered, and McNemar's exact test."""
-    lines = [json.loads(line) for line in file.read_text().splitlines()]
-    others = {line["seed"]: Claimed(line["verdict"], line["named"]) for line in lines}
-    both = [
-        (entry, own, others[entry["case"]["seed"]])
-        for entry, own in zip(entries, found, strict=True)
-        if entry["case"]["seed"] in others
-    ]
-    cases = [entry for entry, _, _ in both]
-    ours = [own for _, own, _ in both]
-    theirs = [other for _, _, other in both]
-    table = counted(cases, {"posterior": ours, file.stem: theirs})
-    tested = mcnemar(cases, ours, theirs, file.stem)
-    return f"{len(both)} cases that both have answered:\n\n{table}\n\n{tested}"
 
 
 def mcnemar(

@@ -1,7 +1,6 @@
 """What a posterior names, counted over development cases."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from buggy_rl.blind_test.calibration import (
@@ -23,7 +22,6 @@ from buggy_rl.diagnosis.evidence_features import fitted, loss
 from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior, stands
 
 Entry = Mapping[str, Any]
-VERDICTS = {"no_mismatch": "nothing", "unknown_physics": "unknown", "cannot_tell": "cannot tell"}
 
 
 class Answered(Protocol):
@@ -54,38 +52,6 @@ class Answered(Protocol):
 
 
 Said = Sequence[tuple[Entry, Answered]]
-
-
-@dataclass(frozen=True)
-class Claimed:
-    """An answer of which only verdict and confidences are known."""
-
-    verdict: str
-    named: Mapping[str, float]
-
-    @property
-    def best(self) -> Effects:
-        """All that is named."""
-        return tuple(sorted(self.named))
-
-    @property
-    def sets(self) -> Mapping[Effects, float]:
-        """The one set."""
-        return {self.best: 1.0}
-
-    @property
-    def says(self) -> str:
-        """By the verdict."""
-        return VERDICTS.get(self.verdict, "effects")
-
-    def of(self, effect: str) -> float:
-        """Its confidence."""
-        return self.named.get(effect, 0.0)
-
-    def whatever_else(self, effect: str) -> float:
-        """Not known."""
-        del effect
-        return 0.0
 
 
 def lowest_loss(entry: Entry) -> Posterior:

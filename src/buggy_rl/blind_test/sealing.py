@@ -18,7 +18,7 @@ from pathlib import Path
 import yaml
 
 from buggy_rl.blind_test.cars import BUGGY, written
-from buggy_rl.blind_test.case import RATES, Case
+from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.drives import Motion, moved
 from buggy_rl.blind_test.recorded import BASELINE_NOISE, save_drives
 from buggy_rl.blind_test.simulators import (
@@ -193,16 +193,7 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
 
 def _sealed_text(case: Case, secret: str) -> str:
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    content = asdict(case)
-    if not case.spread:
-        del content["spread"]  # hashes of cases were published before there was such a field
-    if case.command == "throttle":
-        del content["command"]  # likewise
-    if case.rate == RATES[-1]:
-        del content["rate"]  # likewise
-    if case.scale == BUGGY:
-        del content["scale"]  # likewise
-    return json.dumps({"case": content, "salt": salt}, indent=1, sort_keys=True) + "\n"
+    return json.dumps({"case": asdict(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: Motion) -> None:

@@ -65,16 +65,13 @@ class Job:
                 f"{self.folder} was begun by {' '.join(record['command'])!r}, now wanted is "
                 f"{' '.join(self.recorded)!r}: {REMEDY}"
             )
-        # Earlier versions recorded a file by itself, without what it names.
-        inputs = record["inputs"].items()
-        if changed := [n for n, was in inputs if was not in (digest(n), _of_file(Path(n)))]:
+        if changed := [n for n, was in record["inputs"].items() if was != digest(n)]:
             raise ValueError(
                 f"{self.folder} was begun before {', '.join(changed)} had changed: {REMEDY}"
             )
         if record.get("question") and self.question:  # an earlier version's record has none
             refuse_another(record["question"], dict(self.question), str(self.folder), REMEDY)
-        # Before there was an outcome.json, job.json said whether a job was done.
-        return outcome.get("status") == "done" or record.get("done", False)
+        return outcome.get("status") == "done"
 
     def prepared(self, cores: int) -> Command:
         """What a worker needs to run it; the folder says from now on that it was begun.

@@ -16,7 +16,7 @@ class Launching:
     """Where independent jobs run; their results do not depend on it."""
 
     launcher: Literal["local", "ray", "submitit"] = "local"
-    """local, ray (a cluster of machines) or submitit (Slurm); docs/scale.md."""
+    """local, ray (a cluster of machines) or submitit (Slurm); docs/policies.md."""
     cluster: dict[str, Any] = field(default_factory=dict)
     """Options of the launcher: of ray.init, such as cluster.address=auto, or of submitit's
     executor, such as cluster.slurm_partition=long; cluster.cluster=local runs submitit here."""

@@ -33,7 +33,7 @@ class CollectorConfig:
     """Where the environments of a training are stepped."""
 
     backend: Literal["in_process", "ray", "distributed", "rpc"] = "in_process"
-    """in_process, or TorchRL's collector of that name (docs/scale.md)."""
+    """in_process, or TorchRL's collector of that name (docs/policies.md)."""
     processes: int = 2
     """Of another backend than in_process; ppo.cars are divided among them."""
     options: dict[str, Any] = field(default_factory=dict)

@@ -58,7 +58,7 @@ def _noise(position: float, yaw: float, velocity: float, yaw_rate: float) -> Cam
 
 SENSORS = {
     "tracking_camera": SensorErrors(),
-    # 0.95 mm: what the estimator finds in the DART recordings (docs/results.md); the rest chosen.
+    # 0.95 mm: what the estimator finds in the DART recordings (docs/evidence.md); the rest chosen.
     "motion_capture": SensorErrors(camera=_noise(0.00095, 0.003, 0.03, 0.05), jitter=0.02),
     # 2 cm: FrictionMaps (configs/columns/frictionmaps.yaml); the rest chosen.
     "lidar": SensorErrors(40.0, _noise(0.02, 0.01, 0.1, 0.03), jitter=0.1),

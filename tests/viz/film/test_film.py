@@ -1,4 +1,4 @@
-"""From tracks to frames, and the code of docs/film.md."""
+"""From tracks to frames, and the code of docs/simulators.md, "Films"."""
 
 import re
 from pathlib import Path
@@ -12,8 +12,9 @@ from buggy_rl.viz.film.inset import Inset, captioned
 from buggy_rl.viz.film.options import PictureConfig
 from tests.viz.film.tracks import circle, straight
 
-PAGE = (Path(__file__).parents[3] / "docs" / "film.md").read_text()
-BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+PAGE = (Path(__file__).parents[3] / "docs" / "simulators.md").read_text()
+FILMS = PAGE.split("\n## Films\n")[1].split("\n## ")[0]
+BLOCKS = re.findall(r"^```python\n(.*?)^```", FILMS, re.M | re.S)
 
 
 def test_each_frame_has_the_inset_of_its_own_time():

@@ -192,7 +192,8 @@ def from_step(
         parameters: That a fit or a diagnosis may change.
         batched: The functions take and return n cars at once, [n, 3] for [3]: many times faster.
         dt: Control period [s].
-        command: Kind of the first command (docs/cars.md): `throttle`: no reverse, -1 is no drive.
+        command: Kind of the first command (docs/recordings.md): `throttle`: no reverse, -1 is no
+            drive.
 
     Returns:
         factory(batch_size, device).

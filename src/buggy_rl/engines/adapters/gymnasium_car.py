@@ -156,7 +156,8 @@ def from_gymnasium(
         action: Throttle and steering in [-1, 1] -> an action of the environment; by default a box
             of two, in this order, from its lower to its upper end.
         dt: Time that a step takes [s].
-        command: Kind of the first command (docs/cars.md): `throttle`: no reverse, -1 is no drive.
+        command: Kind of the first command (docs/recordings.md): `throttle`: no reverse, -1 is no
+            drive.
 
     Returns:
         factory(batch_size, device), which raises ValueError where the state cannot be read and set,

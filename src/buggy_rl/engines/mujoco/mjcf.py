@@ -218,7 +218,8 @@ def from_mjcf(
         full_steering: Control at full steering to the left, likewise; negative where the actuator
             is positive to the right.
         dt: Control period [s], a multiple of the model's timestep.
-        command: Kind of the first command (docs/cars.md): `throttle`: no reverse, -1 is no drive.
+        command: Kind of the first command (docs/recordings.md): `throttle`: no reverse, -1 is no
+            drive.
         nthread: Threads of MuJoCo's batch; results do not depend on it.
 
     Returns:
