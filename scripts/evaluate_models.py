@@ -22,7 +22,12 @@ def main() -> None:
 
     from buggy_rl.identification.open_loop import measured
     from buggy_rl.identification.rollouts import save_rollouts
-    from buggy_rl.identification.study import candidates, fit_file, load_drives
+    from buggy_rl.identification.study import (
+        candidates,
+        fit_file,
+        load_drives,
+        refuse_other_drives,
+    )
     from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.rollouts import rollout_figure
@@ -34,6 +39,7 @@ def main() -> None:
     test = held_out_segments(drives.held_out, config.windows)
     rows, rollouts = [], {}
     found = list(candidates(config, [r.name for r in drives.held_out]))
+    refuse_other_drives(config, drives)
     unknown = sorted(set(config.shown) - {candidate.name for candidate in found})
     if unknown:
         raise ValueError(f"shown={unknown}: the simulators are {[c.name for c in found]}")

@@ -30,7 +30,7 @@ def main() -> None:
     from buggy_rl.files import write_atomically
     from buggy_rl.identification.fit_result import as_simulator
     from buggy_rl.identification.least_squares import fit, second_pass
-    from buggy_rl.identification.study import fit_file, fit_setup, load_drives
+    from buggy_rl.identification.study import fit_file, fit_question, fit_setup, load_drives
     from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(config.threads)
@@ -57,7 +57,8 @@ def main() -> None:
         line = f"{e.parameter.name:24} {e.value:9.4g} {interval:>21} {e.parameter.value:8.4g}  "
         print(line + e.parameter.unit + "".join(f"\n    ! {warning}" for warning in e.warnings))
     file = Path(config.output) / fit_file(config)
-    content = as_simulator(config.fit_simulator, fitted, options, parameters)
+    asked = fit_question(config, drives)
+    content = as_simulator(config.fit_simulator, fitted, options, parameters, asked)
     write_atomically(file, yaml.safe_dump(content, sort_keys=False))
     save_run(config, file.parent, file.stem)  # others in the folder have a config of their own
     print(f"written: {file}")

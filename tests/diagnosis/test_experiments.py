@@ -129,6 +129,20 @@ def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided):
     assert decision_rates(problem, found) == rates  # same input, same answer
 
 
+def test_a_set_that_is_another_in_other_words_counts_as_that_one(undecided):
+    problem, found = undecided
+    # Of air drag, which is then said as viscous drag: that was fitted to be named, and for no more.
+    hypotheses = [
+        {**h, "asked": tuple(h["effects"]) == VISCOUS} for h in found.observed["hypotheses"]
+    ]
+    same = {AIR: VISCOUS}
+    seen = {**found.observed, "hypotheses": hypotheses}
+    merged = replace(found, observed=seen, same=same, posterior=posterior(seen).merged(same))
+    assert merged.posterior.of(VISCOUS[0]) > 0.5
+    sure = experiments._rates(problem, merged, found.tried[VISCOUS], [found.tried[VISCOUS]])
+    assert float(sure[named("slow_slalom"), 1]) > 0.5
+
+
 def test_the_best_is_suggested_where_it_probably_decides():
     rates = [
         DecisionRate(m.name, m.words, rate, rate, (VISCOUS, ()))
@@ -149,4 +163,4 @@ def test_a_manoeuvre_outside_the_training_range_is_not_trusted(undecided):
     assert bool(trusted(problem.segments, segments, outside).any())
     assert not bool(trusted(problem.segments, segments, torch.ones_like(outside)).any())
     nothing = experiments._Manoeuvre(torch.zeros(0), {VISCOUS: torch.zeros(0, 60)})
-    assert experiments._rate(problem, found.observed, VISCOUS, nothing, torch.Generator()) == (0, 0)
+    assert experiments._rate(problem, found, VISCOUS, nothing, torch.Generator()) == (0, 0)

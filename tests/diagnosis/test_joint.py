@@ -1,8 +1,12 @@
 """Joint search: pairs are found in one go, and the evidence names what was planted."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import pytest
 import torch
 
+from buggy_rl.diagnosis import joint
 from buggy_rl.diagnosis.budget import FULL, smaller
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.joint import MOST, joint_search, unit_changes
@@ -97,3 +101,29 @@ def test_the_least_budget_still_finds_a_single_effect(drives):
     best = max(result.weighed, key=lambda w: w.evidence.log_evidence - 10 * len(w.candidate.key))
     assert best.candidate.key == ("steering_dead_time",)
     assert len(result.weighed) < 12
+
+
+def test_what_there_is_no_time_for_is_left_out_and_said(drives):
+    problem, asked = problem_of(drives["late"]), []
+    budget = replace([*smaller()][-1], rounds=3, refitted=2)
+    criteria = Criteria(blocks(problem.segments))
+    result = joint_search(
+        problem, criteria, budget=budget, admits=asked.append
+    )  # None: for nothing
+    assert asked == ["first_round", "refitted"]
+    assert result.left_out == ("3 of at most 3 rounds", "fitting 2 sets on at the end")
+
+
+def test_rounds_end_when_time_is_up_and_sets_are_fitted_on_all_the_same(monkeypatch):
+    keys = iter([("wind",), ("gyro_bias",), ("payload",)])  # another one leads after every round
+    monkeypatch.setattr(joint, "leading", lambda _: SimpleNamespace(key=next(keys)))
+    done, left_out = [], []
+
+    def kept(name, _):
+        done.append(name)
+        return SimpleNamespace(state=lambda problem: state)
+
+    state = SimpleNamespace(problem=None)
+    joint._settled(state, None, lambda _: None, FULL, kept, lambda part: part != "round", left_out)
+    assert done == ["round_0", "refitted"]
+    assert left_out == ["4 of at most 5 rounds"]

@@ -7,6 +7,7 @@ import torch
 import yaml
 
 from buggy_rl.diagnosis import pipeline
+from buggy_rl.diagnosis.budget import FULL, smaller
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.evidence_features import of_hypotheses
@@ -14,6 +15,7 @@ from buggy_rl.diagnosis.integration import Step
 from buggy_rl.diagnosis.joint import joint_search
 from buggy_rl.diagnosis.observed import observed
 from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.preflight_commands import CommandCheck
 from buggy_rl.diagnosis.repair import repaired
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.task.env import make_simulator
@@ -148,3 +150,26 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
     monkeypatch.setattr(pipeline, "fine_enough", lambda *_: Step({"substeps": 4}, "too coarse"))
     assert pipeline._step(replace(ONE, simulator=f"{own}:make"), recordings) == Step()
     assert pipeline._step(ONE, recordings).options
+
+
+def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):
+    answer = diagnose(replace(ONE, minutes=1e-3), recordings).answer
+    assert "left out: what to drive next; minutes=0.001 were up" in answer.notes
+    assert answer.proof.after[1.0] > 0.0  # what is not optional is there
+
+
+@pytest.mark.parametrize(("minutes", "expected"), [(10.0, [*smaller()][-1]), (0.0, FULL)])
+def test_commands_that_do_not_predict_the_motion_get_the_shortest_search_unless_told_otherwise(
+    recordings, monkeypatch, minutes, expected
+):
+    class BudgetedError(Exception):
+        pass
+
+    def case(*arguments):
+        raise BudgetedError(arguments[-1])
+
+    monkeypatch.setattr(pipeline, "check_commands", lambda _: CommandCheck(["They do not."], []))
+    monkeypatch.setattr(pipeline, "_case", case)
+    with pytest.raises(BudgetedError) as budget:
+        diagnose(replace(ONE, minutes=minutes), recordings)
+    assert budget.value.args == (expected,)

@@ -1,12 +1,13 @@
 """A slow simulator gets fewer rollouts, not a longer wait; what is lost is said."""
 
+import math
 from dataclasses import replace
 
 import pytest
 
 from buggy_rl.diagnosis.budget import FULL, LEAST_SEGMENTS, Budget, smaller
 from buggy_rl.diagnosis.meter import Meter
-from buggy_rl.diagnosis.plan import Plan, Question, planned, rollouts
+from buggy_rl.diagnosis.plan import Plan, Question, planned, rollouts, shortest
 from buggy_rl.estimation.cost import Cost
 
 QUESTION = Question(segments=60, rows=130, trials=120, longer=28)
@@ -158,3 +159,61 @@ def test_a_machine_that_gets_busy_and_idle_again_changes_the_time_left_soon(monk
         now[0] += slower * plan.cost.seconds(1, rows)
         meter.rolled(1, rows)
     assert meter.slower == pytest.approx(1.0, abs=0.05)
+
+
+def test_sets_that_limits_add_are_planned_with():
+    plans = [planned(replace(QUESTION, limits=n), BATCHED, 0.0) for n in (0, 1)]
+    first, second = ([r for r in plan.rollouts if r.stage == "search"] for plan in plans)
+    assert len(second) > len(first)
+    assert plans[1].steps > plans[0].steps
+
+
+def test_a_search_whose_findings_count_for_nothing_gets_the_smallest_budget_and_says_why():
+    plan = shortest(QUESTION, FAST, "because")
+    assert plan.budget == [*smaller()][-1]
+    assert plan.notes == ("because",)
+    assert plan.seconds < 0.2 * planned(QUESTION, FAST, 10.0).seconds
+
+
+def test_what_a_part_needs_leaves_time_for_what_must_follow():
+    plan = planned(QUESTION, BATCHED, 0.0)
+    answer = plan.seconds - plan.before("answer")[0]
+    refitted, one = plan.needed("refitted"), plan.needed("first_round")
+    assert plan.needed("longer") == pytest.approx(answer)
+    assert 0.0 == plan.needed("experiments") < answer < refitted
+    # The first round goes before fitting on at the end; the second leaves time for that.
+    assert plan.needed("round") == pytest.approx(one + refitted - answer + _longer(plan))
+    rounds = 2 * (plan.needed("round") - refitted)
+    whole = plan.seconds - plan.before("search")[0] - _longer(plan)
+    apart = whole - rounds - (refitted - answer + _longer(plan))
+    assert plan.needed("retuning") == pytest.approx(apart)
+
+
+def _longer(plan):
+    return sum(plan._seconds(r) for r in plan.rollouts if r.part == "longer")
+
+
+def test_on_a_machine_three_times_slower_than_planned_a_part_is_admitted_a_third_as_late(
+    monkeypatch,
+):
+    now = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    plan = planned(QUESTION, BATCHED, 0.0)
+    meter = Meter(lambda _: None, lambda _: None)
+    assert meter.admits("round")  # no plan: nothing is left out
+    rows = round(plan.seconds / 10 / (BATCHED.fixed + BATCHED.each))
+
+    def begun(deadline, slower):
+        now[0] = 0.0
+        meter.begin(plan, "search", deadline)
+        for _ in range(3):
+            now[0] += slower * plan.cost.seconds(1, rows)
+            meter.rolled(1, rows)
+        return meter.admits("round")
+
+    for slower in (1.0, 3.0):
+        spent = 3 * slower * plan.cost.seconds(1, rows)
+        needed = slower * plan.needed("round")
+        assert begun(spent + 1.01 * needed, slower)
+        assert not begun(spent + 0.99 * needed, slower)
+    assert begun(math.inf, 1e6)

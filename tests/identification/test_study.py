@@ -1,14 +1,20 @@
+from dataclasses import replace
+
 import pytest
+import yaml
 
 from buggy_rl.config import build, plain
 from buggy_rl.identification.study import (
     DataConfig,
+    Drives,
     RunConfig,
     StudyConfig,
     candidates,
     divide,
     file_name,
+    fit_question,
     model_runs,
+    refuse_other_drives,
 )
 from buggy_rl.models.training import TrainingConfig
 from tests.drives import counting_drive
@@ -95,3 +101,47 @@ def test_only_an_existing_model_can_be_chosen(tmp_path):
     file.write_text("output: o\ndata: {recordings: [x]}\nruns: {MLP: {model: {kind: mlp}}}\n")
     with pytest.raises(ValueError, match=r"only=\['MLPP'\]: the models are \['MLP'\]"):
         list(model_runs(build(StudyConfig, [str(file), "only=[MLPP]"])))
+
+
+def other_content(drive):
+    """A drive of the same name in which the car went the other way."""
+    return replace(drive, data=drive.data.clone().apply(lambda value: -value))
+
+
+def test_a_fit_of_other_drives_of_the_same_names_is_not_judged(tmp_path):
+    config = StudyConfig(output=str(tmp_path))
+    a, b, c = drives("abc")
+    given = Drives([a], [b], [c])
+    content = {"engine": "mujoco", "_question": fit_question(config, given)}
+    fitted = tmp_path / "mujoco_fitted.yaml"
+    fitted.write_text(yaml.safe_dump(content))
+    refuse_other_drives(config, given)
+    refuse_other_drives(config, replace(given, held_out=[other_content(c)]))  # not fitted to
+    with pytest.raises(ValueError, match="recording a has other content now; fit it anew"):
+        refuse_other_drives(config, replace(given, training=[other_content(a)]))
+    fewer = replace(config, fit=replace(config.fit, windows=7))
+    with pytest.raises(ValueError, match=r"fit\.windows was 150, now 7; fit it anew"):
+        refuse_other_drives(fewer, given)
+    fitted.write_text(yaml.safe_dump({"engine": "mujoco"}))
+    with pytest.raises(ValueError, match="does not say what it was made from"):
+        refuse_other_drives(config, given)
+
+
+@pytest.mark.parametrize("use", ["training", "validation"])
+def test_a_model_of_other_drives_of_the_same_names_is_not_judged(tmp_path, use):
+    from buggy_rl.models.factory import ModelConfig, make_model, save_model
+    from buggy_rl.models.training import asked
+
+    config = StudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    a, b, c = drives("abc")
+    given, model, training = Drives([a], [b], [c]), ModelConfig(), TrainingConfig()
+    about = {"drives": ["a", "b"], "dt": 0.01, "training": plain(training)}
+    about["question"] = asked(model, training, [a], [b])
+    (tmp_path / "models").mkdir()
+    save_model(make_model(model), model, tmp_path / "models" / "mlp.pt", about)
+    refuse_other_drives(config, given)
+    refuse_other_drives(config, Drives([b], [a], [*drives("d"), c]))  # other uses of the same
+    [drive] = getattr(given, use)
+    changed = replace(given, **{use: [other_content(drive)]})
+    with pytest.raises(ValueError, match=f"recording {drive.name} has other content now; train"):
+        refuse_other_drives(config, changed)

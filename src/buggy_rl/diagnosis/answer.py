@@ -78,6 +78,8 @@ class Answer:
     """Where the repaired simulator is wrong to one side, the largest first."""
     repair: Repair = field(default_factory=Repair)
     """What `repaired.yaml` has, as it was validated."""
+    left_out: list[str] = field(default_factory=list)
+    """For which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
     """What must be known before anything else, such as commands that do not predict the motion."""
 

@@ -74,8 +74,10 @@ class DiagnosisConfig:
     """On which MuJoCo steps its environments. PyTorch has one: on two, steps as small as these
     take twice as long."""
     minutes: float = 10.0
-    """[min] that it may take: a slow simulator gets fewer rollouts, and what is lost by that is
-    said; 0 for as many as there are."""
+    """[min] that it may take: a slow simulator gets fewer rollouts, rounds that no time is left for
+    are left out, and what is lost by that is said. Of an interrupted diagnosis that goes on, this
+    sitting counts alone. Commands that do not predict the motion get the shortest search. 0 for as
+    many rollouts as there are."""
     workers: int = 0
     """Processes among which large rollouts are divided; 0 for one a core."""
     search: SearchConfig = field(default_factory=SearchConfig)

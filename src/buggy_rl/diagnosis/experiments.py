@@ -116,11 +116,16 @@ class _Manoeuvre:
 def _rates(
     problem: Problem, found: SearchResult, truth: Candidate, candidates: Sequence[Candidate]
 ) -> Tensor:
-    """Decision rate and mean probability [M, 2] of every manoeuvre if a candidate is the truth."""
+    """Decision rate and mean probability [M, 2] of every manoeuvre if a candidate is the truth.
+
+    Sets that are a candidate in other words (`limits`) are weighed too, and count as that one.
+    """
     known = [*candidates, *([] if found.null in candidates else [found.null])]
+    named = {candidate.key for candidate in candidates}
+    known += [found.tried[effects] for effects, other in found.same.items() if other in named]
     generator = torch.Generator().manual_seed(0)
     rates = [
-        _rate(problem, found.observed, truth.key, manoeuvre, generator)
+        _rate(problem, found, truth.key, manoeuvre, generator)
         for manoeuvre in _rolled_out(problem, truth, known)
     ]
     return torch.tensor(rates, dtype=torch.float64)
@@ -168,7 +173,7 @@ def refitted(truth: Fit, fit: Fit, candidate: Candidate, dispersion: float) -> T
 
 def _rate(
     problem: Problem,
-    observed: Mapping[str, Any],
+    found: SearchResult,
     truth: Effects,
     manoeuvre: _Manoeuvre,
     generator: torch.Generator,
@@ -184,11 +189,11 @@ def _rate(
         effects: (noise + residual).square().sum(-1)  # (SAMPLES, repeats, n)
         for effects, residual in manoeuvre.residuals.items()
     }
-    after = [
-        posterior(with_drives(problem, observed, {e: q[k] for e, q in squares.items()}, manoeuvre))
-        for k in range(SAMPLES)
-    ]
-    sure = [least_sure(p, truth) for p in after]
+    sure = []
+    for k in range(SAMPLES):
+        drawn = {effects: square[k] for effects, square in squares.items()}
+        after = posterior(with_drives(problem, found.observed, drawn, manoeuvre))
+        sure.append(least_sure(after.merged(found.same), truth))
     return sum(p >= SURE for p in sure) / SAMPLES, sum(sure) / SAMPLES
 
 

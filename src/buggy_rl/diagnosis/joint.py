@@ -21,6 +21,7 @@ from buggy_rl.diagnosis.constancy import conditions
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.evidence_features import PRICE
 from buggy_rl.diagnosis.limits import missing
+from buggy_rl.diagnosis.plan import Part
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.search_state import (
@@ -42,6 +43,8 @@ LOOKED_AT = 24  # segments, spread evenly, on which sets about the leading one a
 MOST = 4  # effects of a set
 Keep = Callable[[str, Callable[[], Any]], Any]
 """A name and how its result is computed -> the result."""
+Admits = Callable[[Part], bool]
+"""A part of the search -> whether there is time for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,8 @@ class JointSearch:
     """The most evident first; the simulator as given among them."""
     proposed: list[Proposal]
     """All sets, by the loss of their superposition about the simulator as given."""
+    left_out: tuple[str, ...] = ()
+    """For which there was no time, in words."""
 
     def result(
         self, posterior: Posterior, varying: Callable[[Effects], Mapping[str, str]]
@@ -85,6 +90,7 @@ class JointSearch:
             posterior,
             {w.candidate.key: w.evidence.log_evidence for w in self.weighed},
             varying(best.key),
+            left_out=self.left_out,
         )
 
     def rank(self, effects: Effects) -> int:
@@ -100,6 +106,7 @@ def joint_search(
     progress: Progress = lambda _: None,
     budget: Budget = FULL,
     kept: Keep = lambda _, compute: compute(),
+    admits: Admits = lambda _: True,
 ) -> JointSearch:
     """Finds sets of effects by the superposition of their secants, fits and weighs the best.
 
@@ -110,20 +117,23 @@ def joint_search(
         progress: Told what is being done.
         budget: How much is rolled out.
         kept: Gives the result of a part, computed or as it was kept before an interruption.
+        admits: Whether there is time for a round, or for fitting on at the end.
     """
     rules = criteria.rules
     rules = replace(rules, iterations=min(budget.iterations, rules.iterations))
     criteria = replace(criteria, rules=rules, anew=budget.anew)
     begun = kept("begun", lambda: _begun(problem, criteria, also, progress, budget))
     null, rolled, proposed = begun.null, begun.rolled, begun.proposed
-    state = _settled(begun.fitted.state(problem), criteria, progress, budget, kept)
+    left_out: list[str] = []
+    first = begun.fitted.state(problem)
+    state = _settled(first, criteria, progress, budget, kept, admits, left_out)
     found = set(state.tried)
     asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
     state, _ = tried_too(state, [p.start for p in asked], criteria)
     state, _ = tried_too(state, missing(state.tried, problem.segments, problem.library), criteria)
     progress(f"weighing {len(state.tried)} hypotheses")
     weighed = _weighed(state, null, rolled, problem, found)
-    return JointSearch(state.problem, state.null, weighed, proposed)
+    return JointSearch(state.problem, state.null, weighed, proposed, tuple(left_out))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,19 +185,34 @@ def _begun(
 
 
 def _settled(
-    state: State, criteria: Criteria, progress: Progress, budget: Budget, kept: Keep
+    state: State,
+    criteria: Criteria,
+    progress: Progress,
+    budget: Budget,
+    kept: Keep,
+    admits: Admits,
+    left_out: list[str],
 ) -> State:
-    """Looks about the leading set until it stays, or so many rounds."""
+    """Looks about the leading set until it stays, or so many rounds, or until time is up.
+
+    What there is no time for is added to `left_out`.
+    """
     seen: set[Effects] = set()
     for number in range(budget.rounds):
         best = leading(state)
         if best.key in seen:
             break
         seen.add(best.key)
+        if not admits("round" if number else "first_round"):
+            left_out.append(f"{budget.rounds - number} of at most {budget.rounds} rounds")
+            break
         progress(f"looking about {'+'.join(best.key) or 'the simulator as given'}")
         now = kept(f"round_{number}", partial(_round, state, best, criteria, budget))
         state = now.state(state.problem)
     if not budget.refitted:
+        return state
+    if not admits("refitted"):
+        left_out.append(f"fitting {budget.refitted} sets on at the end")
         return state
     last = kept("refitted", lambda: _Tried.of(_refitted(state, criteria, budget.refitted)))
     return last.state(state.problem)

@@ -57,8 +57,8 @@ LIMITS = (
 
 
 def same_sets(tried: Mapping[Effects, Candidate], segments: Segments) -> dict[Effects, Effects]:
-    """Sets of which an effect has reached its limit -> the set that they are the same as."""
-    return {key: other for key, _, other in _reached(tried, segments)}
+    """Sets of which an effect has reached its limit -> the fitted set that they are the same as."""
+    return {key: other for key, _, other in _reached(tried, segments) if other in tried}
 
 
 def missing(

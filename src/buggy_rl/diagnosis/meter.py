@@ -1,11 +1,12 @@
 """How far a diagnosis is, in environment steps, and how long it will take."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from buggy_rl.diagnosis.plan import Plan, Stage
+from buggy_rl.diagnosis.plan import Part, Plan, Stage
 
 SETTLED = 0.1  # [-] of the plan done, from which its own speed counts fully
 RECENT = 0.2  # [-] of the plan: the last part of it, by whose speed the rest is expected
@@ -48,13 +49,21 @@ class Meter:
         self.says = says
         self._plan: Plan | None = None
         self._ends: tuple[float, int] = (0.0, 0)  # of the stage, by the plan: seconds and steps
+        self._deadline = math.inf
         self._begun = self._due = self._rolled = 0.0
         self._steps = self._passed = 0  # rolled out, and of the plan, that skips what is not needed
         self._recent: deque[tuple[float, float]] = deque()  # time [s], and expected seconds rolled
 
-    def begin(self, plan: Plan, stage: Stage = "prepare") -> None:
-        """Takes a plan: from the first seconds on the time left is shown."""
+    def begin(self, plan: Plan, stage: Stage = "prepare", deadline: float = math.inf) -> None:
+        """Takes a plan: from the first seconds on the time left is shown.
+
+        Args:
+            plan: The plan.
+            stage: The first.
+            deadline: When the time that is allowed is up (`time.perf_counter`) [s].
+        """
         self._plan, self._begun, self._rolled = plan, time.perf_counter(), 0.0
+        self._deadline = deadline
         self._recent = deque([(self._begun, 0.0)])
         self.stage(stage)
 
@@ -76,6 +85,13 @@ class Meter:
             while len(self._recent) > 2 and self._rolled - self._recent[1][1] > RECENT * self._all:
                 self._recent.popleft()
             self._tell(self._plan)
+
+    def admits(self, part: Part) -> bool:
+        """Whether a part, and what must follow it, are expected to end before the deadline."""
+        if self._plan is None or math.isinf(self._deadline):
+            return True
+        needed = self.slower * self._plan.needed(part)
+        return time.perf_counter() + needed <= self._deadline
 
     @property
     def slower(self) -> float:

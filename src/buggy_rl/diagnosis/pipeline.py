@@ -1,5 +1,6 @@
 """From recordings and a simulator to the answer, stage by stage."""
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -58,6 +59,10 @@ from buggy_rl.task.augment import effects_of
 from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 Progress = Callable[[str], None]
+SHORT = (
+    "the search was as short as it can be, since the commands do not predict the motion: minutes=0 "
+    "searches in full all the same"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +122,12 @@ def diagnose(
             config, simulation, recordings, own=not baseline, seconds=spent
         )
         plan = stages.done(
-            "plan", lambda: plan_of(config, simulation, library, recordings, baseline, begun)
+            "plan",
+            lambda: plan_of(
+                config, simulation, library, recordings, baseline, begun, SHORT if first else ""
+            ),
         )
-        meter.begin(plan)
+        meter.begin(plan, deadline=begun + (60 * config.minutes or math.inf))
         case, correction = _case(
             config, simulation, library, (recordings, baseline), stages, progress, plan.budget
         )
@@ -129,8 +137,15 @@ def diagnose(
         done = _diagnosed(config, case, stages, "", meter)
         done = replace(done, correction=correction, step={**_own(config), **step.options})
         again = left_open(done.found.posterior, done.found.best.effects, done.answer.proof)
+        again = again and not (first and config.minutes)
+        left_out = []
         if case.problem.library.parameters and not baseline and again:
-            done = _retuned_first(config, done, stages, meter)
+            if meter.admits("retuning"):
+                done = _retuned_first(config, done, stages, meter)
+            else:
+                left_out = ["re-tuning the simulator's own parameters"]
+    left_out = [*done.answer.left_out, *left_out]
+    notes += [f"left out: {part}; minutes={config.minutes:g} were up" for part in left_out]
     offset = done.found.best.fit.values()[""]["clock_offset"]
     notes += short + ([step.note] if step.note else []) + check_clock(offset)
     notes += check_latency(done.found.best.effects, offset)
@@ -274,9 +289,14 @@ def _checked(case: Case, name: str) -> list[str]:
     return check_residuals(residuals, problem.segments, instants, case.names, name)
 
 
-def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
+def _searched(case: Case, meter: Meter, kept: Keep) -> SearchResult:
     found = joint_search(
-        case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
+        case.problem,
+        case.criteria,
+        progress=meter.says,
+        budget=case.budget,
+        kept=kept,
+        admits=meter.admits,
     )
     seen = observed(case.criteria, found)
     tried = {w.candidate.key: w.candidate for w in found.weighed}
@@ -299,10 +319,12 @@ def _diagnosed(
     def kept(name: str, compute: Callable[[], Any]) -> Any:
         return stages.done(f"{stage}{name}", compute)
 
-    found = kept("search", lambda: _searched(case, meter.says, kept))
+    found = kept("search", lambda: _searched(case, meter, kept))
     case = replace(case, problem=found.problem(case.problem))
     meter.stage("answer")
-    said = stages.done(f"{stage}answer", lambda: answered(case, found, meter.says, tuned))
+    said = stages.done(
+        f"{stage}answer", lambda: answered(case, found, meter.says, tuned, meter.admits)
+    )
     return Diagnosis(case, found, said)
 
 

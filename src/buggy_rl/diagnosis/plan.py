@@ -8,9 +8,13 @@ from buggy_rl.diagnosis.budget import Budget, smaller
 from buggy_rl.estimation.cost import MANY, Cost
 
 Stage = Literal["prepare", "search", "answer"]
+Part = Literal["first_round", "round", "refitted", "longer", "experiments", "retuning"]
+"""What may be left out where time is up."""
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
 NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
+PLANNED_ROUNDS = 2  # about the leading set: most searches end before the last of them
 USUAL = 6  # iterations after which a fit has ended, most often
+MISSING = 2  # sets with the other effect of a limit that are fitted, most often
 CORRECTED = 20  # rollouts in which a correction is learned from a baseline
 LOOKED = 4  # rollouts in which the error is located, steps are tested and a network learns
 PROVED = 10  # rollouts of half the segments in which an answer is proved, by two processes half
@@ -33,6 +37,8 @@ class Question:
     """Segments of the baseline."""
     longer: int = 0
     """Segments of 3 s."""
+    limits: int = 0
+    """Effects of the library that another of its effects becomes in a limit (`limits.py`)."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,8 @@ class Rollout:
     share: float = 0.0
     """Of the library's effects that stand in the stack."""
     times: int = 1
+    part: str = ""
+    """`round`, `refitted` or `longer`, which may be left out where time is up."""
 
     @property
     def steps(self) -> int:
@@ -83,6 +91,29 @@ class Plan:
         later = STAGES[STAGES.index(stage) + 1 :]
         return self.before(later[0]) if later else (self.seconds, self.steps)
 
+    def needed(self, part: Part) -> float:
+        """Seconds expected of a part, and of what must follow it.
+
+        The first round goes before the sets that are fitted on at the end, these go before further
+        rounds; where a budget has no time for all, it leaves them out in that order.
+        """
+        rounds = min(PLANNED_ROUNDS, self.budget.rounds)
+        one = self._of("round") / rounds if rounds else 0.0
+        last = self._of("refitted")
+        answer = self.seconds - self.before("answer")[0] - self._of("longer")
+        search = self.until("search")[0] - self.before("search")[0] - self._of("round") - last
+        return {
+            "first_round": one + answer,
+            "round": one + last + answer,
+            "refitted": last + answer,
+            "longer": answer + self._of("longer"),
+            "experiments": 0.0,
+            "retuning": search + answer,
+        }[part]
+
+    def _of(self, part: str) -> float:
+        return sum(self._seconds(r) for r in self.rollouts if r.part == part)
+
     def _seconds(self, rollout: Rollout) -> float:
         one = self.cost.seconds(rollout.environments, rollout.rows, rollout.share)
         return rollout.times * one
@@ -105,6 +136,12 @@ def planned(question: Question, cost: Cost, minutes: float, spent: float = 0.0) 
             break
         plan = less
     return replace(plan, notes=tuple(_notes(question, plan, minutes, spent)))
+
+
+def shortest(question: Question, cost: Cost, why: str) -> Plan:
+    """The smallest budget, for a search whose findings cannot be believed; `why` is its note."""
+    budget = [*smaller()][-1]
+    return Plan(budget, cost, tuple(rollouts(question, budget, cost.workers)), (why,))
 
 
 def _notes(question: Question, plan: Plan, minutes: float, spent: float) -> Iterator[str]:
@@ -137,27 +174,31 @@ def rollouts(question: Question, budget: Budget, workers: int = 1) -> Iterator[R
     yield Rollout("search", 4 * count, rows, times=4)
     yield from _rolled_trials(trials * count, rows)
     yield from _fits(budget.sets, count, rows, budget)
-    for _ in range(min(2, budget.rounds)):  # most searches end before the last of them
-        yield Rollout("search", 7 * count, rows, 0.1)
-        yield from _rolled_trials(trials * count, rows)
-        yield from _fits(2 + 3 * budget.around, count, rows, budget)
+    for _ in range(min(PLANNED_ROUNDS, budget.rounds)):
+        yield Rollout("search", 7 * count, rows, 0.1, part="round")
+        yield from _rolled_trials(trials * count, rows, "round")
+        yield from _fits(2 + 3 * budget.around, count, rows, budget, "round")
     if budget.refitted:
-        yield from _fits(budget.refitted, count, rows, budget)
+        yield from _fits(budget.refitted, count, rows, budget, "refitted")
+    if question.limits:
+        yield from _fits(MISSING * question.limits, count, rows, budget)
     yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
     yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
     if question.longer and budget.longer:
-        yield Rollout("answer", 3 * min(question.longer, count), 3 * rows, 0.1, TOLD // beside)
+        yield Rollout(
+            "answer", 3 * min(question.longer, count), 3 * rows, 0.1, TOLD // beside, "longer"
+        )
 
 
-def _rolled_trials(environments: int, rows: int) -> Iterator[Rollout]:
-    yield Rollout("search", environments, rows, 1.0)
+def _rolled_trials(environments: int, rows: int, part: str = "") -> Iterator[Rollout]:
+    yield Rollout("search", environments, rows, 1.0, part=part)
 
 
-def _fits(sets: int, count: int, rows: int, budget: Budget) -> Iterator[Rollout]:
+def _fits(sets: int, count: int, rows: int, budget: Budget, part: str = "") -> Iterator[Rollout]:
     """Of one batch: start, steps, derivatives where a damped one was best, held out."""
     many, times = sets * count, min(USUAL, budget.iterations)
-    yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5)
-    yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times)
-    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2)
+    yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5, part=part)
+    yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times, part)
+    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2, part)
     if budget.anew:
-        yield Rollout("search", many, rows, 0.5)
+        yield Rollout("search", many, rows, 0.5, part=part)

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 from buggy_rl.diagnosis.case import segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.plan import Plan, Question, planned
+from buggy_rl.diagnosis.limits import LIMITS
+from buggy_rl.diagnosis.plan import Plan, Question, planned, shortest
 from buggy_rl.estimation.cost import measured_cost
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
@@ -22,6 +23,7 @@ def plan_of(
     recordings: Sequence[Recording],
     baseline: Sequence[Recording] = (),
     begun: float | None = None,
+    short: str = "",
 ) -> Plan:
     """The plan of a diagnosis in the time that it may take.
 
@@ -32,6 +34,7 @@ def plan_of(
         recordings: To be compared.
         baseline: Recordings on which the simulator was right.
         begun: When that time began (`time.perf_counter`); None for now.
+        short: Why the search is as short as it can be, where `minutes` limits it at all.
     """
     segments = segments_of(recordings, config)
     cost = measured_cost(
@@ -44,7 +47,10 @@ def plan_of(
         trials=sum(len(library.trials(name, segments, (1.0,))) for name in library.names),
         baseline=len(segments_of(baseline, config)) if baseline else 0,
         longer=_longer(recordings),
+        limits=sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS),
     )
+    if short and config.minutes:
+        return shortest(question, cost, short)
     spent = 0.0 if begun is None else time.perf_counter() - begun
     return planned(question, cost, config.minutes, spent)
 

@@ -35,6 +35,8 @@ class SearchResult:
     """Sets that are another one in other words (`limits`) -> that one, which has their share."""
     observed: Mapping[str, Any] = field(default_factory=dict)
     """What the posterior was computed from."""
+    left_out: tuple[str, ...] = ()
+    """Parts of the search for which there was no time, in words."""
 
     @property
     def null(self) -> Candidate:

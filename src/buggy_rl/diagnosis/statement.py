@@ -23,6 +23,7 @@ from buggy_rl.diagnosis.experiments import (
     suggestions,
 )
 from buggy_rl.diagnosis.form_fault import form_faults
+from buggy_rl.diagnosis.joint import Admits
 from buggy_rl.diagnosis.limits import words_of
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL, NamedEffect, Value, sentence
@@ -57,6 +58,7 @@ def answered(
     found: SearchResult,
     progress: Callable[[str], None] = lambda _: None,
     tuned: Retuned | None = None,
+    admits: Admits = lambda _: True,
 ) -> Answer:
     """The answer, with what speaks for it.
 
@@ -65,17 +67,25 @@ def answered(
         found: What it found.
         progress: Told what is being done.
         tuned: The simulator's own parameters, where it was re-tuned first.
+        admits: Whether there is time for what may be left out.
     """
-    problem = case.problem
+    problem, left_out = case.problem, [*found.left_out]
     progress("locating the error")
     located = locate(case.given, problem.segments, problem.noise.sd, case.names)
     said = judged(case, found, tuned.wrong if tuned else ())
     progress("step tests of both simulators")
     behaved = behaviours(case, found, tuned)
     progress("proving it on what was held out")
+    if case.budget.longer and not admits("longer"):
+        left_out.append("errors beyond the segments")
+        case = replace(case, budget=replace(case.budget, longer=False))
     proof, repair = _proof(case, found)
     progress("looking for what to drive next")
-    rates = decision_rates(problem, found)
+    rates: list[DecisionRate] = []
+    if admits("experiments"):
+        rates = decision_rates(problem, found)
+    else:
+        left_out.append("what to drive next")
     return Answer(
         verdict=said.verdict,
         located=located,
@@ -91,6 +101,7 @@ def answered(
         equivalents=_equivalents(case, found, said.named, rates),
         behaviours=behaved,
         form=form_faults(problem, found),
+        left_out=left_out,
     )
 
 

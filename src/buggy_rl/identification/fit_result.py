@@ -82,7 +82,11 @@ def position_errors(
 
 
 def as_simulator(
-    engine: str, fit: Fit, options: Mapping[str, Any], parameters: Mapping[str, float] | None = None
+    engine: str,
+    fit: Fit,
+    options: Mapping[str, Any],
+    parameters: Mapping[str, float] | None = None,
+    asked: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """A fit as the content of a simulator file that `make_engine` reads.
 
@@ -91,6 +95,7 @@ def as_simulator(
         fit: Its result.
         options: Of the engine.
         parameters: That were given and not fitted.
+        asked: Question that the fit answers.
     """
     fitted = {e.parameter.name: round(e.value, 6) for e in fit.estimates}
     content = {
@@ -108,4 +113,5 @@ def as_simulator(
             for e in fit.estimates
         },
     }
+    content |= {"_question": dict(asked)} if asked else {}
     return content | ({"_warnings": fit.warnings} if fit.warnings else {})

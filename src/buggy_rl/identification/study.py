@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import MISSING
 
 from buggy_rl.config import belongs_to, plain
@@ -14,13 +15,15 @@ from buggy_rl.identification.least_squares import FitConfig
 from buggy_rl.identification.table import Candidate
 from buggy_rl.models.factory import ModelConfig, load_about, load_model
 from buggy_rl.models.training import TrainingConfig
-from buggy_rl.question import question, refuse_another
+from buggy_rl.question import CONTENT, Question, contents, question, refuse_another
 from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.filters import Preparation
 from buggy_rl.recordings.notes import doubtful
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.recordings.splits import split
 from buggy_rl.task.env import make_simulator
+
+FIT = ("car", "fit", "fit_simulator", "fit_options")  # of the config: what a fit depends on
 
 
 @dataclass(frozen=True)
@@ -185,6 +188,45 @@ def simulator_setup(config: StudyConfig, simulator: str) -> dict[str, dict[str, 
 def fit_file(config: StudyConfig) -> str:
     """Name of the fitted simulator's file in the study's output folder."""
     return f"{file_name(config.fit_simulator)}_fitted.yaml"
+
+
+def fit_question(config: StudyConfig, drives: Drives) -> Question:
+    """What a fitted simulator depends on: settings of the fit, content of the training drives."""
+    settings = plain(config)
+    return question({name: settings[name] for name in FIT}, drives.training)
+
+
+def refuse_other_drives(config: StudyConfig, drives: Drives) -> None:
+    """Compares what lies in a study's folder with the drives that the study reads now.
+
+    A fit must be of the same settings and training drives. A model must have been trained on no
+    drive that has other content now; its settings are compared by `candidates`.
+
+    Raises:
+        ValueError: Something was made from other drives; the message says what to run.
+    """
+    fitted = Path(config.output) / fit_file(config)
+    if fitted.is_file():
+        was = yaml.safe_load(fitted.read_text()).get("_question")
+        refuse_another(was, fit_question(config, drives), str(fitted), "fit it anew: fit_mujoco.py")
+    now = _digests(contents([*drives.training, *drives.validation, *drives.held_out]))
+    for name, _, _ in model_runs(config):
+        file = model_file(config, name)
+        was = _digests(load_about(file)[1].get("question", {}))
+        both = {drive: digest for drive, digest in now.items() if drive in was}
+        used = {drive: was[drive] for drive in both}
+        refuse_another(used, both, str(file), "train it anew (train_models.py, fresh=true)")
+
+
+def _digests(asked: Question) -> Question:
+    """The digests of recordings in a question, whether trained on or validated with."""
+    recordings = (f"{CONTENT}recording ", f"{CONTENT}validation recording ")
+    return {
+        f"{recordings[0]}{name.removeprefix(start)}": digest
+        for name, digest in asked.items()
+        for start in recordings
+        if name.startswith(start)
+    }
 
 
 def model_file(config: StudyConfig, name: str) -> Path:

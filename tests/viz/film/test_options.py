@@ -67,3 +67,10 @@ def test_ghosts_and_names_that_make_no_sense_are_refused(options, said):
 @pytest.mark.parametrize("written", ["captions=[a: b]", "captions=['a: b']", "captions=a: b"])
 def test_a_caption_with_a_colon_is_taken_as_it_stands(written):
     assert build(RenderConfig, ["what=x", written]).picture.captions == ["a: b"]
+
+
+def test_a_caption_that_a_file_has_as_a_mapping_is_refused_with_the_remedy(tmp_path):
+    file = tmp_path / "film.yaml"
+    file.write_text("what: x\ncaptions:\n- first: slow\n")
+    with pytest.raises(ValueError, match="is no text; put quotes around a colon"):
+        _ = build(RenderConfig, [str(file)]).picture
