@@ -1,7 +1,6 @@
 """Which effects are said as one finding: those whose predictions the recordings cannot tell."""
 
 from dataclasses import replace
-from functools import partial
 
 import pytest
 
@@ -9,10 +8,9 @@ from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import confidences
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.equivalents import alike, apart, probability_of_any, swapped
-from buggy_rl.diagnosis.evidence_features import varying
 from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.observed import observed
-from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.diagnosis.observed import concluded
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.statement import _equivalents, _named
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.cross_validation import blocks
@@ -35,8 +33,7 @@ def case():
 @pytest.fixture(scope="module")
 def found(case):
     searched = joint_search(case.problem, case.criteria, also=[TRIM, BAND, STEERING])
-    seen = observed(case.criteria, searched)
-    result = searched.result(posterior(seen), partial(varying, seen))
+    result = concluded(case.criteria, searched)
     return replace(
         result,
         best=result.tried[TRIM],

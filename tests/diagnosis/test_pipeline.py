@@ -111,8 +111,8 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     criteria = Criteria(blocks(problem.segments), baseline=baseline)
     seen = observed(criteria, joint_search(problem, criteria))
     share = {
-        tuple(h["effects"]): f["on_baseline"]
-        for h, f in zip(seen["hypotheses"], of_hypotheses(seen), strict=True)
+        h.effects: f["on_baseline"]
+        for h, f in zip(seen.hypotheses, of_hypotheses(seen), strict=True)
     }
     assert share["steering_gain",] < -0.5  # of what it gains: it is nothing that changed
     assert share["viscous_drag",] > -0.1

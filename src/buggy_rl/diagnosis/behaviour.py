@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.experiments import leading
+from buggy_rl.diagnosis.experiments import most_probable
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.posterior import shipped
@@ -104,7 +104,7 @@ def step_values(case: Case, found: SearchResult, tuned: Retuned | None = None) -
     covariance = described.cross_validated.covariance
     if case.retuned_from is not None:
         covariance = _joint(covariance, tuned)
-    others = [whole(found.tried[key].fit) for key in leading(found) if key != described.key]
+    others = [whole(found.tried[key].fit) for key in most_probable(found) if key != described.key]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
     steps = step_tests(simulation, library, rows, driven, problem.segments.dt)

@@ -13,7 +13,6 @@ from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.candidate import Effects
 from buggy_rl.diagnosis.case import Case, prepared, segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.evidence_features import varying
 from buggy_rl.diagnosis.excitation import weak
 from buggy_rl.diagnosis.experiments import decided
 from buggy_rl.diagnosis.integration import Step, fine_enough
@@ -21,10 +20,10 @@ from buggy_rl.diagnosis.joint import Keep, joint_search
 from buggy_rl.diagnosis.limits import same_sets
 from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.diagnosis.meter import Meter, Reading
-from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.observed import concluded
 from buggy_rl.diagnosis.other_sensors import other_sensors
 from buggy_rl.diagnosis.planning import plan_of
-from buggy_rl.diagnosis.posterior import Posterior, posterior
+from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.preflight_commands import check_commands
 from buggy_rl.diagnosis.preflight_recordings import (
     check_blocks,
@@ -278,11 +277,8 @@ def _searched(case: Case, progress: Progress, kept: Keep) -> SearchResult:
     found = joint_search(
         case.problem, case.criteria, progress=progress, budget=case.budget, kept=kept
     )
-    seen = observed(case.criteria, found)
     tried = {w.candidate.key: w.candidate for w in found.weighed}
-    same = same_sets(tried, found.problem.segments)
-    result = found.result(posterior(seen).merged(same), partial(varying, seen))
-    return replace(result, same=same, observed=seen)
+    return concluded(case.criteria, found, same_sets(tried, found.problem.segments))
 
 
 def _diagnosed(

@@ -12,7 +12,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.signed import is_own, load_signed, save_signed
 
 FOLDER = "stages"  # in the folder of the answer
-SCHEMA = 1  # of what is kept: raised when other code would not go on from it
+SCHEMA = 2  # of what is kept: raised when other code would not go on from it
 ASKED = "asked"  # name of the question's own file
 # Of the config: these change no answer, or are in the recordings that were read.
 IGNORED = ("output", "threads", "workers", "recordings", "baseline", "columns")

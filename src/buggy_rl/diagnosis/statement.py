@@ -37,7 +37,7 @@ from buggy_rl.diagnosis.verdict import verdict_of
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
-from buggy_rl.estimation.misfit import NOTHING, misfit
+from buggy_rl.estimation.misfit import misfit
 from buggy_rl.vehicle import VehicleDimensions
 
 WRITTEN = 24  # hypotheses that are written down
@@ -161,7 +161,8 @@ def _car(case: Case, effect: str) -> VehicleDimensions:
 def _named(case: Case, found: SearchResult, effect: str, sure: Confidence) -> NamedEffect:
     fit, problem = found.best.fit, case.problem
     by_blocks = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
-    form, share = shipped().form_error, _remaining(case, found, effect)
+    excess = excess_misfit(found.best, found.null)
+    form, share = shipped().form_error, case.criteria.usual.remaining(excess, found.closed(effect))
     spread = [
         form.sd(z, math.sqrt(v), share)
         for z, v in zip(fit.vector.tolist(), by_blocks.tolist(), strict=True)
@@ -230,13 +231,6 @@ def _tried(found: SearchResult) -> list[Alternative]:
         for effects, c in found.tried.items()
     ]
     return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]
-
-
-def _remaining(case: Case, found: SearchResult, effect: str) -> float:
-    """What remains beyond the baseline over what an effect closes, 1 at most."""
-    usual = case.criteria.usual
-    rest = max(0.0, excess_misfit(found.best, found.null) - usual.mean) + 2 * usual.error
-    return min(1.0, max(rest, NOTHING) / max(found.closed(effect), 1e-9))
 
 
 def _retuned(found: SearchResult, given: Tensor, wrong: Sequence[NamedEffect]) -> list[NamedEffect]:
