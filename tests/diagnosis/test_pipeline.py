@@ -9,6 +9,7 @@ import yaml
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.drives import Drives
 from buggy_rl.diagnosis.evidence_features import of_hypotheses
 from buggy_rl.diagnosis.integration import Step
 from buggy_rl.diagnosis.joint import joint_search
@@ -146,5 +147,6 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
         "    return make_engine('single_track', batch_size, device)\n"
     )
     monkeypatch.setattr(pipeline, "fine_enough", lambda *_: Step({"substeps": 4}, "too coarse"))
-    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), recordings) == Step()
-    assert pipeline._step(ONE, recordings).options
+    drives = Drives.cut(ONE, recordings)
+    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), drives) == Step()
+    assert pipeline._step(ONE, drives).options
