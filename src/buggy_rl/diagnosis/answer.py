@@ -18,6 +18,7 @@ from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.proof import Proof
 from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained
+from buggy_rl.diagnosis.words import READINGS
 
 Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
@@ -28,7 +29,6 @@ SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
 OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which no list of effects says it all
 WORTH = 0.05  # [-] confidence from which an effect is said where something has no name
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
-CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Answer:
         if self.verdict != "no_mismatch":
             channel, share = max(self.located.channel_share.items(), key=lambda i: i[1])
             result.append(
-                f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
+                f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
         if open_ and self.form:
