@@ -43,12 +43,12 @@ class Alternative:
     log_evidence: float | None = None
     """[nats]"""
 
-    @classmethod
-    def closest(cls, found: SearchResult) -> list["Alternative"]:
+    @staticmethod
+    def closest(found: SearchResult) -> list["Alternative"]:
         """The closest hypotheses of a search, best first."""
         own = found.loss(found.best)
         alternatives = [
-            cls(
+            Alternative(
                 effects,
                 found.loss(c) - own,
                 excess_misfit(c, found.null),
