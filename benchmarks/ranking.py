@@ -24,7 +24,7 @@ from buggy_rl.blind_test.compared import mcnemar
 from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.named import counted
 from buggy_rl.config import from_command_line, run
-from buggy_rl.diagnosis.evidence_features import fitted
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.posterior import Posterior
 
 TREES = {"learning_rate": 0.05, "max_iter": 100, "max_leaf_nodes": 8, "max_features": 0.5}
@@ -66,7 +66,7 @@ def boosted(cases: Sequence[Mapping[str, Any]]) -> list[Posterior]:
     found = []
     for row, entry in enumerate(cases):
         *named, unknown = torch.softmax(torch.tensor(scores[case == row]), 0).tolist()
-        keys = [tuple(h["effects"]) for h in fitted(entry)]
+        keys = [h.effects for h in CaseEvidence.from_dict(entry).fitted]
         found.append(Posterior(dict(zip(keys, named, strict=True)), unknown))
     return found
 

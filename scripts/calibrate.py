@@ -33,6 +33,7 @@ def main() -> None:
     from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
     from buggy_rl.blind_test.pairings import by_pairing
     from buggy_rl.blind_test.step_intervals import step_error, step_intervals, steps
+    from buggy_rl.diagnosis.case_evidence import CaseEvidence
     from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
     from buggy_rl.files import write_atomically
 
@@ -42,7 +43,7 @@ def main() -> None:
     cases = [e for file in files for e in entries(file) if "failed" not in e]
     shipped = load_calibration(Path(config.weights or SHIPPED))
     if config.apply:
-        found = [posterior(e, shipped) for e in cases]
+        found = [posterior(CaseEvidence.from_dict(e), shipped) for e in cases]
         print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
     else:
         calibration, ridge = calibrated(cases, config.without)

@@ -21,6 +21,7 @@ from buggy_rl.blind_test.calibration import (
     weights,
 )
 from buggy_rl.blind_test.named import best_single, counted, listed, lowest_loss, sure
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.plants.composed import SORTS
@@ -31,7 +32,9 @@ PLANTS = ("reference", "mujoco", "commonroad")
 
 def entry(seed, concealed, hypotheses, first=1.0):
     told = {"seed": seed, "plant": PLANTS[seed % 3], "simulator": "reference", "baseline": True}
-    return case(hypotheses, first) | {"case": told | {"concealed": {c: {} for c in concealed}}}
+    return case(hypotheses, first).to_dict() | {
+        "case": told | {"concealed": {c: {} for c in concealed}}
+    }
 
 
 def drawn(seed, chance):
@@ -80,7 +83,7 @@ def test_where_nothing_tells_right_from_wrong_nothing_is_learnt():
 
 
 def test_a_truth_that_was_not_fitted_cannot_be_learnt_from_and_counts_as_missed(cases):
-    absent = entry(3, ["yaw_damping"], cases[0]["hypotheses"])
+    absent = entry(3, ["yaw_damping"], CaseEvidence.from_dict(cases[0]).hypotheses)
     assert not table([absent]).true.any()
     assert "0 % (0 to 79) of 1" in counted([absent], {"": [posterior_of(absent)]})
     with_it = [*cases, absent]
@@ -124,7 +127,7 @@ def test_the_file_says_what_it_was_made_from_and_gives_the_same_answers(cases, t
     assert read["made_from"]["cases"] == 120
     assert read["hypothesis"] == dict(calibration.hypothesis)
     assert read["form_error"] == {"chance": 2.0, "always": 0.05, "remains": 0.3}
-    assert posterior(cases[0], calibration).best == ("payload",)
+    assert posterior(CaseEvidence.from_dict(cases[0]), calibration).best == ("payload",)
 
 
 def test_what_is_named_is_counted_by_hand():

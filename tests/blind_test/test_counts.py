@@ -5,15 +5,16 @@ from pathlib import Path
 from buggy_rl.blind_test.counts import counts
 from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.discrimination import discrimination
+from tests.diagnosis import observations
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 def entry(concealed, sets, simulator="reference", asked=()):
     """A case in which these sets of effects were fitted, some since they were asked for."""
-    hypotheses = [{"effects": list(s), "asked": s in asked} for s in sets]
+    hypotheses = [observations.hypothesis(s, [1.0], 0.5, asked=s in asked) for s in sets]
     case = {"concealed": concealed, "plant": "reference", "simulator": simulator}
-    return {"case": case, "hypotheses": hypotheses}
+    return observations.case(hypotheses).to_dict() | {"case": case}
 
 
 def test_what_is_counted():

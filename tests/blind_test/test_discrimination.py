@@ -5,7 +5,10 @@ import pytest
 
 from buggy_rl.blind_test.discrimination import USED, area, discrimination, left_out, samples
 from buggy_rl.blind_test.draw import Settings, draw_all
+from buggy_rl.diagnosis.constancy import Variation
+from buggy_rl.estimation.evidence import Evidence
 from buggy_rl.plants import PLANTS, abilities
+from tests.diagnosis import observations
 
 CASES = draw_all(
     Settings(cases=120, families=["one", "composed"]), {p: abilities(p) for p in PLANTS}
@@ -13,16 +16,14 @@ CASES = draw_all(
 
 
 def hypothesis(effects, excess, evident, varies):
-    return {
-        "effects": list(effects),
-        "excess": excess,
-        "unclosed": max(0.0, excess),
-        "varies": {effect: ["vx", varies, 1.0] for effect in effects},
-        "evidence": {
-            "log_evidence": evident, "plain": evident, "spread": 0.0, "variation": 0.0,
-            "by_spread": 0.0, "by_variation": 0.0, "dispersion": 1.0, "numbers": 500.0,
-        },
-    }  # fmt: skip
+    return observations.hypothesis(
+        effects,
+        [1.0],
+        excess,
+        unclosed=max(0.0, excess),
+        varies={effect: Variation("vx", varies, 1.0) for effect in effects},
+        evidence=Evidence(evident, 0.0, 0.0, 1.0, evident, 0.0, 0.0, 500.0),
+    )
 
 
 def logged(seed, apart, first=1.0):
@@ -35,15 +36,21 @@ def logged(seed, apart, first=1.0):
         left = (0.05 if known else 0.5) if apart else 0.3
         left *= float(np.exp(chance.normal(0, 0.3)))
         found.append(
-            {
-                "case": {"concealed": case.concealed, "plant": case.plant,
-                         "simulator": case.simulator},
-                "first": first,
-                "usual": [0.0, 0.0],
-                "hypotheses": [hypothesis((), first, -300.0, 0.0),
-                               hypothesis(truth, left, -100 * left, 0.01)],
+            observations.case(
+                [
+                    hypothesis((), first, -300.0, 0.0),
+                    hypothesis(truth, left, -100 * left, 0.01),
+                ],
+                first,
+            ).to_dict()
+            | {
+                "case": {
+                    "concealed": case.concealed,
+                    "plant": case.plant,
+                    "simulator": case.simulator,
+                }
             }
-        )  # fmt: skip
+        )
     return found
 
 

@@ -12,6 +12,7 @@ from buggy_rl.blind_test.development import entries
 from buggy_rl.blind_test.intervals import covered, form_error, intervals, numbers
 from buggy_rl.blind_test.named import best_single, counted, lowest_loss
 from buggy_rl.blind_test.pairings import by_pairing
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior, shipped
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -79,7 +80,7 @@ def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights():
     fresh = [e for e in entries(LEDGERS[1]) if "failed" not in e]
     earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
     assert earlier.cases < shipped().cases
-    found = [posterior(e, earlier) for e in fresh]
+    found = [posterior(CaseEvidence.from_dict(e), earlier) for e in fresh]
     for line in (
         *by_pairing(fresh, found).splitlines(),
         *intervals(fresh, earlier.form_error).splitlines(),

@@ -1,35 +1,36 @@
-"""Observed cases as a search writes them down, made by hand: few numbers, each with a meaning."""
+"""What was seen of searches, made by hand: few numbers, each with a meaning."""
+
+from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
+from buggy_rl.diagnosis.constancy import Variation
+from buggy_rl.estimation.evidence import Evidence
+from buggy_rl.estimation.misfit import BaselineMisfit
 
 
 def hypothesis(effects, held_out, excess, **other):
     """One that leaves `excess`, with a held-out loss of each block."""
     evident = -sum(held_out) / 4
-    return {
-        "effects": sorted(effects),
+    numbers = {
+        "effects": tuple(sorted(effects)),
         "asked": False,
-        "z": [1.0] * len(effects) + [0.0],
-        "held_out": list(held_out),
+        "values": {effect: {} for effect in (*effects, "")},
+        "z": (1.0,) * len(effects) + (0.0,),
+        "sd": (0.1,) * (len(effects) + 1),
+        "correlation": (),
+        "held_out": tuple(held_out),
         "penalty": 0.0,
         "excess": excess,
         "typical": 1.0 + excess,
-        "channel": [1 / 6] * 6,  # shares
+        "channel": (1 / 6,) * 6,  # shares
+        "by_condition": (),
         "unclosed": excess,
-        "at_bound": [],
-        "varies": {effect: ["vx", 0.0, 0.0] for effect in effects},
+        "at_bound": (),
+        "varies": {effect: Variation("vx", 0.0, 0.0) for effect in effects},
         "on_baseline": 0.0,
-        "evidence": {
-            "log_evidence": evident, "plain": evident, "spread": 0.0, "variation": 0.0,
-            "by_spread": 0.0, "by_variation": 0.0, "dispersion": 1.0, "numbers": 500.0,
-        },
-    } | other  # fmt: skip
+        "evidence": Evidence(evident, 0.0, 0.0, 1.0, evident, 0.0, 0.0, 500.0),
+    }
+    return HypothesisEvidence(**(numbers | other))
 
 
 def case(hypotheses, first=1.0, usual=(0.0, 0.0)):
     """Of the first hypothesis, which is that nothing is missing, and others."""
-    return {
-        "first": first,
-        "usual": list(usual),
-        "segments": 40,
-        "dispersion": 1.0,
-        "hypotheses": list(hypotheses),
-    }
+    return CaseEvidence(first, BaselineMisfit(*usual), 40, 1.0, tuple(hypotheses))

@@ -77,7 +77,7 @@ def test_the_errors_are_of_commands_as_they_are_stamped(recordings):
     problem = problem_of(recordings, ["throttle_gain"])
     [fit] = fitted(problem, [problem.library.hypothesis(["throttle_gain"])])
     assert float(fit.vector[-1]) < -3  # prior scales of 10 ms
-    errors = validated(problem, fit, recordings)
+    errors = validated(problem, fit)
     best, own = delivered(problem, fit)
     assert [c.effect for c in best.coordinates] == ["throttle_gain"]
     with_clock = problem.simulation.residuals(

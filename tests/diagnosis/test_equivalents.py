@@ -1,19 +1,18 @@
 """Which effects are said as one finding: those whose predictions the recordings cannot tell."""
 
 from dataclasses import replace
-from functools import partial
 
 import pytest
 
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.confidence import confidences
 from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.equivalents import alike, apart, probability_of_any, swapped
-from buggy_rl.diagnosis.evidence_features import varying
+from buggy_rl.diagnosis.drives import Drives, longer_segments
+from buggy_rl.diagnosis.equivalents import alike, apart, equivalents, probability_of_any, swapped
 from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.observed import observed
-from buggy_rl.diagnosis.posterior import Posterior, posterior
-from buggy_rl.diagnosis.statement import _equivalents, _named
+from buggy_rl.diagnosis.observed import concluded
+from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.statement import _named
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.cross_validation import blocks
 from tests.diagnosis.planted import planted_drives, problem_of
@@ -29,14 +28,15 @@ LEAST = 10.0  # [nats]
 def case():
     recordings = planted_drives([{"throttle_offset": {"offset": -0.1}}], cars=2, seconds=10.0)[0]
     problem = problem_of(recordings, [*TRIM, *BAND, *STEERING])
-    return Case(problem, Criteria(blocks(problem.segments)), recordings)
+    longer = longer_segments(recordings, 1.0)
+    drives = Drives(recordings, problem.segments, longer)
+    return Case(problem, Criteria(blocks(problem.segments)), drives)
 
 
 @pytest.fixture(scope="module")
 def found(case):
     searched = joint_search(case.problem, case.criteria, also=[TRIM, BAND, STEERING])
-    seen = observed(case.criteria, searched)
-    result = searched.result(posterior(seen), partial(varying, seen))
+    result = concluded(case.criteria, searched)
     return replace(
         result,
         best=result.tried[TRIM],
@@ -72,7 +72,7 @@ def test_they_are_said_as_one_finding_while_neither_is_sure(case, found):
     def findings(posterior):
         now = replace(found, posterior=posterior)
         named = _named(case, now, *TRIM, confidences(now, posterior)[TRIM[0]])
-        return _equivalents(case, now, [named], [])
+        return equivalents(case, now, [named], [])
 
     [either] = findings(found.posterior)
     assert either.effects == (*TRIM, *BAND)

@@ -1,27 +1,25 @@
 """Which manoeuvre decides between hypotheses that recordings at steady speed leave open."""
 
 from dataclasses import replace
-from functools import partial
 
 import pytest
 import torch
 
 from buggy_rl.diagnosis import experiments
 from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.evidence_features import varying
 from buggy_rl.diagnosis.experiments import (
     SUGGESTED,
     DecisionRate,
     decided,
     decision_rates,
-    leading,
+    most_probable,
     suggestions,
     with_drives,
 )
 from buggy_rl.diagnosis.joint import joint_search
 from buggy_rl.diagnosis.manoeuvre_drives import HEADINGS, TIMES, simulated, trusted
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.observed import observed
+from buggy_rl.diagnosis.observed import concluded
 from buggy_rl.diagnosis.posterior import Posterior, posterior
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.segments import cut_segments
@@ -47,9 +45,7 @@ def steady():
 def searched(problem):
     criteria = Criteria(blocks(problem.segments))
     found = joint_search(problem, criteria, also=[VISCOUS, AIR])
-    seen = observed(criteria, found)
-    result = found.result(posterior(seen), partial(varying, seen))
-    return replace(result, observed=seen)
+    return concluded(criteria, found)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +70,7 @@ def named(name):
 
 def test_the_most_probable_hypotheses_lead_and_a_sure_one_leaves_nothing_open(undecided):
     problem, found = undecided
-    assert leading(found) == [VISCOUS, AIR]
+    assert most_probable(found) == [VISCOUS, AIR]
     assert found.posterior.of(AIR[0]) > 0.1
     sure = replace(found, posterior=Posterior({VISCOUS: 0.92, AIR: 0.05}, 0.03))
     assert decided(sure.posterior, VISCOUS)
@@ -102,12 +98,12 @@ def test_a_manoeuvre_that_tells_nothing_leaves_the_odds_as_they_are(undecided, m
     n = len(slalom.drive)
     noise = torch.full((2, n), float(problem.noise.dimension))
     alike = with_drives(problem, found.observed, dict.fromkeys([VISCOUS, AIR, ()], noise), slalom)
-    kept = {tuple(h["effects"]): h for h in found.observed["hypotheses"]}
-    restricted = {**found.observed, "hypotheses": [kept[e] for e in ((), VISCOUS, AIR)]}
+    kept = tuple(found.observed.of(effects) for effects in ((), VISCOUS, AIR))
+    restricted = replace(found.observed, hypotheses=kept)
     before, after = posterior(restricted), posterior(alike)
     odds = [p.sets[VISCOUS] / p.sets[AIR] for p in (before, after)]
     assert odds[1] == pytest.approx(odds[0], rel=0.2)
-    assert len(alike["hypotheses"][0]["held_out"]) == len(kept[()]["held_out"]) + TIMES
+    assert len(alike.null.held_out) == len(kept[0].held_out) + TIMES
     worse = with_drives(
         problem, found.observed, {VISCOUS: noise, AIR: 2 * noise, (): 4 * noise}, slalom
     )

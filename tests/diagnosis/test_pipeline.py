@@ -10,6 +10,7 @@ from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.budget import FULL, smaller
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.drives import Drives
 from buggy_rl.diagnosis.evidence_features import of_hypotheses
 from buggy_rl.diagnosis.integration import Step
 from buggy_rl.diagnosis.joint import joint_search
@@ -113,8 +114,8 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     criteria = Criteria(blocks(problem.segments), baseline=baseline)
     seen = observed(criteria, joint_search(problem, criteria))
     share = {
-        tuple(h["effects"]): f["on_baseline"]
-        for h, f in zip(seen["hypotheses"], of_hypotheses(seen), strict=True)
+        h.effects: f["on_baseline"]
+        for h, f in zip(seen.hypotheses, of_hypotheses(seen), strict=True)
     }
     assert share["steering_gain",] < -0.5  # of what it gains: it is nothing that changed
     assert share["viscous_drag",] > -0.1
@@ -148,8 +149,9 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
         "    return make_engine('single_track', batch_size, device)\n"
     )
     monkeypatch.setattr(pipeline, "fine_enough", lambda *_: Step({"substeps": 4}, "too coarse"))
-    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), recordings) == Step()
-    assert pipeline._step(ONE, recordings).options
+    drives = Drives.cut(ONE, recordings)
+    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), drives) == Step()
+    assert pipeline._step(ONE, drives).options
 
 
 def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):
@@ -169,7 +171,7 @@ def test_commands_that_do_not_predict_the_motion_get_the_shortest_search_unless_
         raise BudgetedError(arguments[-1])
 
     monkeypatch.setattr(pipeline, "check_commands", lambda _: CommandCheck(["They do not."], []))
-    monkeypatch.setattr(pipeline, "_case", case)
+    monkeypatch.setattr(pipeline, "prepared", case)
     with pytest.raises(BudgetedError) as budget:
         diagnose(replace(ONE, minutes=minutes), recordings)
     assert budget.value.args == (expected,)

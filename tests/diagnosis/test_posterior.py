@@ -1,10 +1,15 @@
 """Posterior: probabilities that sum to one, and what they say."""
 
+import json
 import math
+from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.evidence_features import beyond, leading, of_case, of_hypotheses
+from buggy_rl.diagnosis.candidate import leading
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.constancy import Variation
+from buggy_rl.diagnosis.evidence_features import of_case, of_hypotheses
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import (
     Calibration,
@@ -13,6 +18,7 @@ from buggy_rl.diagnosis.posterior import (
     posterior,
     stands,
 )
+from buggy_rl.estimation.misfit import BaselineMisfit
 from tests.diagnosis.observations import case, hypothesis
 
 NOTHING = hypothesis((), [50.0, 60.0], 1.0)
@@ -94,11 +100,12 @@ def test_a_set_is_worth_what_its_least_needed_effect_gains():
 
 
 def test_what_varies_lies_at_a_bound_or_helps_on_the_baseline_speaks_against_it():
-    worse = DRAG | {
-        "varies": {"viscous_drag": ["vx", 0.3, 20.0]},
-        "at_bound": ["viscous_drag"],
-        "on_baseline": 0.8,  # 32 of the 65 nats that it gains here
-    }
+    worse = replace(
+        DRAG,
+        varies={"viscous_drag": Variation("vx", 0.3, 20.0)},
+        at_bound=("viscous_drag",),
+        on_baseline=0.8,  # 32 of the 65 nats that it gains here
+    )
     same, changed = (of_hypotheses(case([NOTHING, h]))[1] for h in (DRAG, worse))
     assert (same["varies"], same["at_bound"], same["on_baseline"]) == (0, 0, 0)
     assert changed["varies"] < -1
@@ -109,38 +116,61 @@ def test_what_varies_lies_at_a_bound_or_helps_on_the_baseline_speaks_against_it(
 
 
 def test_a_variation_that_helps_nowhere_counts_as_none():
-    worse = DRAG | {"varies": {"viscous_drag": ["vx", -0.5, 1.0]}}
+    worse = replace(DRAG, varies={"viscous_drag": Variation("vx", -0.5, 1.0)})
     same, changed = (of_hypotheses(case([NOTHING, h]))[1] for h in (DRAG, worse))
     assert same["varies"] == changed["varies"] == 0
 
 
 def test_the_leading_hypothesis_has_an_effect_more_only_if_that_is_worth_its_price():
-    assert leading([NOTHING, DRAG, BOTH]) is DRAG
-    assert leading([NOTHING, DRAG, BOTH | {"held_out": [10.0, 15.0]}])["effects"] == BOTH["effects"]
+    assert case([NOTHING, DRAG, BOTH]).leading is DRAG
+    better = replace(BOTH, held_out=(10.0, 15.0))
+    assert leading([NOTHING, DRAG, better], lambda h: h.loss) is better
 
 
 def test_excess_is_counted_beyond_what_is_usual():
-    assert beyond(0.5, (0.0, 0.0)) == 0.5
-    assert beyond(0.5, (0.6, 0.0)) == 0
-    assert beyond(0.5, (0.5, 0.1)) == pytest.approx(0.1 / math.sqrt(2 * math.pi))
-    assert beyond(2.0, (0.5, 0.1)) == pytest.approx(1.5)
+    assert BaselineMisfit(0.0, 0.0).beyond(0.5) == 0.5
+    assert BaselineMisfit(0.6, 0.0).beyond(0.5) == 0
+    assert BaselineMisfit(0.5, 0.1).beyond(0.5) == pytest.approx(0.1 / math.sqrt(2 * math.pi))
+    assert BaselineMisfit(0.5, 0.1).beyond(2.0) == pytest.approx(1.5)
+
+
+def test_what_was_seen_is_read_as_it_was_written():
+    seen = case([NOTHING, DRAG, BOTH], usual=(0.1, 0.02))
+    line = json.dumps(seen.to_dict())
+    assert CaseEvidence.from_dict(json.loads(line)) == seen
+    content = json.loads(line)
+    assert content["usual"] == [0.1, 0.02]
+    assert content["hypotheses"][1]["varies"] == {"viscous_drag": ["vx", 0.0, 0.0]}
+    for h in content["hypotheses"]:  # as in ledgers of earlier cases
+        del h["correlation"], h["by_condition"]
+    assert CaseEvidence.from_dict(content) == seen
+    del content["hypotheses"][0]["excess"]
+    with pytest.raises(KeyError, match="excess"):
+        CaseEvidence.from_dict(content)
+
+
+def test_a_line_has_so_many_digits_of_a_number_and_no_more():
+    seen = case([replace(NOTHING, z=(1 / 3,), varies={}), DRAG], first=2 / 3).rounded
+    assert seen.first == 0.66667
+    assert seen.null.z == (0.33333,)
+    assert seen.rounded == seen
 
 
 def test_what_the_best_leaves_speaks_for_unknown_physics():
     closed = of_case(case([NOTHING, DRAG]))
-    left = of_case(case([NOTHING, DRAG | {"excess": 0.5}]))
+    left = of_case(case([NOTHING, replace(DRAG, excess=0.5)]))
     assert left["share"] > closed["share"]
     assert left["first"] == closed["first"]
 
 
 def test_what_remains_in_one_channel_and_what_was_gained_are_of_the_case():
     even = of_case(case([NOTHING, DRAG]))
-    one = of_case(case([NOTHING, DRAG | {"channel": [0.0, 0.0, 0.0, 0.0, 0.1, 0.9]}]))
+    one = of_case(case([NOTHING, replace(DRAG, channel=(0.0, 0.0, 0.0, 0.0, 0.1, 0.9))]))
     assert even["channel"] == pytest.approx(1 / 6)
     assert one["channel"] == 0.9
     assert even["gained"] == one["gained"] == pytest.approx(math.log1p(65 / 4))
     # Nothing leads and nothing is left.
-    none = of_case(case([NOTHING | {"channel": [0.0] * 6}]))
+    none = of_case(case([replace(NOTHING, channel=(0.0,) * 6)]))
     assert (none["gained"], none["channel"]) == (0, 0)
 
 

@@ -15,6 +15,7 @@ from buggy_rl.diagnosis.answer import Answer, Proof
 from buggy_rl.diagnosis.behaviour import Behaviour
 from buggy_rl.diagnosis.case import prepared
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.drives import Drives
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
 from buggy_rl.diagnosis.form_fault import FormFault
@@ -108,7 +109,7 @@ def diagnosis():
     library = Library(["steering_gain", "steering_offset"])
     config = DiagnosisConfig(simulator="single_track", recordings=[], output="")
     simulation = Simulation(lambda cars: make_engine("single_track", cars))
-    case = prepared(simulation, drives(), library, config)
+    case = prepared(simulation, Drives.cut(config, drives()), library, config)
     found = found_in(case)
     return case, found, said_of(case, found)
 

@@ -11,6 +11,7 @@ from buggy_rl.diagnosis.candidate import Candidate
 from buggy_rl.diagnosis.case import Case
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.drives import Drives, longer_segments
 from buggy_rl.diagnosis.retuning import retuned, with_own
 from buggy_rl.diagnosis.validation import validated
 from buggy_rl.engines import make_engine
@@ -30,7 +31,9 @@ def case():
     # Of four parameters two are off: 10 N and 0.45 rad in the simulator.
     recordings = planted_drives([{"parameter": {"drive_force": 7.0, "left_angle": 0.38}}])[0]
     problem = problem_of(recordings, FEW, FITTED)
-    return Case(problem, Criteria(blocks(problem.segments)), recordings)
+    longer = longer_segments(recordings, 1.0)
+    drives = Drives(recordings, problem.segments, longer)
+    return Case(problem, Criteria(blocks(problem.segments)), drives)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +97,7 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
     at = {c.parameter.name: i for i, c in enumerate(best.coordinates)}
     best.vector[at["drive_force"]] *= 0.9
     problem = replace(case.problem, library=again.as_given)
-    errors = validated(problem, best, case.recordings)
+    errors = validated(problem, best, case.drives.longer)
     assert errors["after"].median[1.0] < 0.1 * errors["before"].median[1.0]
     assert misfit(errors["after"].square) == pytest.approx(1.0, abs=0.1)
 
@@ -102,7 +105,7 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
 def test_a_small_budget_tells_no_errors_beyond_its_segments(case):
     best = case.problem.library.hypothesis(["steering_gain"], [0.5, 0.0])
     less = replace(FULL, longer=False, iterations=1)
-    errors = validated(case.problem, best, case.recordings, less)
+    errors = validated(case.problem, best, case.drives.longer, less)
     assert {name: max(e.median) for name, e in errors.items()} == dict.fromkeys(errors, 1.0)
     assert len(errors["after"].square) == len(case.problem.segments)
 

@@ -13,11 +13,11 @@ from buggy_rl import keys
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.draw import Settings, draw
 from buggy_rl.blind_test.sealing import CaseStore
+from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.plants import abilities
 from buggy_rl.recordings import load_recordings
-from buggy_rl.task.env import make_simulator
 from buggy_rl.vehicle import CONTROL_PERIOD
 
 FIRST, SEEDS = 10_000_000, 80_000_000  # no case of scripts/prove.py has one of these seeds
@@ -93,7 +93,7 @@ def distance(made: TensorDict, measured: TensorDict, seconds: float = 1.0) -> fl
 
 
 def _residuals(file: Path, segments: Segments) -> Tensor:
-    simulation = Simulation(lambda count: make_simulator(file, count), every=1)
+    simulation = Simulation(Maker(str(file)), every=1)
     return simulation.residuals(segments)[0]
 
 

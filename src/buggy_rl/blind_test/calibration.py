@@ -20,7 +20,8 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from buggy_rl.blind_test.sizes import UNKNOWN_SIZES
-from buggy_rl.diagnosis.evidence_features import fitted, of_case, of_hypotheses
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.evidence_features import of_case, of_hypotheses
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.posterior import Calibration, Posterior, posterior
 from buggy_rl.effects import EFFECTS
@@ -121,7 +122,8 @@ def table(entries: Sequence[Entry], without: Collection[str] = ()) -> Table:
     Raises:
         ValueError: There is no such feature.
     """
-    own, cases = [of_hypotheses(e) for e in entries], [of_case(e) for e in entries]
+    seen = [CaseEvidence.from_dict(e) for e in entries]
+    own, cases = [of_hypotheses(s) for s in seen], [of_case(s) for s in seen]
     missing = {*without} - {*own[0][0], *cases[0]}
     if missing:
         raise ValueError(
@@ -139,8 +141,8 @@ def table(entries: Sequence[Entry], without: Collection[str] = ()) -> Table:
     for row, (entry, features) in enumerate(zip(entries, own, strict=True)):
         hypotheses[row, : len(features)] = torch.tensor([[*f.values()] for f in features]).double()
         shut[row, : len(features)] = 0.0
-        for column, h in enumerate(fitted(entry)):
-            true[row, column] = meant(h["effects"]) == truth(entry) and not unknown(entry)
+        for column, h in enumerate(seen[row].fitted):
+            true[row, column] = meant(h.effects) == truth(entry) and not unknown(entry)
         true[row, -1] = unknown(entry)
     case = torch.tensor([[*c.values()] for c in cases]).double()
     return Table(hypotheses, shut, case, true, names)
@@ -196,7 +198,7 @@ def left_out(
     for out, w, v in kept:
         calibration = _calibration(of[~out], w, v)
         for row in out.nonzero().flatten().tolist():
-            found[row] = posterior(entries[row], calibration)
+            found[row] = posterior(CaseEvidence.from_dict(entries[row]), calibration)
     return found, _predicted(of, kept)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from buggy_rl.blind_test.case import COMMANDS
-from buggy_rl.diagnosis.evidence_features import fitted
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.effects import offered
 
 WORDS = {1: "one", 2: "two", 3: "three"}
@@ -37,5 +37,9 @@ def _is(entry: Mapping[str, Any], size: int, own: bool) -> bool:
 
 
 def _cells(entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    right = [sorted(e["case"]["concealed"]) in [h["effects"] for h in fitted(e)] for e in entries]
+    right = [
+        tuple(sorted(e["case"]["concealed"]))
+        in {h.effects for h in CaseEvidence.from_dict(e).fitted}
+        for e in entries
+    ]
     return [str(len(entries)), str(sum(right))]

@@ -140,5 +140,5 @@ def _line(store: CaseStore, effects: Sequence[str], case: Case) -> dict[str, Any
 def described(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
     """What is written of a search."""
     driven = [line.partition(" hardly")[0] for line in weak(ready.problem.segments)]
-    seen = observed(ready.criteria, found)
+    seen = observed(ready.criteria, found).to_dict()
     return {"rank": found.rank(case.truth), "weak": driven, **seen}

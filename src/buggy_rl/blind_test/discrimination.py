@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.blind_test.sizes import UNKNOWN_SIZES
-from buggy_rl.estimation.misfit import BaselineMisfit
+from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
 from buggy_rl.plants.composed import Sort, is_composed
 
 PRICE = 3.0  # [nats] of an effect more, where nothing is true and the most evident is taken
@@ -45,47 +45,45 @@ def samples(entries: Sequence[Mapping[str, Any]]) -> list[Sample]:
     """Of all cases in which the simulator as given is off by more than is usual."""
     found = []
     for entry in entries:
-        by_set = {tuple(h["effects"]): h for h in entry["hypotheses"]}
         truth = tuple(sorted(entry["case"]["concealed"]))
-        if not by_set or not truth or entry["first"] <= BaselineMisfit(*entry["usual"]).most:
+        if not entry["hypotheses"] or not truth:
+            continue
+        seen = CaseEvidence.from_dict(entry)
+        by_set = {h.effects: h for h in seen.hypotheses}
+        if seen.first <= seen.usual.most:
             continue
         unknown = any(is_composed(e) or e in UNKNOWN_SIZES for e in truth)
         if unknown:
             named = {k: h for k, h in by_set.items() if k}
-            chosen = max(named, key=lambda k: _evidence(named[k]) - PRICE * len(k))
+            chosen = max(named, key=lambda k: named[k].evidence.log_evidence - PRICE * len(k))
             sort = truth[0]
             group = Sort.named(sort).where if is_composed(sort) else sort
         elif truth in by_set:
             chosen, group = truth, f"{entry['case']['plant']}, {entry['case']['simulator']}"
         else:
             continue
-        features = _features(entry, by_set[chosen], by_set[()])
+        features = _features(seen, by_set[chosen])
         found.append(Sample(not unknown, group, features))
     return found
 
 
-def _evidence(hypothesis: Mapping[str, Any]) -> float:
-    return hypothesis["evidence"]["log_evidence"]
-
-
-def _features(
-    entry: Mapping[str, Any], chosen: Mapping[str, Any], null: Mapping[str, Any]
-) -> dict[str, float]:
-    own, none = chosen["evidence"], null["evidence"]
-    closed = max(entry["first"] - chosen["excess"], SMALL)
-    gained = max(1.0, own["plain"] - none["plain"])
-    per_segment = 100.0 / own["numbers"]
+def _features(seen: CaseEvidence, chosen: HypothesisEvidence) -> dict[str, float]:
+    own, none = chosen.evidence, seen.null.evidence
+    closed = max(seen.first - chosen.excess, SMALL)
+    plain = own.plain - none.plain
+    gained = max(1.0, plain)
+    per_segment = 100.0 / own.numbers
     return {
-        "unclosed": _log(chosen["unclosed"]),
-        "left": _log(chosen["excess"] / entry["first"]),
-        "varies": _log(max(v[1] for v in chosen["varies"].values()) / closed),
-        "gain": math.log1p(max(0.0, per_segment * (_evidence(chosen) - _evidence(null)))),
-        "plain_gain": math.log1p(max(0.0, per_segment * (own["plain"] - none["plain"]))),
-        "spread": own["spread"],
-        "variation": own["variation"],
-        "by_spread": _log(own["by_spread"] / gained),
-        "by_variation": _log(own["by_variation"] / gained),
-        "dispersion": math.log(own["dispersion"]),
+        "unclosed": _log(chosen.unclosed),
+        "left": _log(chosen.excess / seen.first),
+        "varies": _log(max(v.closes for v in chosen.varies.values()) / closed),
+        "gain": math.log1p(max(0.0, per_segment * (own.log_evidence - none.log_evidence))),
+        "plain_gain": math.log1p(max(0.0, per_segment * plain)),
+        "spread": own.spread,
+        "variation": own.variation,
+        "by_spread": _log(own.by_spread / gained),
+        "by_variation": _log(own.by_variation / gained),
+        "dispersion": math.log(own.dispersion),
     }
 
 

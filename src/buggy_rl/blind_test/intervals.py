@@ -11,7 +11,6 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,10 @@ from buggy_rl.blind_test.calibration import Entry, group, truth, unknown
 from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.oracle import expected
 from buggy_rl.blind_test.statistics import Figure, share
+from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.effects import effect_class
-from buggy_rl.estimation.misfit import NOTHING
 
 CHANCE = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # tried
 ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried
@@ -57,34 +56,28 @@ def numbers(entries: Sequence[Entry]) -> list[Number]:
     """Of all cases whose true set was fitted, and has a number in truth."""
     found = []
     for entry in entries:
-        own = next((h for h in entry["hypotheses"] if tuple(h["effects"]) == truth(entry)), None)
-        if truth(entry) and own is not None and not unknown(entry):
-            found += _of(entry, own)
+        if not truth(entry) or unknown(entry):
+            continue
+        seen = CaseEvidence.from_dict(entry)
+        own = seen.of(truth(entry))
+        found += [] if own is None else _of(entry, seen, own)
     return found
 
 
-def _of(entry: Entry, own: Any) -> list[Number]:
+def _of(entry: Entry, seen: CaseEvidence, own: HypothesisEvidence) -> list[Number]:
     case = Case(**entry["case"])
-    names = [(e, p) for e, values in own["values"].items() if e for p in values]
+    names = [(e, p) for e, values in own.values.items() if e for p in values]
     found = []
-    for (effect, name), z, sd in zip(names, own["z"], own["sd"], strict=False):  # the clock is last
+    for (effect, name), z, sd in zip(names, own.z, own.sd, strict=False):  # the clock is last
         value = expected(case, effect).get(name)
         today = effect not in REDEFINED or REDEFINED[effect] in entry
         if value is not None and today:
             [parameter] = [p for p in effect_class(effect).declared if p.name == name]
             true = float(parameter.coordinate(value))
-            found.append(Number(z, true, sd, _share(entry, own, effect), group(entry)))
+            closed = seen.without(own, effect).excess - own.excess
+            share = seen.usual.remaining(own.excess, closed)
+            found.append(Number(z, true, sd, share, group(entry)))
     return found
-
-
-def _share(entry: Entry, own: Any, effect: str) -> float:
-    """As `statement` has it: what remains beyond the baseline over what the effect closes."""
-    mean, error = entry["usual"]
-    rest = max(0.0, own["excess"] - mean) + 2 * error
-    fewer = sorted({*own["effects"]} - {effect})
-    by_effects = {tuple(h["effects"]): h["excess"] for h in entry["hypotheses"]}
-    without = by_effects.get(tuple(fewer), by_effects[()])
-    return min(1.0, max(rest, NOTHING) / max(without - own["excess"], 1e-9))
 
 
 def form_error(of: Sequence[Number]) -> FormError:

@@ -18,7 +18,7 @@ from buggy_rl.blind_test.statistics import (
     share,
 )
 from buggy_rl.diagnosis.candidate import Effects
-from buggy_rl.diagnosis.evidence_features import fitted, loss
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.posterior import EVEN, LISTED, Posterior, stands
 
 Entry = Mapping[str, Any]
@@ -56,14 +56,14 @@ Said = Sequence[tuple[Entry, Answered]]
 
 def lowest_loss(entry: Entry) -> Posterior:
     """All on the hypothesis with the lowest held-out loss: what is named without calibration."""
-    best = min(fitted(entry), key=loss)
-    return Posterior({tuple(best["effects"]): 1.0}, 0.0)
+    best = min(CaseEvidence.from_dict(entry).fitted, key=lambda h: h.loss)
+    return Posterior({best.effects: 1.0}, 0.0)
 
 
 def best_single(entry: Entry) -> Posterior:
     """All on the effect, or none, with the lowest held-out loss of those fitted alone."""
-    alone = [h for h in fitted(entry) if len(h["effects"]) < 2]
-    return Posterior({tuple(min(alone, key=loss)["effects"]): 1.0}, 0.0)
+    alone = [h for h in CaseEvidence.from_dict(entry).fitted if len(h.effects) < 2]
+    return Posterior({min(alone, key=lambda h: h.loss).effects: 1.0}, 0.0)
 
 
 def counted(entries: Sequence[Entry], methods: Mapping[str, Sequence[Answered]]) -> str:
@@ -142,7 +142,7 @@ def _standing(entry: Entry, p: Answered) -> list[bool]:
 
 def _came_to(entry: Entry, p: Answered) -> bool:
     del p
-    return truth(entry) in {meant(h["effects"]) for h in fitted(entry)}
+    return truth(entry) in {meant(h.effects) for h in CaseEvidence.from_dict(entry).fitted}
 
 
 def _most_probable_right(entry: Entry, p: Answered) -> bool:

@@ -1,8 +1,7 @@
 """What could be known of a case: its true structure, fitted to the drives that the tool had."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from buggy_rl.blind_test.case import Case
 from buggy_rl.blind_test.equivalents import expected
 from buggy_rl.blind_test.sealing import CaseStore
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.effects import offered
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.estimation.baseline import correct
@@ -24,7 +24,6 @@ from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.files import write_json
 from buggy_rl.recordings import ColumnMap, load_recordings
 from buggy_rl.recordings.columns import load_columns
-from buggy_rl.task.env import make_simulator
 
 SECONDS = 1.0  # [s] of a rollout
 ITERATIONS = 8  # of a fit
@@ -55,7 +54,7 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     seen = store.inputs(case.id)
     question = yaml.safe_load((seen / "question.yaml").read_text())
     most = question.get("stretches", DiagnosisConfig.stretches)
-    make = _maker(seen / question["simulator"])
+    make = Maker(str(seen / question["simulator"]))
     simulation = Simulation(make, options=measurable_options(make)[0])
     extra, columns = None, None
     if "columns" in question:
@@ -139,7 +138,7 @@ def _measured(
         rows = library.settings([(truth, truth.vector)])
         residuals["oracle"] = simulation.residuals(segments, rows)
     if repaired.exists():
-        residuals["named"] = Simulation(_maker(repaired)).residuals(segments, settings)
+        residuals["named"] = Simulation(Maker(str(repaired))).residuals(segments, settings)
     return {
         name: {
             "error": float(noise.whiten(residual)[0].square().mean(-1).sqrt().mean()),
@@ -147,10 +146,6 @@ def _measured(
         }
         for name, residual in residuals.items()
     }
-
-
-def _maker(simulator: Path) -> Callable[[int], Any]:
-    return cache(lambda count: make_simulator(str(simulator), count))
 
 
 def _cut(folder: Path, most: int, columns: ColumnMap | None) -> Segments:

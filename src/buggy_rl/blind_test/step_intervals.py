@@ -11,7 +11,7 @@ covers, as in `intervals`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,11 @@ from buggy_rl.blind_test.intervals import ALWAYS, CHANCE, narrowest
 from buggy_rl.blind_test.statistics import share
 from buggy_rl.diagnosis.behaviour import driven_of, step_values
 from buggy_rl.diagnosis.case import Case as Opened
-from buggy_rl.diagnosis.evidence_features import varying
+from buggy_rl.diagnosis.case_evidence import rounded
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.joint import JointSearch
 from buggy_rl.diagnosis.named_effect import NORMAL
-from buggy_rl.diagnosis.observed import observed, rounded
-from buggy_rl.diagnosis.posterior import posterior
+from buggy_rl.diagnosis.observed import concluded
 from buggy_rl.diagnosis.step_tests import step_tests
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
@@ -68,8 +67,7 @@ def described(ready: Opened, found: JointSearch, case: Case) -> list[dict[str, A
     """Quantities of a case, as a line of a ledger has them; none where the plant has no truth."""
     if not has_truth(case):
         return []
-    seen = observed(ready.criteria, found)
-    result = found.result(posterior(seen), partial(varying, seen))
+    result = concluded(ready.criteria, found)
     driven, dt = driven_of(ready), ready.problem.segments.dt
     plant = cache(lambda cars: plant_of(case, cars, case.faults, plant_parameters(case)))
     nothing = Library([]).hypothesis(())

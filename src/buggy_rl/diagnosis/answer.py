@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from buggy_rl.diagnosis.behaviour import Behaviour, differing
+from buggy_rl.diagnosis.candidate import excess_misfit
 from buggy_rl.diagnosis.delivery import Repair
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.experiments import DecisionRate
@@ -15,17 +16,19 @@ from buggy_rl.diagnosis.named_effect import NamedEffect
 from buggy_rl.diagnosis.other_sensors import SensorFinding
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.proof import Proof
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import Unexplained
+from buggy_rl.diagnosis.words import READINGS
 
 Verdict = Literal[
     "missing_physics", "wrong_parameters", "unknown_physics", "no_mismatch", "cannot_tell"
 ]
 SCHEMA = 1
+WRITTEN = 24  # hypotheses that are written down
 SPOKEN = 5  # effects that get a sentence on the terminal; the report has all
 OPEN = ("unknown_physics", "cannot_tell")  # verdicts after which no list of effects says it all
 WORTH = 0.05  # [-] confidence from which an effect is said where something has no name
 UNNAMED = 0.1  # [-] unexplained share from which the first line says it
-CHANNELS = {"vx": "longitudinal speed", "vy": "lateral speed", "yaw_rate": "yaw rate"}
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,21 @@ class Alternative:
     """Excess misfit on what was held out."""
     log_evidence: float | None = None
     """[nats]"""
+
+    @staticmethod
+    def closest(found: SearchResult) -> list["Alternative"]:
+        """The closest hypotheses of a search, best first."""
+        own = found.loss(found.best)
+        alternatives = [
+            Alternative(
+                effects,
+                found.loss(c) - own,
+                excess_misfit(c, found.null),
+                found.log_evidence.get(effects),
+            )
+            for effects, c in found.tried.items()
+        ]
+        return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -127,7 +145,7 @@ class Answer:
         if self.verdict != "no_mismatch":
             channel, share = max(self.located.channel_share.items(), key=lambda i: i[1])
             result.append(
-                f"The largest share of the error is in {CHANNELS[channel]} ({share:.0%})."
+                f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
         if open_ and self.form:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.experiments import leading
+from buggy_rl.diagnosis.experiments import most_probable
 from buggy_rl.diagnosis.form_error import FormError
 from buggy_rl.diagnosis.named_effect import NORMAL
 from buggy_rl.diagnosis.posterior import shipped
@@ -76,7 +76,7 @@ class Tested:
         return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
 
 
-def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Behaviour]:
+def behaviours(case: Case, found: SearchResult) -> list[Behaviour]:
     """Quantities that were driven, of the simulator as given and with what was found.
 
     An interval holds what the numbers of the best description may be, the form error that such
@@ -85,13 +85,12 @@ def behaviours(case: Case, found: SearchResult, tuned: Retuned | None = None) ->
     Args:
         case: Recordings and simulator.
         found: What the search came to.
-        tuned: The simulator's own parameters, where they were fitted first.
     """
     form = shipped().step_error
-    return [_compared(t, t.half_width(form)) for t in step_values(case, found, tuned)]
+    return [_compared(t, t.half_width(form)) for t in step_values(case, found)]
 
 
-def step_values(case: Case, found: SearchResult, tuned: Retuned | None = None) -> list[Tested]:
+def step_values(case: Case, found: SearchResult) -> list[Tested]:
     """Quantities that were driven and that the tests show; the arguments are `behaviours`'."""
     problem, simulation, library = case.problem, case.given, case.as_given
     driven = driven_of(case)
@@ -103,8 +102,8 @@ def step_values(case: Case, found: SearchResult, tuned: Retuned | None = None) -
     neutral, best = library.hypothesis(()), whole(described.fit)
     covariance = described.cross_validated.covariance
     if case.retuned_from is not None:
-        covariance = _joint(covariance, tuned)
-    others = [whole(found.tried[key].fit) for key in leading(found) if key != described.key]
+        covariance = _joint(covariance, case.tuned)
+    others = [whole(found.tried[key].fit) for key in most_probable(found) if key != described.key]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
     steps = step_tests(simulation, library, rows, driven, problem.segments.dt)

@@ -1,7 +1,8 @@
 """A fitted hypothesis, how well it predicts, and what it leaves."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 from torch import Tensor
 
@@ -11,6 +12,7 @@ from buggy_rl.estimation.misfit import misfit, typical
 
 Effects = tuple[str, ...]
 """Names of a hypothesis, sorted."""
+PRICE = 12.0  # [nats] of an effect more, by which the leading hypothesis is chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,28 @@ class Candidate:
     def typical(self) -> float:
         """Median of `held_out`."""
         return typical(self.held_out)
+
+
+class OfEffects(Protocol):
+    """A hypothesis, in whatever form."""
+
+    @property
+    def effects(self) -> Effects:
+        """Names of its effects."""
+        ...
+
+
+Hypothesis = TypeVar("Hypothesis", bound=OfEffects)
+
+
+def priced(hypothesis: OfEffects, loss: float) -> float:
+    """A held-out loss and a price for each effect [nats]."""
+    return loss + PRICE * len(hypothesis.effects)
+
+
+def leading(hypotheses: Iterable[Hypothesis], loss: Callable[[Hypothesis], float]) -> Hypothesis:
+    """The best hypothesis by held-out loss and a price for each effect."""
+    return min(hypotheses, key=lambda h: priced(h, loss(h)))
 
 
 def excess_misfit(candidate: Candidate, null: Candidate) -> float:

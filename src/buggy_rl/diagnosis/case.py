@@ -1,22 +1,28 @@
 """Recordings and a simulator, ready to be compared."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-from torch import Tensor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from buggy_rl.diagnosis.budget import FULL, Budget
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.drives import Drives
+from buggy_rl.estimation.baseline import Correction
 from buggy_rl.estimation.body import body_of, bounded_by
 from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.misfit import baseline_misfit
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.estimation.segments import Segments, cut_segments
+from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings import Recording
+from buggy_rl.vehicle import VehicleDimensions
+
+if TYPE_CHECKING:
+    from buggy_rl.diagnosis.retuning import Retuned
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +31,30 @@ class Case:
 
     problem: Problem
     criteria: Criteria
-    recordings: Sequence[Recording]
+    drives: Drives
     retuned_from: Simulation | None = None
     """Of the simulator as it was given, where it has been re-tuned since."""
     budget: Budget = FULL
     """How much the search may roll out."""
+    correction: Correction | None = None
+    """Of what the simulator got wrong on its baseline, where one was given."""
+    tuned: "Retuned | None" = None
+    """The simulator's own parameters, where it has been re-tuned."""
+
+    @property
+    def recordings(self) -> Sequence[Recording]:
+        """What the simulator should have predicted."""
+        return self.drives.recordings
 
     @property
     def names(self) -> list[str]:
         """Of the recordings."""
         return [recording.name for recording in self.recordings]
+
+    @property
+    def command(self) -> LongitudinalCommand:
+        """What the recordings' throttle is."""
+        return self.recordings[0].command
 
     @property
     def given(self) -> Simulation:
@@ -52,35 +72,41 @@ class Case:
         library = self.problem.library
         return Library(library.effects, declared, similarity=library.similarity)
 
+    def car_of(self, effect: str) -> VehicleDimensions:
+        """Dimensions that an effect has been told of; where it has not, the buggy's."""
+        own = self.problem.simulation.options.get(effect, {})
+        return VehicleDimensions(**own.get("dimensions", {}))
+
 
 def prepared(
     simulation: Simulation,
-    recordings: Sequence[Recording],
+    drives: Drives,
     library: Library,
     config: DiagnosisConfig,
-    extra: Tensor | None = None,
+    correction: Correction | None = None,
     budget: Budget = FULL,
 ) -> Case:
-    """Cuts recordings and linearises their noise model.
+    """Linearises the noise model of drives about a simulator.
 
     Args:
         simulation: Of the simulator.
-        recordings: What it should have predicted.
+        drives: What it should have predicted, within the budget.
         library: Effects to choose from.
-        config: Length and number of the segments, and thresholds.
-        extra: [D, D] covariance of what the simulator gets wrong on its baseline.
+        config: Thresholds.
+        correction: Of what the simulator gets wrong on the drives' baseline.
         budget: How much the search may roll out.
     """
-    segments = segments_of(recordings, config, budget)
-    noise = noise_model(simulation, segments, extra=extra)
-    problem = Problem(simulation, segments, noise, library)
-    criteria = Criteria(blocks(segments), rules=config.search)
-    return Case(problem, criteria, recordings, budget=budget)
-
-
-def segments_of(
-    recordings: Sequence[Recording], config: DiagnosisConfig, budget: Budget = FULL
-) -> Segments:
-    """As many segments as are asked for and the budget has, spread evenly."""
-    segments = cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)
-    return segments.spread(budget.segments(len(segments)))
+    extra = None
+    if correction is not None:
+        simulation, extra = correction.simulation(simulation), correction.covariance
+    noise = noise_model(simulation, drives.segments, extra=extra)
+    problem = Problem(simulation, drives.segments, noise, library)
+    criteria = Criteria(blocks(drives.segments), rules=config.search)
+    if correction is not None and drives.baseline is not None:
+        others = len(criteria.group.unique())
+        criteria = replace(
+            criteria,
+            usual=baseline_misfit(correction.held_out, blocks(drives.baseline), others),
+            baseline=Problem(simulation, drives.baseline, correction.noise, library),
+        )
+    return Case(problem, criteria, drives, budget=budget, correction=correction)

@@ -20,21 +20,6 @@ from buggy_rl.estimation.segments import Segments
 MOST = 3.0  # [standard deviations] from the median, as which a condition counts at most
 EVEN = 1e-6  # [-] of the largest value: a condition that differs by less was the same everywhere
 SIGNED = ("steering", "lateral_acceleration")  # conditions whose magnitude is another one
-WORDS = {  # condition -> as it is said
-    "vx": "speed",
-    "acceleration": "longitudinal acceleration",
-    "throttle": "throttle",
-    "steering": "the side that is steered to",
-    "abs_steering": "the magnitude of the steering command",
-    "steering_rate": "how fast the steering moves",
-    "lateral_acceleration": "the side of the lateral acceleration",
-    "abs_lateral_acceleration": "lateral acceleration",
-    "heading_x": "heading",
-    "heading_y": "heading",
-    "elapsed": "time since the start",
-    "x": "position",
-    "y": "position",
-}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from buggy_rl.diagnosis.candidate import Candidate
+from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.experiments import SUGGESTED, SURE, DecisionRate
+from buggy_rl.diagnosis.named_effect import NamedEffect, sentence
 from buggy_rl.diagnosis.posterior import LISTED
 from buggy_rl.diagnosis.search_result import SearchResult
 
@@ -51,6 +54,50 @@ class Equivalents:
             "nats": self.nats,
             "decided_by": self.decided_by,
         }
+
+
+def equivalents(
+    case: Case,
+    found: SearchResult,
+    named: Sequence[NamedEffect],
+    rates: Sequence[DecisionRate],
+) -> list[Equivalents]:
+    """Named effects that are not sure, with what these recordings cannot tell from them.
+
+    Args:
+        case: What was compared.
+        found: What a search came to.
+        named: Effects that are named.
+        rates: How probably each manoeuvre decides, the highest first.
+    """
+    result, least = [], case.criteria.rules.deciding_nats
+    best = rates[0] if rates and rates[0].rate >= SUGGESTED else None
+    for effect in named:
+        if effect.name not in found.best.effects or effect.confidence >= SURE:
+            continue
+        others = alike(found, effect.name, least)
+        if not others:
+            continue
+        every = (effect.name, *others)
+        shares = found.posterior.in_place_of(effect.name)
+        finding = Equivalents(
+            effects=every,
+            probability=probability_of_any(found, every),
+            shares=(effect.confidence, *(shares[other] for other in others)),
+            nats=max(others.values()),
+            sentences=(effect.sentence, *(_words(case, found, effect.name, o) for o in others)),
+            decided_by=best.words if best else "",
+        )
+        result.append(finding)
+    return result
+
+
+def _words(case: Case, found: SearchResult, effect: str, other: str) -> str:
+    """Another effect in the place of one of the best hypothesis, in words."""
+    candidate, p = swapped(found, effect, other), case.problem.library.numbers(other)[0]
+    assert candidate is not None
+    values = candidate.fit.values()[other]
+    return sentence(other, values, p.unit, p.value, case.command, case.car_of(other))
 
 
 def apart(found: SearchResult, one: Candidate, other: Candidate) -> float:

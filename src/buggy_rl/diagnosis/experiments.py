@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.candidate import Candidate, Effects
+from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
 from buggy_rl.diagnosis.manoeuvre_drives import HEADINGS, TIMES, simulated, trusted
 from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
 from buggy_rl.diagnosis.posterior import LISTED, Posterior, posterior
@@ -72,7 +73,7 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
         problem: What was driven, with the noise model and dispersion that the search came to.
         found: What it found.
     """
-    between = leading(found)
+    between = most_probable(found)
     if len(between) < 2 or decided(found.posterior, between[0]):
         return []
     candidates = [found.tried[effects] for effects in between]
@@ -87,7 +88,7 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
     return sorted(every, key=lambda r: (-r.rate, -r.expected))
 
 
-def leading(found: SearchResult) -> list[Effects]:
+def most_probable(found: SearchResult) -> list[Effects]:
     """The most probable hypotheses, of those that are listed; at most `MOST`."""
     ranked = sorted(found.posterior.sets.items(), key=lambda item: -item[1])
     return [effects for effects, p in ranked[:MOST] if p >= LISTED]
@@ -179,6 +180,7 @@ def _rate(
     generator: torch.Generator,
 ) -> tuple[float, float]:
     """How often the truth is decided once a manoeuvre is driven, and its mean probability then."""
+    assert found.observed is not None  # what a search came to has what was seen of it
     if not len(manoeuvre.drive):
         return 0.0, 0.0
     repeats = TIMES // HEADINGS
@@ -199,10 +201,10 @@ def _rate(
 
 def with_drives(
     problem: Problem,
-    observed: Mapping[str, Any],
+    observed: CaseEvidence,
     squares: Mapping[Effects, Tensor],
     manoeuvre: _Manoeuvre,
-) -> dict[str, Any]:
+) -> CaseEvidence:
     """What was observed of some hypotheses, with further drives held out.
 
     Args:
@@ -211,30 +213,30 @@ def with_drives(
         squares: Hypothesis -> |W e|^2 [repeats, n] of the further segments.
         manoeuvre: Which drives they are of.
     """
-    kept = [h for h in observed["hypotheses"] if tuple(h["effects"]) in squares]
-    hypotheses = [_with(problem, observed, h, squares[*h["effects"],], manoeuvre) for h in kept]
-    [first] = [h["excess"] for h in hypotheses if not h["effects"]]
-    return {**observed, "hypotheses": hypotheses, "first": first}
+    kept = [h for h in observed.hypotheses if h.effects in squares]
+    hypotheses = tuple(_with(problem, observed, h, squares[h.effects], manoeuvre) for h in kept)
+    [first] = [h.excess for h in hypotheses if not h.effects]
+    return replace(observed, hypotheses=hypotheses, first=first)
 
 
 def _with(
     problem: Problem,
-    observed: Mapping[str, Any],
-    hypothesis: Mapping[str, Any],
+    observed: CaseEvidence,
+    hypothesis: HypothesisEvidence,
     square: Tensor,
     manoeuvre: _Manoeuvre,
-) -> dict[str, Any]:
+) -> HypothesisEvidence:
     loss = problem.noise.loss(square, problem.dispersion)
     blocks = torch.stack([loss[:, manoeuvre.drive == d].sum(-1) for d in range(HEADINGS)]).flatten()
-    segments, more = observed["segments"], square.numel()
+    segments, more = observed.segments, square.numel()
     standardised = square.flatten() / problem.noise.dimension
     excess, median = misfit(standardised) - 1, typical(standardised)
-    evidence = hypothesis["evidence"]
+    evidence = hypothesis.evidence
     # Of the two medians, by their segments: those of the recordings are not among what is observed.
-    return {
-        **hypothesis,
-        "held_out": [*hypothesis["held_out"], *blocks.tolist()],
-        "excess": (segments * hypothesis["excess"] + more * excess) / (segments + more),
-        "typical": (segments * hypothesis["typical"] + more * median) / (segments + more),
-        "evidence": {**evidence, "log_evidence": evidence["log_evidence"] - float(loss.sum())},
-    }
+    return replace(
+        hypothesis,
+        held_out=(*hypothesis.held_out, *blocks.tolist()),
+        excess=(segments * hypothesis.excess + more * excess) / (segments + more),
+        typical=(segments * hypothesis.typical + more * median) / (segments + more),
+        evidence=replace(evidence, log_evidence=evidence.log_evidence - float(loss.sum())),
+    )

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.localisation import features
 from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.words import CONDITIONS, READINGS
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.segments import CHANNELS
 
@@ -22,20 +23,8 @@ BINS = 5  # of a condition, with equal shares of the instants
 MOST = 3  # faults that are reported
 SIGNIFICANT = 3.0  # [standard errors] from which a median is not taken for chance
 NOTICED = 1.0  # [noise standard deviations] from which it is worth a sentence
+BINNED = ("vx", "steering", "throttle", "steering_rate", "lateral_acceleration", "elapsed")
 QUARTILES = torch.tensor([0.25, 0.5, 0.75], dtype=torch.float64)
-CONDITIONS = {  # condition -> words, unit
-    "vx": ("speed", "m/s"),
-    "steering": ("steering", ""),
-    "throttle": ("throttle", ""),
-    "steering_rate": ("steering rate", "1/s"),
-    "lateral_acceleration": ("lateral acceleration", "m/s^2"),
-    "elapsed": ("time since the start", "s"),
-}
-WORDS = {
-    "vx": ("speed", "m/s"),
-    "vy": ("lateral speed", "m/s"),
-    "yaw_rate": ("yaw rate", "rad/s"),
-}
 
 
 @dataclass(frozen=True)
@@ -52,11 +41,14 @@ class FormFault:
 
     def line(self) -> str:
         """The fault in words."""
-        words, unit = WORDS[self.channel]
-        condition, of = CONDITIONS[self.condition]
+        reading, condition = READINGS[self.channel], CONDITIONS[self.condition]
+        words, of = reading.fault or reading.words, condition.unit
         side = "too high" if self.median > 0 else "too low"
         bounds = f"{self.low:.2g} to {self.high:.2g}" + (f" {of}" if of else "")
-        return f"{words} {abs(self.median):.2g} {unit} {side} (median) at {condition} {bounds}"
+        return (
+            f"{words} {abs(self.median):.2g} {reading.unit} {side} (median) at "
+            f"{condition.words} {bounds}"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As `diagnosis.json` has it."""
@@ -76,7 +68,7 @@ def form_faults(problem: Problem, found: SearchResult) -> list[FormFault]:
         off = residual[..., 3 + index].double()
         faults = [
             (abs(fault.median) / noise[index], fault)
-            for name in CONDITIONS
+            for name in BINNED
             for fault in _off(off, conditions[name].double(), channel, name, noise[index])
         ]
         result += sorted(faults, key=lambda item: -item[0])[:1]

@@ -16,10 +16,9 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.budget import FULL, Budget
-from buggy_rl.diagnosis.candidate import Candidate, Effects
+from buggy_rl.diagnosis.candidate import Candidate, Effects, priced
 from buggy_rl.diagnosis.constancy import conditions
 from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.evidence_features import PRICE
 from buggy_rl.diagnosis.limits import missing
 from buggy_rl.diagnosis.plan import Part
 from buggy_rl.diagnosis.posterior import Posterior
@@ -199,7 +198,7 @@ def _settled(
     """
     seen: set[Effects] = set()
     for number in range(budget.rounds):
-        best = leading(state)
+        best = state.leading
         if best.key in seen:
             break
         seen.add(best.key)
@@ -223,22 +222,13 @@ def _refitted(state: State, criteria: Criteria, count: int) -> State:
 
     Those of the first round were fitted while much was left, and stopped where it did not matter.
     """
-    state = state.dispersed(leading(state).typical)
-    ranked = sorted(state.tried.values(), key=partial(_priced, state))
+    state = state.dispersed(state.leading.typical)
+    ranked = sorted(state.tried.values(), key=lambda c: priced(c, state.loss(c)))
     return tried_too(state, [c.fit for c in ranked[:count]], criteria)[0]
 
 
 def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:
     return _Tried.of(_about(renoised(state, best, criteria), best.key, criteria, budget))
-
-
-def leading(state: State) -> Candidate:
-    """The best so far: held-out loss, and a price for each effect."""
-    return min(state.tried.values(), key=partial(_priced, state))
-
-
-def _priced(state: State, candidate: Candidate) -> float:
-    return state.loss(candidate) + PRICE * len(candidate.effects)
 
 
 def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> State:

@@ -79,19 +79,6 @@ class Located:
         }
 
 
-FEATURES = (
-    "vx",
-    "steering",
-    "throttle",
-    "steering_rate",
-    "lateral_acceleration",
-    "heading",
-    "elapsed",
-    "x",
-    "y",
-)
-
-
 def features(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
     """What was driven at the instants [N, K], from smoothed measurements."""
     rows = segments.start + instants

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.posterior import stands
+from buggy_rl.diagnosis.words import CONDITIONS
 from buggy_rl.effects import effect_class
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.vehicle import VehicleDimensions
@@ -71,7 +71,8 @@ class NamedEffect:
             others = ", ".join(f"{name} ({p:.0%})" for name, p in self.confused_with.items())
             text += f"; alternatives: {others}"
         if self.varies_with:
-            text += f"; varies with {WORDS[self.varies_with]}: probably misspecified"
+            condition = CONDITIONS[self.varies_with]
+            text += f"; varies with {condition.varying or condition.words}: probably misspecified"
         if self.inside and self.kind != "parameter":
             text += f"; in the simulator: {self.realised}"
         if self.unusual:

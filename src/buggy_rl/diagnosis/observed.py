@@ -1,48 +1,56 @@
-"""What is observed of a joint search: the numbers from which probabilities are computed.
+"""What is observed of a joint search, and what it comes to by the calibrated posterior."""
 
-The same numbers are a line of a development ledger, so that what is calibrated is what is used.
-"""
-
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 
 import torch
 
-from buggy_rl.diagnosis.candidate import Candidate, excess_misfit
+from buggy_rl.diagnosis.candidate import Effects, excess_misfit
+from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
 from buggy_rl.diagnosis.constancy import variation
 from buggy_rl.diagnosis.criteria import Criteria
+from buggy_rl.diagnosis.evidence_features import varying
 from buggy_rl.diagnosis.joint import JointSearch, Weighed
+from buggy_rl.diagnosis.posterior import posterior
+from buggy_rl.diagnosis.search_result import SearchResult
 from buggy_rl.diagnosis.unexplained import CLIPPED, by_condition, unexplained
 
-DIGITS = 5  # of every number
-DEPENDS = 0.05  # [-] share of a variance; what depends on it is not among the numbers
 
-
-def observed(criteria: Criteria, found: JointSearch) -> dict[str, Any]:
-    """The numbers of a search, as JSON has them.
+def concluded(
+    criteria: Criteria, found: JointSearch, same: Mapping[Effects, Effects] | None = None
+) -> SearchResult:
+    """What a search comes to: the probability of each set, and the most probable answer.
 
     Args:
         criteria: Blocks, and the baseline.
         found: What was searched.
-
-    Returns:
-        `first`, excess misfit of the simulator as given; `usual`, mean and standard error of that
-        on the baseline; `segments`, `dispersion`; `hypotheses`, a dictionary for each.
+        same: Sets that are another one in other words -> that one, which gets their probability.
     """
-    usual = criteria.usual
+    seen, same = observed(criteria, found), same or {}
+    probabilities = posterior(seen).merged(same)
+    result = found.result(probabilities, partial(varying, seen))
+    return replace(result, same=same, observed=seen)
+
+
+def observed(criteria: Criteria, found: JointSearch) -> CaseEvidence:
+    """What is seen of a search, as many digits of it as a ledger has.
+
+    Args:
+        criteria: Blocks, and the baseline.
+        found: What was searched.
+    """
     gains = gains_on_baseline(criteria, found)
-    return rounded(
-        {
-            "first": excess_misfit(found.null, found.null),
-            "usual": [usual.mean, usual.error],
-            "segments": len(found.problem.segments),
-            "dispersion": found.problem.dispersion,
-            "hypotheses": [
-                _hypothesis(criteria, found, weighed) | {"on_baseline": gain}
-                for weighed, gain in zip(found.weighed, gains, strict=True)
-            ],
-        }
-    )
+    return CaseEvidence(
+        first=excess_misfit(found.null, found.null),
+        usual=criteria.usual,
+        segments=len(found.problem.segments),
+        dispersion=found.problem.dispersion,
+        hypotheses=tuple(
+            _hypothesis(criteria, found, weighed, gain)
+            for weighed, gain in zip(found.weighed, gains, strict=True)
+        ),
+    ).rounded
 
 
 def gains_on_baseline(criteria: Criteria, found: JointSearch) -> list[float]:
@@ -65,56 +73,43 @@ def gains_on_baseline(criteria: Criteria, found: JointSearch) -> list[float]:
     return [float((loss(before) - loss(square)).mean()) for square in after]
 
 
-def _hypothesis(criteria: Criteria, found: JointSearch, weighed: Weighed) -> dict[str, Any]:
+def _hypothesis(
+    criteria: Criteria, found: JointSearch, weighed: Weighed, on_baseline: float
+) -> HypothesisEvidence:
     candidate = weighed.candidate
     fit, problem = candidate.fit, found.problem
-    rest = unexplained(problem, found.null.fit.whitened, fit.whitened, DEPENDS, criteria.usual)
+    share, given = criteria.rules.depends_share, found.null.fit.whitened
+    rest = unexplained(problem, given, fit.whitened, share, criteria.usual)
     loss = problem.noise.loss(candidate.cross_validated.square, problem.dispersion)
     blocks = torch.zeros(int(criteria.group.max()) + 1, dtype=loss.dtype)
     covariance = candidate.cross_validated.covariance
     readings = fit.whitened.view(len(fit.whitened), -1, 6).square().clamp_max(CLIPPED)
-    return {
-        "effects": list(candidate.key),
-        "asked": weighed.asked,
-        "values": {effect: v for effect, v in fit.values().items()},
-        "z": fit.vector.tolist(),
-        "sd": covariance.diagonal().clamp_min(0.0).sqrt().tolist(),
-        "correlation": _correlation(covariance),
-        "at_bound": [effect for effect in fit.effects if fit.at_bound(effect)],
-        "held_out": blocks.index_add_(0, criteria.group, loss).tolist(),
-        "penalty": float(fit.penalty()),
-        "excess": excess_misfit(candidate, found.null),
-        "typical": candidate.typical,
-        "unclosed": rest.unclosed,
-        "channel": list(rest.channel.values()),
-        "by_condition": list(by_condition(problem, readings.sum(-1)).values()),
-        "varies": _varies(criteria, found, candidate),
-        "evidence": asdict(weighed.evidence),
-    }
+    return HypothesisEvidence(
+        effects=candidate.key,
+        asked=weighed.asked,
+        values=fit.values(),
+        z=tuple(fit.vector.tolist()),
+        sd=tuple(covariance.diagonal().clamp_min(0.0).sqrt().tolist()),
+        correlation=_correlation(covariance),
+        at_bound=tuple(effect for effect in fit.effects if fit.at_bound(effect)),
+        held_out=tuple(blocks.index_add_(0, criteria.group, loss).tolist()),
+        penalty=float(fit.penalty()),
+        excess=excess_misfit(candidate, found.null),
+        typical=candidate.typical,
+        unclosed=rest.unclosed,
+        channel=tuple(rest.channel.values()),
+        by_condition=tuple(by_condition(problem, readings.sum(-1)).values()),
+        varies={
+            effect: variation(criteria, problem, candidate, found.null, effect)
+            for effect in candidate.effects
+        },
+        evidence=weighed.evidence,
+        on_baseline=on_baseline,
+    )
 
 
-def _correlation(covariance: torch.Tensor) -> list[float]:
+def _correlation(covariance: torch.Tensor) -> tuple[float, ...]:
     """Of each pair of numbers, row by row below the diagonal."""
     sd = covariance.diagonal().clamp_min(1e-12).sqrt()
     rows, columns = torch.tril_indices(len(sd), len(sd), -1)
-    return (covariance / torch.outer(sd, sd))[rows, columns].tolist()
-
-
-def _varies(criteria: Criteria, found: JointSearch, candidate: Candidate) -> dict[str, list]:
-    """Effect -> condition that its numbers vary with most, excess that this closes, nats."""
-    every = {
-        effect: variation(criteria, found.problem, candidate, found.null, effect)
-        for effect in candidate.effects
-    }
-    return {effect: [v.condition, v.closes, v.nats] for effect, v in every.items()}
-
-
-def rounded(value: Any) -> Any:
-    """Every number to `DIGITS` digits, however deep."""
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
-    if isinstance(value, dict):
-        return {key: rounded(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [rounded(v) for v in value]
-    return value
+    return tuple((covariance / torch.outer(sd, sd))[rows, columns].tolist())

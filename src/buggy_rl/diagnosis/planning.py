@@ -1,42 +1,37 @@
 """Measures a simulator and plans a diagnosis with it."""
 
 import time
-from collections.abc import Sequence
 
-from buggy_rl.diagnosis.case import segments_of
-from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.drives import Drives
 from buggy_rl.diagnosis.limits import LIMITS
 from buggy_rl.diagnosis.plan import Plan, Question, planned, shortest
 from buggy_rl.estimation.cost import measured_cost
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.estimation.segments import HORIZONS, cut_segments
-from buggy_rl.recordings import Recording
+from buggy_rl.estimation.segments import HORIZONS
 
 MEASURED = 0.1  # [s] of a rollout by which time is measured, beside its warm-up
 
 
 def plan_of(
-    config: DiagnosisConfig,
     simulation: Simulation,
     library: Library,
-    recordings: Sequence[Recording],
-    baseline: Sequence[Recording] = (),
+    drives: Drives,
+    minutes: float,
     begun: float | None = None,
     short: str = "",
 ) -> Plan:
     """The plan of a diagnosis in the time that it may take.
 
     Args:
-        config: The question.
         simulation: Of the simulator; its workers learn from it what is worth dividing.
         library: Effects to choose from.
-        recordings: To be compared.
-        baseline: Recordings on which the simulator was right.
+        drives: To be compared.
+        minutes: That the diagnosis may take.
         begun: When that time began (`time.perf_counter`); None for now.
         short: Why the search is as short as it can be, where `minutes` limits it at all.
     """
-    segments = segments_of(recordings, config)
+    segments = drives.segments
     cost = measured_cost(
         simulation, segments.shortened(round(MEASURED / segments.dt)), library.effects
     )
@@ -45,19 +40,11 @@ def plan_of(
         segments=len(segments),
         rows=segments.pose.shape[1] - 1,
         trials=sum(len(library.trials(name, segments, (1.0,))) for name in library.names),
-        baseline=len(segments_of(baseline, config)) if baseline else 0,
-        longer=_longer(recordings),
+        baseline=0 if drives.baseline is None else len(drives.baseline),
+        longer=len(drives.longer.get(HORIZONS[-1], ())),
         limits=sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS),
     )
-    if short and config.minutes:
+    if short and minutes:
         return shortest(question, cost, short)
     spent = 0.0 if begun is None else time.perf_counter() - begun
-    return planned(question, cost, config.minutes, spent)
-
-
-def _longer(recordings: Sequence[Recording]) -> int:
-    """Segments of the longest horizon."""
-    try:
-        return len(cut_segments(recordings, HORIZONS[-1], HORIZONS[-1]))
-    except ValueError:  # no gap-free part is that long
-        return 0
+    return planned(question, cost, minutes, spent)

@@ -7,7 +7,7 @@ development cases, of which the truth is known, by `scripts/calibrate.py`: a con
 (McFadden 1974). The empty set is the hypothesis that nothing is missing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,8 @@ import torch
 import yaml
 
 from buggy_rl.diagnosis.candidate import Effects
-from buggy_rl.diagnosis.evidence_features import Observed, fitted, of_case, of_hypotheses
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.evidence_features import of_case, of_hypotheses
 from buggy_rl.diagnosis.form_error import FormError
 
 EVEN = 0.5  # [-] probability from which a name is rather right than wrong
@@ -123,7 +124,7 @@ def stands(whatever_else: float, probability: float) -> bool:
     return whatever_else >= STANDING and probability >= LIKELY
 
 
-def posterior(case: Observed, calibration: Calibration | None = None) -> Posterior:
+def posterior(case: CaseEvidence, calibration: Calibration | None = None) -> Posterior:
     """Of what was observed of a search, by the shipped calibration unless another is given.
 
     What the calibration's cases cannot rule out (`Calibration.lapse`) goes to unknown physics.
@@ -134,7 +135,7 @@ def posterior(case: Observed, calibration: Calibration | None = None) -> Posteri
     lapse = calibration.lapse
     shares = (1 - lapse) * torch.softmax(torch.tensor(scores, dtype=torch.float64), 0)
     *named, unknown = shares.tolist()
-    keys: Sequence[Effects] = [tuple(h["effects"]) for h in fitted(case)]
+    keys = [h.effects for h in case.fitted]
     return Posterior(dict(zip(keys, named, strict=True)), unknown + lapse)
 
 

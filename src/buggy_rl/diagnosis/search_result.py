@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit
-from buggy_rl.diagnosis.evidence_features import PRICE
+from buggy_rl.diagnosis.candidate import Candidate, Effects, excess_misfit, leading
+from buggy_rl.diagnosis.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.noise_model import NoiseModel
@@ -33,7 +32,7 @@ class SearchResult:
     """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
     same: Mapping[Effects, Effects] = field(default_factory=dict)
     """Sets that are another one in other words (`limits`) -> that one, which has their share."""
-    observed: Mapping[str, Any] = field(default_factory=dict)
+    observed: CaseEvidence | None = None
     """What the posterior was computed from."""
     left_out: tuple[str, ...] = ()
     """Parts of the search for which there was no time, in words."""
@@ -46,7 +45,7 @@ class SearchResult:
     @property
     def predictive(self) -> Candidate:
         """The set that predicts what was held out best, at `PRICE` nats an effect."""
-        return min(self.tried.values(), key=lambda c: self.loss(c) + PRICE * len(c.effects))
+        return leading(self.tried.values(), self.loss)
 
     @property
     def described(self) -> Candidate:

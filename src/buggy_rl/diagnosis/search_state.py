@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from buggy_rl.diagnosis.candidate import Candidate, Effects
+from buggy_rl.diagnosis.candidate import Candidate, Effects, leading
 from buggy_rl.diagnosis.criteria import Criteria
 from buggy_rl.diagnosis.search_result import held_out_loss
 from buggy_rl.estimation.cross_validation import cross_validated, rewhitened
@@ -27,6 +27,11 @@ class State:
     def null(self) -> Candidate:
         """The simulator as given, with its clock fitted."""
         return self.tried[()]
+
+    @property
+    def leading(self) -> Candidate:
+        """The best so far: held-out loss, and a price for each effect."""
+        return leading(self.tried.values(), self.loss)
 
     def loss(self, candidate: Candidate) -> float:
         """On what was held out, with its prior penalty [nats]."""

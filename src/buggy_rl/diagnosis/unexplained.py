@@ -1,6 +1,5 @@
 """What a hypothesis leaves unexplained: how much, in which channel, depending on what."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +53,7 @@ def unexplained(
     """
     given = before.square().mean(-1)
     first, last = (misfit(w.square().mean(-1), given) - 1 for w in (before, after))
-    over = _expected(last - usual.mean, usual.error)
+    over = usual.beyond(last)
     readings = after.view(len(after), -1, 6)  # (N, K, 6)
     square = readings.square().clamp_max(CLIPPED)
     of_channel = (square.mean((0, 1)) - 1).clamp_min(0.0)
@@ -94,16 +93,3 @@ def _explained(target: NDArray, condition: NDArray) -> float:
     means = np.array([target[index == b].mean() for b in np.unique(index)])
     share = np.array([(index == b).mean() for b in np.unique(index)])
     return float((share * (means - target.mean()) ** 2).sum() / (target.var() or 1.0))
-
-
-def _expected(over: float, error: float) -> float:
-    """Expected excess over the baseline's, where there cannot be less than none.
-
-    E[max(0, x)], x ~ N(over, error^2): over Phi(over / error) + error phi(over / error).
-    """
-    if error <= 0:
-        return max(0.0, over)
-    ratio = over / error
-    below = 0.5 * math.erfc(ratio / math.sqrt(2))
-    density = math.exp(-0.5 * ratio**2) / math.sqrt(2 * math.pi)
-    return over * (1 - below) + error * density

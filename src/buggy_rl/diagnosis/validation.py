@@ -23,8 +23,7 @@ from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.residual_network import lacking_acceleration, trained
 from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
-from buggy_rl.estimation.segments import HORIZONS, Segments, cut_segments
-from buggy_rl.recordings import Recording
+from buggy_rl.estimation.segments import HORIZONS, Segments
 
 FOLDS = 2
 ITERATIONS = 2  # of a fit to a part of the recordings, from the one to all of them
@@ -60,7 +59,7 @@ class Errors:
 def validated(
     problem: Problem,
     best: Hypothesis,
-    recordings: Sequence[Recording],
+    longer: Mapping[float, Segments] | None = None,
     budget: Budget = FULL,
     others: Mapping[str, Hypothesis] | None = None,
 ) -> dict[str, Errors]:
@@ -69,7 +68,7 @@ def validated(
     Args:
         problem: What `best` was fitted to.
         best: The hypothesis; fitted anew for each fold that is held out, its clock left out.
-        recordings: That the segments were cut from.
+        longer: Horizon [s] -> longer segments of the same recordings.
         budget: Whether horizons beyond the segments count too, and iterations of a fit.
         others: Name -> further hypotheses, treated like `best`.
 
@@ -92,7 +91,9 @@ def validated(
     iterations = min(ITERATIONS, budget.iterations)
     sets |= _refits(problem, starts, aside, iterations, apart)
     parts, tasks = [], []
-    for part in _lengths(problem.segments, recordings if budget.longer else ()):
+    longer = (longer or {}) if budget.longer else {}
+    # Of longer segments no more than of those that are fitted to.
+    for part in (problem.segments, *(s.spread(len(problem.segments)) for s in longer.values())):
         owner = _owners(part, problem.segments, fold)
         part, owner = part[owner >= 0], owner[owner >= 0]
         # Each segment at the vector of the fit that it was held out of.
@@ -153,19 +154,6 @@ def folds(segments: Segments) -> Tensor:
 def _retunable(library: Library) -> tuple[str, ...]:
     own = tuple(OWN + name for name in library.parameters if library.own)
     return own or tuple(n for n in TRIMS if n in library.effects and effect_class(n).declared)
-
-
-def _lengths(segments: Segments, recordings: Sequence[Recording]) -> list[Segments]:
-    """The segments, and of recordings longer ones, no more of them, for horizons beyond them."""
-    result = [segments]
-    for seconds in HORIZONS if recordings else ():
-        if seconds > segments.horizon * segments.dt:
-            try:
-                longer = cut_segments(recordings, seconds, seconds)
-                result.append(longer.spread(len(segments)))
-            except ValueError:
-                continue  # no gap-free part is that long
-    return result
 
 
 def _refits(

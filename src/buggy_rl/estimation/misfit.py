@@ -1,5 +1,6 @@
 """Misfit: mean standardised residual, 1 for noise alone; and what is usual on a baseline."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -40,6 +41,29 @@ class BaselineMisfit:
     def most(self) -> float:
         """Excess misfit within which new recordings are as right as those."""
         return max(NOTHING, self.mean + 3 * self.error)
+
+    def beyond(self, excess: float) -> float:
+        """Expected excess misfit over this, where there cannot be less than none.
+
+        E[max(0, x)], x ~ N(excess - mean, error^2): over Phi(over / error) + error phi(over /
+        error), over = excess - mean.
+        """
+        over, error = excess - self.mean, self.error
+        if error <= 0:
+            return max(0.0, over)
+        ratio = over / error
+        below = 0.5 * math.erfc(ratio / math.sqrt(2))
+        return over * (1 - below) + error * math.exp(-0.5 * ratio**2) / math.sqrt(2 * math.pi)
+
+    def remaining(self, excess: float, closed: float) -> float:
+        """What remains beyond this over what an effect closes, 1 at most.
+
+        Args:
+            excess: Excess misfit of a hypothesis.
+            closed: Excess misfit that comes back without one of its effects.
+        """
+        rest = max(0.0, excess - self.mean) + 2 * self.error
+        return min(1.0, max(rest, NOTHING) / max(closed, 1e-9))
 
 
 NO_BASELINE = BaselineMisfit()

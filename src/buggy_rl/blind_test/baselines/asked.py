@@ -1,23 +1,20 @@
 """What a method is asked: the question of a case, with all that it names opened."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
 
 import yaml
-from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.case import segments_of
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.drives import segments_of
+from buggy_rl.diagnosis.maker import Maker
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.estimation.baseline import correct
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.recordings import Recording, load_recordings
-from buggy_rl.task.env import make_simulator
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +26,9 @@ class Asked:
     baseline: list[Recording]
     """Drives on which the simulator was right; empty where none are given."""
 
-    def maker(self, parameters: Mapping[str, float] | None = None) -> Callable[[int], EnvBase]:
+    def maker(self, parameters: Mapping[str, float] | None = None) -> Maker:
         """Builds the simulator for a number of environments, once for each number."""
-
-        @cache
-        def make(count: int) -> EnvBase:
-            own: dict[str, Any] = {"parameters": parameters}
-            if self.config.dt != CONTROL_PERIOD:
-                own["dt"] = self.config.dt
-            return make_simulator(self.config.simulator, count, **own)
-
-        return make
+        return Maker.of(self.config, parameters)
 
     @cached_property
     def corrected(self) -> Simulation:

@@ -9,7 +9,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from buggy_rl.diagnosis.answer import OPEN, Answer, described
 from buggy_rl.diagnosis.behaviour import differing
 from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.constancy import WORDS
 from buggy_rl.diagnosis.equivalents import Equivalents
 from buggy_rl.diagnosis.localisation import locate
 from buggy_rl.diagnosis.named_effect import NORMAL
@@ -20,6 +19,7 @@ from buggy_rl.diagnosis.report.manoeuvre import suggested
 from buggy_rl.diagnosis.report.ranking import alternatives, ranking
 from buggy_rl.diagnosis.report.sheet import Sheet
 from buggy_rl.diagnosis.search_result import SearchResult
+from buggy_rl.diagnosis.words import CONDITIONS
 from buggy_rl.estimation.segments import WARM_UP
 from buggy_rl.viz.errors import map_figure, situation_figure
 from buggy_rl.viz.manoeuvre import manoeuvre_figure
@@ -156,7 +156,7 @@ def rendered(
         ranks=ranks,
         most=max([LEAST_NATS, *(rank.nats for rank in ranks)]),
         given={e.name: {p.name: p for p in library.numbers(e.name)} for e in answer.effects},
-        conditions=WORDS,
+        conditions={name: c.varying or c.words for name, c in CONDITIONS.items()},
         alternatives=_alternatives(found, answer),
         described=described(answer.remaining),
         proof=_proof(answer),

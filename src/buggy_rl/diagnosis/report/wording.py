@@ -7,6 +7,7 @@ from buggy_rl.diagnosis.behaviour import Behaviour
 from buggy_rl.diagnosis.form_fault import FormFault
 from buggy_rl.diagnosis.localisation import Region
 from buggy_rl.diagnosis.named_effect import SUREST
+from buggy_rl.diagnosis.words import CONDITIONS, READINGS, Condition
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import OWN
 
@@ -23,25 +24,6 @@ MEANINGS: dict[Verdict, str] = {
     "cannot_tell": "More than one hypothesis explains these recordings about as well: the effects "
     "below are candidates. What to drive next says which manoeuvres decide.",
 }
-FEATURES = {  # feature -> words, unit, how many of the unit are 1 of what is computed with
-    "vx": ("speed", "m/s", 1.0),
-    "steering": ("steering command", "", 1.0),
-    "throttle": ("throttle command", "", 1.0),
-    "steering_rate": ("steering rate", "commands/s", 1.0),
-    "lateral_acceleration": ("lateral acceleration", "m/s²", 1.0),
-    "heading": ("heading", "°", 180 / math.pi),
-    "elapsed": ("time since the start", "s", 1.0),
-    "x": ("position x", "m", 1.0),
-    "y": ("position y", "m", 1.0),
-}
-CHANNELS = {
-    "x": "longitudinal position",
-    "y": "lateral position",
-    "yaw": "heading",
-    "vx": "longitudinal speed (vx)",
-    "vy": "lateral speed (vy)",
-    "yaw_rate": "yaw rate",
-}
 
 
 def effect(name: str) -> str:
@@ -51,6 +33,11 @@ def effect(name: str) -> str:
     if name.startswith(OWN):
         return f"the simulator's {plain(name.removeprefix(OWN))}"
     return plain(name.rpartition(":")[2])
+
+
+def channel_words(name: str) -> str:
+    """A reading of the sensor."""
+    return READINGS[name].listed or READINGS[name].words
 
 
 def plain(name: str) -> str:
@@ -147,8 +134,10 @@ def region(found: Region) -> str:
     """Range of the features in which errors are large, and its shares."""
     parts = []
     for name, (low, high) in found.where.items():
-        words, symbol, scale = FEATURES.get(name, (plain(name), "", 1.0))
-        parts.append(f"{words} {_coarse(low * scale)} to {_coarse(high * scale)}{unit(symbol)}")
+        of = CONDITIONS.get(name) or Condition(plain(name))
+        words, symbol = of.listed or of.words, of.listed_unit or of.unit
+        bounds = f"{_coarse(low * of.scale)} to {_coarse(high * of.scale)}"
+        parts.append(f"{words} {bounds}{unit(symbol)}")
     return (
         f"{capital(' and '.join(parts))}: {percent(found.error_share)} of the error in "
         f"{percent(found.data_share)} of the data"
@@ -163,7 +152,7 @@ def _coarse(value: float) -> str:
 def lags(found: dict[str, dict[str, float]]) -> list[str]:
     """Which errors follow which command, and how long after it."""
     return [
-        f"Errors in {CHANNELS[channel]} follow changes of the {command} by {1000 * lag:.0f} ms"
+        f"Errors in {channel_words(channel)} follow changes of the {command} by {1000 * lag:.0f} ms"
         for command, channels in found.items()
         for channel, lag in channels.items()
         if math.isfinite(lag)
@@ -197,4 +186,4 @@ FILTERS = {
         region,
         sentence,
     )
-} | {"channel": CHANNELS.__getitem__}
+} | {"channel": channel_words}
