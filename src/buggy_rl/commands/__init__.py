@@ -124,7 +124,6 @@ def _called(verb: str, options: list[str]) -> None:
     sys.argv = [f"{PROGRAM} {verb}", *options]
     if not set(options) & set(HELP):
         raise SystemExit(run())
-    with redirect_stdout(StringIO()) as said:
-        with suppress(SystemExit):  # after the help
-            run()
+    with redirect_stdout(StringIO()) as said, suppress(SystemExit):  # after the help
+        run()
     print(in_verbs(said.getvalue()), end="")

@@ -20,10 +20,11 @@ def main() -> None:
     import pandas as pd
     import torch
 
+    from buggy_rl.api.comparing import judged
     from buggy_rl.identification.open_loop import measured
     from buggy_rl.identification.rollouts import save_rollouts
     from buggy_rl.identification.study import candidates, fit_file, load_drives
-    from buggy_rl.identification.table import held_out_segments, judge, markdown, table_row
+    from buggy_rl.identification.table import held_out_segments, markdown
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.viz.rollouts import rollout_figure
     from buggy_rl.viz.tables import table_figure
@@ -40,11 +41,11 @@ def main() -> None:
     if not (folder / fit_file(config)).is_file():
         print(f"no {fit_file(config)} in {folder}: scripts/fit_mujoco.py adds it to the table")
         found = [c for c in found if c.name != f"{config.fit_simulator}, fitted"]
-    for candidate in (bar := tqdm(found, "judging", unit="simulator")):
-        bar.set_postfix_str(candidate.name)
-        made, error = judge(candidate, test)
-        rows.append(table_row(candidate.name, error, test.segments.length_blocks()))
-        rollouts[candidate.name] = made
+    with tqdm(total=len(found), desc="judging", unit="simulator") as bar:
+        for row, made in judged(found, test, bar.set_postfix_str):
+            rows.append(row)
+            rollouts[str(row["simulator"])] = made
+            bar.update()
     table = markdown(rows, len(test.segments), len(drives.held_out))
     print(table)
     save_run(config, folder)

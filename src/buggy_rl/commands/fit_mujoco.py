@@ -21,25 +21,15 @@ def main() -> None:
     """Fits and writes the simulator file."""
     config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
 
-    from functools import cache
-
     import torch
-    import yaml
 
-    from buggy_rl.engines import make_engine
-    from buggy_rl.files import write_atomically
-    from buggy_rl.identification.fit_result import as_simulator
-    from buggy_rl.identification.least_squares import fit, second_pass
+    from buggy_rl.api.fitting import fitted
+    from buggy_rl.identification.least_squares import second_pass
     from buggy_rl.identification.study import fit_file, fit_setup, load_drives
     from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, tqdm.write, config.car)
-    setup = fit_setup(config)
-    options, parameters = setup["options"], setup["parameters"]
-    make = cache(
-        lambda n: make_engine(config.fit_simulator, n, parameters=parameters or None, **options)
-    )
     with tqdm(
         desc=f"fitting {config.fit_simulator}",
         total=config.fit.iterations + second_pass(config.fit),
@@ -49,19 +39,18 @@ def main() -> None:
             bar.update()
             bar.set_postfix_str(f"cost {metrics['cost']:.0f}")
 
-        fitted = fit(make, drives.training, config.fit, show)
+        setup = fit_setup(config)
+        made = fitted(config.fit_simulator, drives.training, config.fit, **setup, show=show)
 
     print(f"{'parameter':24} {'fitted':>9} {'95 % interval':>21} {'from':>8}  unit")
-    for e in fitted.estimates:
+    for e in made.fit.estimates:
         interval = f"{e.low:.4g} .. {e.high:.4g}"
         line = f"{e.parameter.name:24} {e.value:9.4g} {interval:>21} {e.parameter.value:8.4g}  "
         print(line + e.parameter.unit + "".join(f"\n    ! {warning}" for warning in e.warnings))
-    file = Path(config.output) / fit_file(config)
-    content = as_simulator(config.fit_simulator, fitted, options, parameters)
-    write_atomically(file, yaml.safe_dump(content, sort_keys=False))
+    file = made.save(Path(config.output) / fit_file(config))
     save_run(config, file.parent, file.stem)  # others in the folder have a config of their own
     print(f"written: {file}")
-    for warning in fitted.warnings:
+    for warning in made.warnings:
         print(f"WARNING: {warning}", file=sys.stderr)
 
 

@@ -14,7 +14,7 @@ import os
 from contextlib import closing
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, made_by, plain, run, save_run
+from buggy_rl.config import from_command_line, run
 
 
 def main() -> None:
@@ -27,35 +27,26 @@ def main() -> None:
 
     import torch
 
+    from buggy_rl.api.training import policy_metrics
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.ppo import NonFiniteLossError
     from buggy_rl.policies.run import PolicyRun
-    from buggy_rl.run_log import RunLog
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     training = PolicyRun(config)
     if training.note:
         print(training.note)
-    about = {**made_by(), **plain(config)}
     bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
                desc=folder.name)  # fmt: skip
+    batches = policy_metrics(training, media if config.media else None)
     try:
-        at = training.ppo.steps if config.resume else None
-        log = RunLog(folder, "steps", about, config.wandb, at)
-        if not (folder / "best.pt").exists():  # else it is written with the first policy
-            save_run(config, folder)
-        with closing(training), closing(log), bar:
-            for metrics in training.metrics():
+        with closing(batches), bar:
+            for metrics in batches:
                 bar.update(training.batch)
                 bar.set_postfix_str(
                     f"reward {metrics['reward']:.3f}, {metrics['waypoints']:.1f} closed"
                 )
-                validated = "validation_waypoints" in metrics
-                log.add(metrics, media(folder, metrics) if config.media and validated else None)
-                if training.checkpoint_is_due:
-                    log.write()  # just before the checkpoint, so that a resumed log repeats none
-                    training.checkpoint()
     except NonFiniteLossError as error:
         file = folder / "failed_batch.pt"
         raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
