@@ -1,6 +1,5 @@
 """A diagnosis asked in Python: the same as from the command line, and what can be done with it."""
 
-import json
 import runpy
 import sys
 from pathlib import Path
@@ -92,7 +91,7 @@ def test_the_report_alone_is_one_page_that_says_what_asked_for_it(found, tmp_pat
 
 
 def test_a_misspelt_setting_is_refused_before_anything_is_read():
-    with pytest.raises(ConfigError, match=r"diagnose: unknown key 'efects'; did you mean 'effects'"):
+    with pytest.raises(ConfigError, match=r"^diagnose: .*'efects'; did you mean 'effects'"):
         buggy_rl.diagnose("nowhere", simulator="single_track", efects=["wind"])
 
 

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run
+from buggy_rl.extras import needs
 
 
 def main() -> None:
@@ -28,6 +29,8 @@ def main() -> None:
     from buggy_rl.blind_test.compared import compared, mcnemar
     from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import entries
+
+    needs("sklearn", "proof", "telling right effects from unknown physics")
     from buggy_rl.blind_test.discrimination import discrimination
     from buggy_rl.blind_test.intervals import form_error, intervals, numbers
     from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss

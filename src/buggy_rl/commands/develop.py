@@ -13,6 +13,7 @@ import json
 from pathlib import Path
 
 from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.extras import needs
 
 PART = 8  # cases of a job: a start costs it some 4 s, a case 20 to 200 s
 
@@ -24,6 +25,8 @@ def main() -> None:
     from buggy_rl.blind_test.case import Case
     from buggy_rl.blind_test.counts import counts
     from buggy_rl.blind_test.development import cases_left, developed, entries, line_file
+
+    needs("sklearn", "proof", "telling right effects from unknown physics")
     from buggy_rl.blind_test.discrimination import discrimination
     from buggy_rl.blind_test.sealing import groups
     from buggy_rl.blind_test.simulators import prepare, prepared_name, unprepared

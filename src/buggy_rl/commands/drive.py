@@ -50,6 +50,7 @@ def in_browser() -> None:
     import torch
 
     from buggy_rl.car.deadlines import Deadlines
+    from buggy_rl.extras import needs
     from buggy_rl.files import write_json
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.longitudinal import ONE_WAY, declared_by
@@ -58,8 +59,12 @@ def in_browser() -> None:
     from buggy_rl.recordings import save_command
     from buggy_rl.recordings.recorder import Recorder
     from buggy_rl.vehicle import CONTROL_PERIOD
+
+    needs("websockets", "visual", "driving in the browser")
     from buggy_rl.viz.viewer.cockpit import Cockpit
 
+    if config.view:
+        needs("viser", "visual", "the view of the car (view=true)")
     torch.set_num_threads(config.threads)
     env = live_drive.drive_environment(config)
     with ExitStack() as stack:
