@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from buggy_rl.engines import from_gymnasium
+from buggy_rl import from_gymnasium
 
 DT, WHEELBASE = 0.01, 0.174  # [s], [m]
 

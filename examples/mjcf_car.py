@@ -5,7 +5,7 @@ python scripts/diagnose.py simulator=examples/mjcf_car.py:make recordings=[FOLDE
 
 from pathlib import Path
 
-from buggy_rl.engines import from_mjcf
+from buggy_rl import from_mjcf
 
 make = from_mjcf(
     Path(__file__).with_name("car.xml"),

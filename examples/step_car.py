@@ -5,8 +5,7 @@ python scripts/diagnose.py simulator=examples/step_car.py:make recordings=[FOLDE
 
 import numpy as np
 
-from buggy_rl.engines import from_step
-from buggy_rl.parameters import Parameter
+from buggy_rl import Parameter, from_step
 
 DT, WHEELBASE = 0.01, 0.174  # [s], [m]
 PARAMETERS = [

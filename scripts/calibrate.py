@@ -1,68 +1,7 @@
-"""Fits the posterior's weights to ledgers of development cases, and counts what they give.
+"""Runs `buggy_rl.commands.calibrate`, which says what it does."""
 
-    python scripts/calibrate.py \
-        ledgers=docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz
-    python scripts/calibrate.py ledgers=runs/development/development.jsonl write=true
-    python scripts/calibrate.py ledgers=docs/development/fresh.jsonl.gz apply=true \
-        weights=docs/development/weights_418.yaml
-
-Prints what is named, case by case from weights that were fitted without its kind of unknown
-physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
-weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
-ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
-those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
-features get no weight.
-"""
-
-from collections.abc import Sequence
-from pathlib import Path
-
-from buggy_rl.config import from_command_line, run
-
-
-def main() -> None:
-    """Fits, counts, and writes."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.calibration:CalibrateConfig")
-
-    from buggy_rl.blind_test.calibration import calibrated, content, left_out
-    from buggy_rl.blind_test.compared import mcnemar
-    from buggy_rl.blind_test.counts import counts
-    from buggy_rl.blind_test.development import entries
-    from buggy_rl.blind_test.discrimination import discrimination
-    from buggy_rl.blind_test.intervals import form_error, intervals, numbers
-    from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
-    from buggy_rl.blind_test.pairings import by_pairing
-    from buggy_rl.blind_test.step_intervals import step_error, step_intervals, steps
-    from buggy_rl.diagnosis.case_evidence import CaseEvidence
-    from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
-    from buggy_rl.files import write_atomically
-
-    if config.write and config.without:
-        raise SystemExit("error: write=true is of all features: leave out without=")
-    files = [Path(file) for file in config.ledgers]
-    cases = [e for file in files for e in entries(file) if "failed" not in e]
-    shipped = load_calibration(Path(config.weights or SHIPPED))
-    if config.apply:
-        found = [posterior(CaseEvidence.from_dict(e), shipped) for e in cases]
-        print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
-    else:
-        calibration, ridge = calibrated(cases, config.without)
-        found, mean = left_out(cases, ridge, config.without)
-        print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
-        if config.write:
-            form, of = form_error(numbers(cases)), steps(cases)
-            step = step_error(of) if of else None
-            made = content(calibration, form, files, len(cases), ridge, step)
-            write_atomically(SHIPPED, made)
-    methods: dict[str, Sequence[Answered]]
-    methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
-    methods["best single"] = [best_single(e) for e in cases]
-    print(counted(cases, methods))
-    print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
-    print(f"\n{by_pairing(cases, found)}\n\n{counts(cases)}\n\n{discrimination(cases)}")
-    print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
-    print(f"\n{step_intervals(cases, shipped.step_error if config.apply else None)}")
-
+from buggy_rl.commands.calibrate import main
+from buggy_rl.config import run
 
 if __name__ == "__main__":
     run(main)

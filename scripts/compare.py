@@ -1,43 +1,7 @@
-r"""Compares policy runs from their folders: curves with bands, a table, config differences.
+"""Runs `buggy_rl.commands.compare`, which says what it does."""
 
-    python scripts/compare.py runs.small=runs/small_0,runs/small_1 \
-        runs.large=runs/large_0,runs/large_1 output=runs/comparison
-
-Writes OUTPUT/curves.png, table.csv, table.md and differences.csv. A band ends where the shortest
-run of its group ends; final and best values are those of each whole run.
-"""
-
-from pathlib import Path
-
-from buggy_rl.config import from_command_line, run
-
-
-def main() -> None:
-    """Reads the runs, prints the tables and writes them with the curves."""
-    config = from_command_line(__doc__, "buggy_rl.policies.comparison:CompareConfig")
-
-    from buggy_rl.policies.comparison import compare
-    from buggy_rl.viz.comparison import comparison_figure
-    from buggy_rl.viz.style import save_figure
-
-    found, folder = compare(config), Path(config.output)
-    folder.mkdir(parents=True, exist_ok=True)
-    found.table.to_csv(folder / "table.csv", index=False)
-    found.differences.to_csv(folder / "differences.csv", index_label="option")
-    lines = [[str(c) for c in found.table.columns], ["---"] * found.table.shape[1]]
-    lines += [[_cell(v) for v in row] for row in found.table.itertuples(index=False)]
-    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    (folder / "table.md").write_text(text)
-    print(text)
-    for name, metric, *_ in found.table.query("least_steps < most_steps").values:
-        print(f"{name}, {metric}: runs differ in length; the band ends with the shortest")
-    print(found.differences.to_string() if len(found.differences) else "no config value differs")
-    save_figure(comparison_figure(found), folder / "curves.png")
-
-
-def _cell(value) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
+from buggy_rl.commands.compare import main
+from buggy_rl.config import run
 
 if __name__ == "__main__":
     run(main)

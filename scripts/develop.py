@@ -1,69 +1,7 @@
-"""Draws, records and searches development cases, and writes down all that a calibration may need.
+"""Runs `buggy_rl.commands.develop`, which says what it does."""
 
-    python scripts/develop.py configs/development.yaml
-    python scripts/develop.py configs/development.yaml draw.first=210000 draw.cases=1000 workers=8
-
-One JSON line a case in OUTPUT/development.jsonl. Interrupted, it goes on with the cases that are
-not in that file. Then counts how often the search comes to the true set, and says how well right
-effects are told from physics that no effect describes, one sort left out at a time.
-`scripts/calibrate.py` fits the probabilities of answers to these lines.
-"""
-
-import json
-from pathlib import Path
-
-from buggy_rl.config import from_command_line, run, save_run
-
-PART = 8  # cases of a job: a start costs it some 4 s, a case 20 to 200 s
-
-
-def main() -> None:
-    """Runs the cases that are missing."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.development:DevelopmentConfig")
-
-    from buggy_rl.blind_test.case import Case
-    from buggy_rl.blind_test.counts import counts
-    from buggy_rl.blind_test.development import cases_left, developed, entries, line_file
-    from buggy_rl.blind_test.discrimination import discrimination
-    from buggy_rl.blind_test.sealing import groups
-    from buggy_rl.blind_test.simulators import prepare, prepared_name, unprepared
-    from buggy_rl.jobs import results
-    from buggy_rl.jobs.bar import tqdm
-
-    store, left = config.store, cases_left(config)
-    store.prepared.mkdir(parents=True, exist_ok=True)
-    scripts = Path(__file__).parent
-    wanted = unprepared(left, store.prepared)
-    jobs = [(case, store.prepared, scripts) for case in wanted]
-    # Simulators of a plant share the drives that they are made from: one after the other.
-    shared = [job for job in jobs if not job[0].spread]
-    for case, folder, place in tqdm(shared, "preparing simulators", unit="simulator"):
-        prepare(case, folder, place)
-    own = [job for job in jobs if job[0].spread]
-    with tqdm(desc="fitting simulators", total=len(own), unit="simulator") as bar:
-        fits = {prepared_name(job[0]): job for job in own}
-        for _ in results(prepare, fits, store.output / "jobs" / "prepare", config.workers, config):
-            bar.update()
-    config.file.parent.mkdir(parents=True, exist_ok=True)
-    # By seed: a run that is stopped has cases of every plant and pairing.
-    parts = (group[i : i + PART] for group in groups(left) for i in range(0, len(group), PART))
-    ordered = sorted(parts, key=lambda group: group[0].seed)
-    place = store.output / "jobs" / "develop"
-    calls = {group[0].id: (store, config.effects, config.stretches, group) for group in ordered}
-    with tqdm(desc="searching", total=len(left), unit="case") as bar:
-        for lines in results(developed, calls, place, config.workers, config):
-            with open(config.file, "a") as file:
-                file.writelines(json.dumps(line) + "\n" for line in lines)
-            for line in lines:
-                line_file(store, Case(**line["case"])).unlink()
-            bar.update(len(lines))
-    save_run(config, store.output)
-    done = entries(config.file)
-    failed = sum("failed" in entry for entry in done)
-    print(f"{config.file}: {len(done)} cases, {failed} of them failed")
-    print(counts(done))
-    print(discrimination(done))
-
+from buggy_rl.commands.develop import main
+from buggy_rl.config import run
 
 if __name__ == "__main__":
     run(main)

@@ -10,12 +10,12 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from buggy_rl.config import ConfigError, from_plain
+from buggy_rl.config import CONFIGS, ConfigError, from_plain
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions
 
-PRESETS = Path(__file__).resolve().parents[2] / "configs" / "cars"
+PRESETS = CONFIGS / "cars"
 BUGGY_SPEED = 10.0  # [m/s] top speed that the buggy is driven at; the original study's car
 STEEPNESS = 1.1  # [-] of the steering map where only full lock is known; that of the buggy
 FRONT_SHARE = {"rear": 0.0, "front": 1.0, "all": 0.5}

@@ -39,6 +39,7 @@ from buggy_rl.option_values import (
     text_of,
 )
 
+CONFIGS = Path(__file__).with_name("configs")  # those that the package ships
 OWNER = "owner"  # key of a field's metadata
 OPTIONS = "Options, as key=value, lists as key=one,two (or in a YAML file):"
 
@@ -95,6 +96,38 @@ def build(cls: type, arguments: Sequence[str]) -> Any:
     return OmegaConf.to_object(config)
 
 
+def from_python(
+    cls: type, given: Mapping[str, Any], source: str, files: Sequence[str | Path] = ()
+) -> Any:
+    """Merges YAML files, then settings given in Python, over the class's defaults.
+
+    Args:
+        cls: Of the config.
+        given: By name, dotted (`{"ppo.steps": 1000}`) or nested (`{"ppo": {"steps": 1000}}`).
+        source: Of `given`, for messages.
+        files: In order; of the package's own configs a name such as `configs/ppo.yaml`.
+
+    Raises:
+        ConfigError: As `build`.
+    """
+    config = OmegaConf.structured(cls)
+    for file in files:
+        config = _merge(config, [(str(file), _read_yaml(str(file)))])
+    parts = [(source, _nested(key, _of_python(value))) for key, value in given.items()]
+    config = _merge(config, parts)
+    _refuse_missing(config, f"{source}: ")
+    return OmegaConf.to_object(config)
+
+
+def _of_python(value: Any) -> Any:
+    """A value as YAML would hold it: paths are texts, tuples lists."""
+    if isinstance(value, Mapping):
+        return {key: _of_python(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_of_python(inner) for inner in value]
+    return str(value) if isinstance(value, Path) else value
+
+
 def from_plain(cls: type, content: Mapping[str, Any], source: str) -> Any:
     """Builds a config from what `plain` made of one, such as that in a policy file.
 
@@ -115,13 +148,26 @@ def _refuse_missing(config: Any, source: str = "") -> None:
 
 
 def _read_yaml(argument: str):
-    file = Path(argument)
+    file = config_file(argument)
     if not file.is_file():
         raise ConfigError(f"there is no config file {file} (options are written key=value)")
     try:
         return OmegaConf.load(file)
     except yaml.YAMLError as error:
         raise ConfigError(f"{file} is not YAML: {' '.join(str(error).split())}") from None
+
+
+def config_file(name: str | Path) -> Path:
+    """The file of a name: one that is there, else that of the package's own configs.
+
+    Args:
+        name: A path; of the package's own with or without `configs/` before it.
+    """
+    file = Path(name)
+    if file.exists() or file.is_absolute():
+        return file
+    own = CONFIGS.joinpath(*file.parts[file.parts[0] == CONFIGS.name :]) if file.parts else file
+    return own if own.is_file() else file
 
 
 def _override(cls: type, argument: str):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from uuid import uuid4
 import yaml
 from torchrl.record.loggers import CSVLogger, TensorboardLogger
 
+from buggy_rl.extras import MissingExtraError, needs
 from buggy_rl.files import write_atomically, write_json
 
 PROJECT = "buggy_rl"
@@ -18,7 +20,7 @@ Row = tuple[Mapping[str, float], Mapping[str, Path]]
 
 
 class RunLog:
-    """Writes to CSV and TensorBoard, on request to Weights & Biases too.
+    """Writes to CSV, to TensorBoard where it is installed, and on request to Weights & Biases.
 
     CSV has the metrics alone, as FOLDER/csv/scalars/NAME.csv; pictures (.png) and films (.gif) are
     files already. Rows are kept until `write`, just before each checkpoint. Until the first one the
@@ -50,6 +52,7 @@ class RunLog:
         self._files = _Files(folder)
         self._files.refuse_others()
         self._csv: CSVLogger | None = None
+        self._board: TensorboardLogger | None = None
         self._wandb = _wandb_logger(folder, about, resumed_at is not None) if wandb else None
 
     def add(self, metrics: Mapping[str, float], media: Mapping[str, Path] | None = None) -> None:
@@ -65,19 +68,21 @@ class RunLog:
             step = int(metrics[self._step])
             if set(metrics) > {self._step}:
                 self._files.add_metrics(metrics)
-                for logger in (self._csv, self._board):
+                for logger in filter(None, (self._csv, self._board)):
                     logger.log_metrics(dict(metrics), step=step)
-            for name, file in media.items():
-                self._board.experiment.file_writer.add_summary(_summary(name, file), step)
+            if self._board is not None:
+                for name, file in media.items():
+                    self._board.experiment.file_writer.add_summary(_summary(name, file), step)
             if self._wandb is not None:
                 shown = {name: _wandb_media(file) for name, file in media.items()}
                 self._wandb.log_metrics({**metrics, **shown}, step=step)
         self._rows.clear()
-        self._board.experiment.flush()
+        if self._board is not None:
+            self._board.experiment.flush()
 
     def close(self) -> None:
         """Ends the run at Weights & Biases and closes the files; rows not written are dropped."""
-        if self._csv is not None:
+        if self._board is not None:
             self._board.experiment.close()
         if self._wandb is not None:
             self._wandb.experiment.finish()
@@ -88,6 +93,11 @@ class RunLog:
         else:
             self._files.cut(self._resumed_at)
         self._csv = CSVLogger("csv", str(self._folder))
+        try:
+            needs("tensorboard", "visual", "a log for TensorBoard")
+        except MissingExtraError as error:
+            warnings.warn(f"{error}; the log is CSV alone")
+            return
         self._board = TensorboardLogger("tensorboard", str(self._folder))
         self._files.add_events(Path(self._board.experiment.file_writer.event_writer._file_name))
         _hide_later(self._board, 0 if self._resumed_at is None else self._resumed_at + 1)

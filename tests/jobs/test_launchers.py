@@ -147,7 +147,7 @@ def test_an_unknown_launcher_is_refused_with_those_that_there_are(tmp_path):
 @pytest.mark.parametrize("name", ["ray", "submitit"])
 def test_a_missing_package_is_named_with_the_extra_that_has_it(monkeypatch, name):
     monkeypatch.setitem(sys.modules, name, None)  # as if it were not installed
-    with pytest.raises(ValueError, match=rf"needs the package {name}.*'\.\[scale\]'"):
+    with pytest.raises(ValueError, match=rf"needs the package {name}.*'buggy_rl\[scale\]'"):
         make_launcher(launching(name), 1)
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from buggy_rl.commands.demo import SETTINGS, follow
 from buggy_rl.config import build
 from buggy_rl.policies.learning_curves import read_log
 from buggy_rl.policies.run import PolicyRunConfig
@@ -179,12 +180,11 @@ def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, cap
 
 
 def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
-    demo = runpy.run_path(str(ROOT / "scripts" / "demo.py"))
     talk = (
         "import sys; print('first line'); sys.stderr.write('  7%|x| 7/100 [00:01<00:12, "
         "3.5 closed]\\r 60%|xx| 60/100 [00:02<00:01, 8.1 closed]\\n'); sys.exit('broken')"
     )
-    code, lines = demo["follow"]("learned", [sys.executable, "-c", talk], 0)
+    code, lines = follow("learned", [sys.executable, "-c", talk], 0)
     assert (code, sorted(lines)) == (1, ["broken", "first line"])
     shown = capfd.readouterr().err
     assert "learned  60%" in shown
@@ -193,8 +193,7 @@ def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
 
 def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
     monkeypatch.chdir(ROOT)
-    demo = runpy.run_path("scripts/demo.py")
-    config = build(PolicyRunConfig, [*demo["SETTINGS"], "output=demo"])
+    config = build(PolicyRunConfig, [*SETTINGS, "output=demo"])
     ours = build(PolicyRunConfig, ["configs/ppo.yaml", "output=demo"])
     assert config.ppo.steps < ours.ppo.steps
     assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from buggy_rl.extras import needs
 from buggy_rl.jobs.cores import cores
 from buggy_rl.jobs.process import Command, Process
 
@@ -93,15 +94,9 @@ def required(package: str, what: str) -> Any:
     """Imports a package of the extra `scale`.
 
     Raises:
-        ValueError: It is not installed.
+        MissingExtraError: It is not installed.
     """
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise ValueError(
-            f"{what} needs the package {package}, which cannot be imported ({error}): "
-            "pip install -e '.[scale]'"
-        ) from None
+    return needs(package, "scale", what)
 
 
 def refuse_unknown(options: Mapping[str, Any], known: set[str], what: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import yaml
 from omegaconf import MISSING
 
-from buggy_rl.config import from_plain
+from buggy_rl.config import config_file, from_plain
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.recordings.limits import Limits
 
@@ -208,7 +208,7 @@ def load_columns(file: str | Path) -> ColumnMap:
         ValueError: A key is unknown or a value is invalid; the message names the file.
     """
     try:
-        content = yaml.safe_load(Path(file).read_text()) or {}
+        content = yaml.safe_load(config_file(file).read_text()) or {}
         if not isinstance(content, Mapping):
             raise ValueError(f"it is {content!r}, expected keys and values")
         return from_plain(ColumnMap, _named(content), "column map")

@@ -7,6 +7,7 @@ import pandas as pd
 import yaml
 
 from buggy_rl import keys
+from buggy_rl.extras import needs
 from buggy_rl.files import replacing, write_atomically
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.recordings.columns import BESIDE
@@ -32,6 +33,8 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in (".csv", ".parquet"):
         raise ValueError(f"{path}: cannot write {path.suffix!r}; use .csv or .parquet")
+    if path.suffix == ".parquet":
+        needs("pyarrow", "bags", f"writing {path}")
     frame = pd.DataFrame({"t": recording.data[keys.TIME][:, 0].cpu().numpy()})
     beside = {key: (key,) for key in BESIDE if key in recording.data.keys()}  # noqa: SIM118
     for key, names in {**COLUMNS, **beside}.items():

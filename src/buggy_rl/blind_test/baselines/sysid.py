@@ -50,7 +50,7 @@ def identified(seen: Path) -> dict[str, Any]:
     if not isinstance(_engine(make(1)), MujocoEngine):
         return unnamed("cannot_tell", "mujoco.sysid fits MuJoCo models, and this is none")
     if not hasattr(sysid, "optimize"):  # without its extra it is an empty module
-        raise ImportError("mujoco.sysid is empty: pip install 'mujoco[sysid]'")
+        raise ImportError("mujoco.sysid is empty: pip install 'buggy_rl[proof]'")
     if question.baseline:
         moves = fitted(make, question.segments(question.baseline, SEGMENTS))
         values = {m.parameter.name: float(m.parameter.value_at(m.coordinate)) for m in moves}

@@ -40,6 +40,8 @@ def sheet_of(config: DiagnosisConfig, repaired: Mapping[str, Any]) -> Sheet:
         release = "not installed"
     script = Path(sys.argv[0])
     words = [f"{script.parent.name}/{script.name}" if script.parent.name else script.name]
+    verb = script.name.startswith("buggy-rl ")  # it is a program by itself
+    words = script.name.split() if verb else ["python", *words]
     facts = {
         "Simulator": simulator_name(config.simulator),
         "Car": config.car or BUGGY,
@@ -47,6 +49,6 @@ def sheet_of(config: DiagnosisConfig, repaired: Mapping[str, Any]) -> Sheet:
         **({"Baseline": ", ".join(config.baseline)} if config.baseline else {}),
         "Date": date.today().isoformat(),
         "Version": f"buggy_rl {release}",
-        "Command": f"python {shlex.join([*words, *sys.argv[1:]])}",
+        "Command": shlex.join([*words, *sys.argv[1:]]),
     }
     return Sheet(facts, yaml.safe_dump(dict(repaired), sort_keys=False))

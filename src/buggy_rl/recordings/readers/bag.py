@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from buggy_rl.extras import needs
 from buggy_rl.recordings.columns import ColumnMap, Steering
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.bag_series import Series, read_series, refuse_two_paths
@@ -51,6 +52,7 @@ def read_bag(path: Path, columns: ColumnMap) -> Table:
         RecordingError: The bag cannot be read, a topic is missing or ambiguous, or two nodes
             publish it.
     """
+    needs("rosbags", "bags", f"reading the bag {path}")
     from rosbags.highlevel import AnyReader
 
     alone = files_alone(path)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from buggy_rl.extras import needs
 from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.layout import SPACES, Layout, cells, layout
 from buggy_rl.recordings.readers.table import Table
@@ -127,6 +128,7 @@ def read_parquet(path: Path) -> Table:
     file = str(path)
     if not path.stat().st_size:
         raise RecordingError(file, "the file is empty; record again")
+    needs("pyarrow", "bags", f"reading {path}")
     try:
         frame = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from buggy_rl.extras import needs
 from buggy_rl.files import replacing
 from buggy_rl.viz.film.shot import Frame
 
@@ -49,6 +50,7 @@ def check_ending(file: str | Path) -> None:
 
 
 def _mp4(frames: Iterator[Frame], file: Path, fps: float) -> None:
+    needs("imageio_ffmpeg", "visual", f"writing {file}")
     from imageio_ffmpeg import write_frames
 
     first = _first(frames)

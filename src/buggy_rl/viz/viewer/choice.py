@@ -1,5 +1,6 @@
 """Where a film is played: in MuJoCo's viewer or in the browser."""
 
+from buggy_rl.extras import needs
 from buggy_rl.viz.film.director import Director
 from buggy_rl.viz.film.options import Live
 
@@ -19,6 +20,7 @@ def play(director: Director, playback: float = 1.0, where: Live = True) -> None:
         from buggy_rl.viz.film import live
 
         return live.play(director, playback)
+    needs("viser", "visual", "a film in the browser")
     from buggy_rl.viz.viewer import film_player
 
     film_player.play(director, playback)

@@ -1,0 +1,135 @@
+"""A simulator's own parameters, fitted to recordings."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+from torchrl.envs import EnvBase
+
+from buggy_rl.api.drives import Drives, drives_of
+from buggy_rl.config import from_python
+from buggy_rl.engines import ENGINES, as_car, make_engine
+from buggy_rl.files import write_atomically
+from buggy_rl.identification import least_squares
+from buggy_rl.identification.fit_result import Fit, as_simulator
+from buggy_rl.identification.least_squares import FitConfig
+from buggy_rl.recordings import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSimulator:
+    """A simulator with fitted parameters, and what the fit is worth."""
+
+    simulator: str
+    """That was fitted: an engine's name, a .yaml or file.py:factory."""
+    fit: Fit
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Of the engine."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """That were given and are those of the simulator where they were not fitted."""
+
+    @property
+    def estimates(self) -> pd.DataFrame:
+        """A row for each fitted parameter: value, 95 % interval, start, and warnings."""
+        rows = [
+            {
+                "parameter": e.parameter.name,
+                "value": e.value,
+                "low": e.low,
+                "high": e.high,
+                "unit": e.parameter.unit,
+                "started_from": e.parameter.value,
+                "warnings": "; ".join(e.warnings),
+            }
+            for e in self.fit.estimates
+        ]
+        return pd.DataFrame(rows)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Why the fit should not be trusted; none for a sound fit."""
+        return self.fit.warnings
+
+    def make(self, batch_size: int | Sequence[int] = (), device: str = "cpu") -> EnvBase:
+        """The fitted simulator.
+
+        Args:
+            batch_size: Number of environments or a shape.
+            device: Where the state lives.
+        """
+        made = self.to_dict()["parameters"]
+        return make_engine(self.simulator, batch_size, device, made, **self.options)
+
+    def save(self, file: str | Path, question: Mapping[str, Any] | None = None) -> Path:
+        """Writes a file that is taken wherever a simulator is named.
+
+        Args:
+            file: To be written, a .yaml.
+            question: What the fit depends on, where it is to be known again.
+        """
+        write_atomically(Path(file), yaml.safe_dump(self.to_dict(question), sort_keys=False))
+        return Path(file)
+
+    def to_dict(self, question: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The content of that file."""
+        return as_simulator(self.simulator, self.fit, self.options, self.parameters, question)
+
+
+def fit(
+    recordings: Drives,
+    simulator: str | Path = "mujoco",
+    *,
+    car: str = "",
+    columns: str | Path | None = None,
+    options: Mapping[str, Any] | None = None,
+    **settings: Any,
+) -> FittedSimulator:
+    """Fits the parameters that a simulator declares, by least squares over windows of 1 s.
+
+    Args:
+        recordings: To fit to: recordings, or their paths.
+        simulator: That declares parameters.
+        car: Name or file of the car; empty for the buggy.
+        columns: How tables are read.
+        options: Further arguments of the simulator's class.
+        settings: Fields of `FitConfig`: parameters, fixed, windows, iterations, and so on.
+
+    Raises:
+        ValueError: A setting is unknown, or the recordings cannot be used.
+    """
+    config = from_python(FitConfig, settings, "fit")
+    drives = drives_of(recordings, warnings.warn, columns, car=car)
+    name, made = str(simulator), {"options": {}, "parameters": {}}
+    if car and name in ENGINES:  # a file says itself what it is
+        made = as_car(name, car)
+    return fitted(name, drives, config, {**made["options"], **(options or {})}, made["parameters"])
+
+
+def fitted(
+    simulator: str,
+    drives: Sequence[Recording],
+    config: FitConfig,
+    options: Mapping[str, Any],
+    parameters: Mapping[str, float],
+    show: Callable[[dict[str, float]], None] = lambda _: None,
+) -> FittedSimulator:
+    """The fit that is asked of Python and of the command line.
+
+    Args:
+        simulator: That declares parameters.
+        drives: To fit to.
+        config: How.
+        options: Of the simulator.
+        parameters: Of the simulator, where it starts from others than its own.
+        show: Told of every iteration.
+    """
+    make = cache(
+        lambda count: make_engine(simulator, count, parameters=parameters or None, **options)
+    )
+    found = least_squares.fit(make, drives, config, show)
+    return FittedSimulator(simulator, found, options, parameters)
