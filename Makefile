@@ -11,12 +11,17 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: demo test test-slow lint types install clean
+.PHONY: demo test tests test-slow lint types install clean
 
 demo: .venv/installed
 	$(BIN)/python scripts/demo.py
 
-test: lint types
+# Types are checked beside the tests, which wait here and there.
+test: lint
+	$(MAKE) --jobs=2 types tests
+
+# By files, in their order: tests of a file share what its fixtures make, and the first are longest.
+tests: .venv/installed
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/installed
