@@ -1,5 +1,5 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each
-# make test    lint, types and tests, under 10 minutes on 2 cores
+# make test    lint, types and tests, some 15 minutes on 2 cores
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it first.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -11,12 +11,17 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: demo test test-slow lint types install clean
+.PHONY: demo test tests test-slow lint types install clean
 
 demo: .venv/installed
 	$(BIN)/python scripts/demo.py
 
-test: lint types
+# Types are checked beside the tests, which wait here and there.
+test: lint
+	$(MAKE) --jobs=2 types tests
+
+# By files, in their order: tests of a file share what its fixtures make, and the first are longest.
+tests: .venv/installed
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/installed

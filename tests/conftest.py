@@ -10,24 +10,32 @@ import torch
 from buggy_rl.kernels.kernel import FOLDER
 
 torch.set_num_threads(1)
-os.environ[FOLDER] = ""  # PyTorch alone, whatever is compiled here: the same to the last bit
-
-
-# Minutes by few tests: begun last it would leave one core alone with it at the end.
-LONGEST = "tests/blind_test/test_proof.py"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest file first; the Makefile keeps pytest-xdist from sorting files by their tests."""
-    items.sort(key=lambda item: not item.path.as_posix().endswith(LONGEST))
 
 
 @pytest.fixture(scope="module")
-def compiled() -> Iterator[None]:
-    """The kernels of `make install`, as users have them, also in processes that the tests start."""
+def without_kernels() -> Iterator[None]:
+    """PyTorch alone, also in processes that the tests start: for what holds to the last bit.
+
+    All other tests run the kernels that `make install` compiled, as users do. It is of a whole
+    module, whose own fixtures are made without as well; fixtures of the session, which other
+    modules read too, may not simulate there.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(FOLDER)
+        patch.setenv(FOLDER, "")
         yield
+
+
+@pytest.fixture(scope="session")
+def canned_folder(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where `canned` keeps diagnoses: one folder for all processes of the tests."""
+    if hasattr(pytestconfig, "cache"):  # unless pytest is told to keep nothing
+        return pytestconfig.cache.mkdir("diagnoses")  # pyright: ignore[reportAttributeAccessIssue]
+    base = tmp_path_factory.getbasetemp()
+    if hasattr(pytestconfig, "workerinput"):  # pytest-xdist: a folder of each process in one of all
+        base = base.parent
+    folder = base / "diagnoses"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(scope="session")

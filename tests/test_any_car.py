@@ -17,8 +17,6 @@ from buggy_rl.identification.study import StudyConfig, candidates, fit_setup, lo
 from buggy_rl.identification.table import held_out_segments, judge
 from buggy_rl.recordings import load_recordings
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 CAR = """
 about: ten times the buggy
 dimensions: {wheelbase: 1.74, mass: 1625.0}

@@ -114,6 +114,7 @@ def test_a_diagnosis_takes_an_example_as_an_object(repository):
         parameters=False,
         stretches=12,
         minutes=0.0,
+        workers=1,
     )
     [effect] = diagnose(config, recordings).answer.effects
     assert effect.name == "throttle_gain"

@@ -23,8 +23,6 @@ from buggy_rl.recordings.camera import Camera
 from buggy_rl.stepping import trajectory
 from buggy_rl.task.transforms import make_transform
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 FILES = dict(re.findall(r"File\s`([^`]+)`:\n\n```python\n(.*?)```", PAGE, re.S))
@@ -72,6 +70,32 @@ def test_each_part_of_the_page_is_one_file_and_one_line():
     assert sorted(re.findall(r'"(\w+)"', line)[0] for _, _, line in LINES) == sorted(NEW)
 
 
+MADE = """
+from buggy_rl.effects import make_effect
+from buggy_rl.engines import make_engine
+from buggy_rl.models.factory import ModelConfig, make_model
+from buggy_rl.task.transforms import make_transform
+
+for one in (
+    make_effect("steering_expo"),
+    make_engine("friction_circle", 2),
+    make_transform("throttle_cap"),
+    make_model(ModelConfig("affine")),
+):
+    print(type(one).__module__)
+"""
+
+
+def test_with_one_file_and_one_line_each_part_is_made_by_its_name(package):
+    environment = os.environ | {"PYTHONPATH": str(package)}
+    command = [sys.executable, "-c", MADE]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    files = {f"src/{module.replace('.', '/')}.py" for module in done.stdout.split()}
+    assert files == set(FILES)
+
+
+@pytest.mark.slow  # a pytest in this one, of 300 tests
 def test_with_one_file_and_one_line_the_contract_tests_run_over_it_and_pass(package):
     command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider", "-p", "no:xdist"]
     command += ["-k", " or ".join(NEW), *NEW.values(), "tests/contracts/test_devices.py"]
@@ -91,6 +115,9 @@ def test_a_diagnosis_names_a_users_own_effect(tmp_path):
         output="",
         effects=[name, "steering_dead_time", "viscous_drag"],
         parameters=False,
+        stretches=12,
+        minutes=0.0,
+        workers=1,
     )
     found = diagnose(config, recorded(name)).answer
     assert found.verdict == "missing_physics"

@@ -13,6 +13,7 @@ import torch
 from buggy_rl import keys
 from buggy_rl.effects import EFFECTS
 from buggy_rl.engines.mujoco import MujocoEngine
+from tests.running import run_script
 
 STIFFNESS = "cornering_stiffness_rear"
 
@@ -137,10 +138,9 @@ def test_a_peer_without_an_answer_and_a_process_that_failed_are_shown_as_such(pa
 
 
 @pytest.mark.parametrize("wrong", ["parts=[sped]", "peers=[csysid]", "figure=x.png"])
-def test_what_cannot_be_measured_is_refused_at_once(repository, wrong):
+def test_what_cannot_be_measured_is_refused_at_once(wrong):
     more = ["parts=[speed]"] if wrong.startswith("figure") else []
-    command = [sys.executable, "benchmarks/diagnosis.py", wrong, *more]
-    done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
+    done = run_script("benchmarks/diagnosis.py", wrong, *more)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("error: ")

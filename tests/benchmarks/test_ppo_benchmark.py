@@ -177,6 +177,7 @@ def test_the_floor_counts_the_products_of_model_and_policy(part, settings):
     assert all(row["microseconds"] > 0 for row in floor.values())
 
 
+@pytest.mark.slow
 def test_the_script_leaves_a_table_and_figures(repository, tmp_path):
     def listed(sources):
         return f"[{','.join(sources)}]"

@@ -1,12 +1,13 @@
 """The model of where more workers stop paying, by hand; and the refusal where there is no GPU."""
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import torch
+
+from tests.running import Done, run_script
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -37,9 +38,8 @@ def test_the_fewest_workers_for_a_deadline():
     assert needed(WORK, COSTS, 14.0) is None
 
 
-def gpu(*options: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "benchmarks/gpu.py", *options]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def gpu(*options: str) -> Done:
+    return run_script("benchmarks/gpu.py", *options)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
@@ -51,6 +51,7 @@ def test_a_missing_gpu_is_refused_with_what_to_do(tmp_path):
     assert not (tmp_path / "gpu.csv").exists()
 
 
+@pytest.mark.slow
 def test_the_same_code_measures_the_processor(tmp_path):
     file = tmp_path / "cpu.csv"
     small = ("engines=[kinematic]", "cars=[8]", "training=[8]", "sets=[1]", "seconds=0.05")

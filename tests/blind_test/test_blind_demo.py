@@ -1,6 +1,8 @@
 """Something concealed for a person to find."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -9,7 +11,7 @@ from tensordict import TensorDict
 from buggy_rl import keys
 from buggy_rl.blind_test.blind_demo import FIRST, BlindDemoConfig, distance, draw_case
 from buggy_rl.task.env import make_simulator
-from tests.scripts.test_scripts import run
+from tests.running import ROOT
 
 
 def test_the_same_seed_is_the_same_case(tmp_path):
@@ -52,13 +54,15 @@ def test_distance_is_between_places_at_that_time():
 @pytest.mark.slow
 def test_a_case_is_sealed_diagnosed_and_revealed(tmp_path):
     options = [f"output={tmp_path / 'demo'}", "seed=3", "seconds=20", "more=[stretches=24]"]
-    first = run("blind_demo", *options)
+    command = [sys.executable, "scripts/blind_demo.py", *options]
+    first = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert first.returncode == 0, first.stderr
     assert "The sealed answer, unchanged" in first.stdout
     assert "[sensor_lag: time_constant 0.054]" in first.stdout
     assert (tmp_path / "demo" / "blind_demo.png").stat().st_size > 20_000
     file = first.stdout.rpartition("the simulator: ")[2].strip()
     assert [effect.name for effect in make_simulator(file, 2).transform] == ["sensor_lag"]
-    again = run("blind_demo", *options)  # nothing is driven or asked again
+    # Nothing is driven or asked again.
+    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert "screening" not in again.stderr
     assert again.stdout.splitlines()[-3:] == first.stdout.splitlines()[-3:]

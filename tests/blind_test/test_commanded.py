@@ -15,8 +15,6 @@ from buggy_rl.longitudinal import ONE_WAY
 from buggy_rl.plants import PLANTS, abilities
 from buggy_rl.recordings import load_recordings
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 ABLE = {plant: abilities(plant) for plant in PLANTS}
 BRAKED = Settings(cases=0, each=True, pairings=["reference_brakes"], nothing=2)
 

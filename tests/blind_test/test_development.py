@@ -2,8 +2,6 @@
 
 import gzip
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,27 +11,24 @@ from buggy_rl.blind_test.discrimination import PRICE
 from buggy_rl.blind_test.draw import Settings
 from buggy_rl.blind_test.step_intervals import steps
 from buggy_rl.diagnosis.posterior import shipped
+from tests.running import Done, run_script
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
-ROOT = Path(__file__).parents[2]
 OPTIONS = (
     "draw.each=true", "draw.nothing=1", "draw.cases=3", "draw.seconds=[12.0]",
     "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
     "draw.families=[one]", "draw.spread=[0.08]",
-    "draw.names=[steering_gain,gyro_bias]", "stretches=20",
-    "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+    "draw.names=[steering_gain,gyro_bias]", "stretches=16",
+    "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias]",
 )  # fmt: skip
 
 
-def develop(folder: Path) -> subprocess.CompletedProcess:
-    command = [sys.executable, "scripts/develop.py", "configs/development.yaml"]
-    command += [f"output={folder}", *OPTIONS]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def develop(folder: Path) -> Done:
+    options = ["configs/development.yaml", f"output={folder}", *OPTIONS]
+    return run_script("scripts/develop.py", *options)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
+def run(tmp_path_factory) -> tuple[Path, Done]:
     folder = tmp_path_factory.mktemp("development") / "run"
     return folder, develop(folder)
 

@@ -14,8 +14,6 @@ from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.camera import CameraConfig
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 CARS, ROWS, SETTLED = 3, 1500, 300
 LONG = 6000
 

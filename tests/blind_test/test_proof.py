@@ -1,12 +1,10 @@
 """The proof itself, small: sealed cases, diagnosed, scored, on the script's command line.
 
-Drives of 12 s and a library of five effects, so that it fits into the tests; configs/proof.yaml
-has the real ones.
+Drives of 12 s and a library of a few effects, so that it fits into the tests; configs/proof.yaml
+has the real ones. Other methods are compared in the slow tests alone.
 """
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,32 +14,39 @@ from buggy_rl.blind_test.outcome import read_outcomes
 from buggy_rl.blind_test.proof import diagnosis
 from buggy_rl.blind_test.sealing import CaseStore, publish, seal
 from buggy_rl.jobs import run_jobs
+from tests.running import Done, run_script
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
-ROOT = Path(__file__).parents[2]
-OPTIONS = (
+CASES = (
     "draw.each=true", "draw.nothing=1", "draw.cases=2", "draw.seconds=[12.0]",
     "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
-    "draw.names=[steering_gain]", "rivals=2",
-    "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+    "draw.names=[steering_gain]",
 )  # fmt: skip
+SIZES = {
+    "small": (
+        "rivals=1", "stretches=12", "stages=[prepare,seal,ask,again,weigh,settle,score,page]",
+        "effects=[steering_gain,viscous_drag,gyro_bias]",
+    ),
+    "all_stages": (
+        "rivals=2", "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+    ),
+}  # fmt: skip
 
 
-def prove(folder: Path, *more: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "scripts/prove.py", f"output={folder}", *OPTIONS, *more]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def prove(folder: Path, size: str) -> Done:
+    return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
 
 
-@pytest.fixture(scope="module")
-def proof(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
+@pytest.fixture(
+    scope="module", params=["small", pytest.param("all_stages", marks=pytest.mark.slow)]
+)
+def proof(request, tmp_path_factory) -> tuple[Path, Done, str]:
     folder = tmp_path_factory.mktemp("proof") / "run"
-    return folder, prove(folder)
+    return folder, prove(folder, request.param), request.param
 
 
 @pytest.mark.timeout(900)  # half of it waiting, where other tests have the other core
 def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
-    folder, done = proof
+    folder, done, _ = proof
     assert done.returncode == 0, done.stderr
     store = CaseStore(folder, Path(f"{folder}_sealed"))
     for case in store.cases():
@@ -61,11 +66,11 @@ def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
 
 @pytest.mark.timeout(900)
 def test_what_is_done_is_not_done_again(proof):
-    folder, _ = proof
+    folder, _, size = proof
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.csv")}
     before |= {p: p.stat().st_mtime_ns for p in folder.rglob("outcome.json")}
     assert len(before) == 6  # two recordings and an outcome of each case
-    done = prove(folder)
+    done = prove(folder, size)
     assert done.returncode == 0, done.stderr
     assert {p: p.stat().st_mtime_ns for p in before} == before
 

@@ -14,8 +14,6 @@ from buggy_rl.config import build
 from buggy_rl.inspection.folder import inspect_folder
 from buggy_rl.recordings import load_recordings
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 CONFIGS = Path(__file__).parents[2] / "configs" / "twins"
 TWINS = {"mocap_30hz": 24.0, "rally_gps": 6.0, "full_size": 6.0}  # [s] of a short drive
 

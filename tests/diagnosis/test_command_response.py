@@ -13,8 +13,6 @@ from buggy_rl.diagnosis.preflight_commands import check_commands
 from buggy_rl.recordings import Recording
 from tests.diagnosis.planted import commands, planted_drives
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 LARGE = {
     "nothing": {},
     "late": {"steering_dead_time": {"dead_time": 0.3}, "throttle_dead_time": {"dead_time": 0.3}},
@@ -109,6 +107,7 @@ def test_the_answer_begins_with_it(drives, monkeypatch):
         parameters=False,
         stretches=12,
         minutes=0.0,
+        workers=1,
     )
     monkeypatch.setattr(pipeline, "other_sensors", lambda _: [])
     answer = pipeline.diagnose(config, exchanged(drives["nothing"])).answer

@@ -21,8 +21,6 @@ from buggy_rl.recordings import Recording
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.planted import planted_drives, problem_of
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 EARLY = 6  # rows by which commands are stamped late: they act 60 ms earlier than they say
 CONFIG = DiagnosisConfig(
     simulator="single_track",
@@ -32,6 +30,7 @@ CONFIG = DiagnosisConfig(
     parameters=False,
     stretches=24,
     minutes=0.0,
+    workers=1,
 )
 
 

@@ -17,8 +17,6 @@ from buggy_rl.effects import effect_class
 from buggy_rl.estimation.cross_validation import blocks
 from tests.diagnosis.planted import planted_drives, problem_of
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 # Without restored range a deadband is a trim of the radio, but for the least of drives.
 TRIM, BAND, STEERING = ("throttle_offset",), ("throttle_deadband",), ("steering_gain",)
 LEAST = 10.0  # [nats]

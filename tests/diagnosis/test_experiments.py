@@ -25,8 +25,6 @@ from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.planted import commands, planted_drives, problem_of
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 DRAGGY = {"viscous_drag": {"rate": 0.03}}
 VISCOUS, AIR = ("viscous_drag",), ("aerodynamic_drag",)
 EFFECTS = ("viscous_drag", "aerodynamic_drag", "steering_gain")

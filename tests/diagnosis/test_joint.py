@@ -14,8 +14,6 @@ from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.screening import trials
 from tests.diagnosis.planted import problem_of
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 PRICE = 3.0  # [nats] of an effect more: odds of 20 to 1 against each
 
 

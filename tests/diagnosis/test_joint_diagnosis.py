@@ -5,36 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import diagnose
 from buggy_rl.diagnosis.repair import repaired
-from tests.diagnosis.planted import planted_drives
-
-pytestmark = pytest.mark.usefixtures("compiled")
-
-CONFIG = DiagnosisConfig(
-    simulator="single_track",
-    recordings=["made in the test"],
-    output="nowhere",
-    effects=["throttle_gain", "viscous_drag", "steering_dead_time", "gyro_bias"],
-    parameters=False,
-    stretches=40,
-    minutes=0.0,  # however busy the machine is, the same search
-)
+from tests.diagnosis.conftest import ASKED, SMALL
 
 
-@pytest.fixture(scope="module")
-def answers():
-    planted = {"weak": {"throttle_gain": {"gain": 0.7}}, "nothing": {}}
-    recorded = planted_drives(list(planted.values()), seconds=18.0)
-    return {
-        name: diagnose(CONFIG, recordings)
-        for name, recordings in zip(planted, recorded, strict=True)
-    }
-
-
-def test_what_is_planted_is_named_first_and_closes_the_residual(answers):
-    answer = answers["weak"].answer
+def test_what_is_planted_is_named_first_and_closes_the_residual(weak):
+    answer = weak.answer
     assert answer.verdict == "missing_physics"
     first = answer.effects[0]
     assert first.name == "throttle_gain"
@@ -43,15 +20,14 @@ def test_what_is_planted_is_named_first_and_closes_the_residual(answers):
     assert answer.proof.misfit_after < 0.3 * answer.proof.misfit_before
 
 
-def test_nothing_is_named_where_nothing_is(answers):
-    done = answers["nothing"]
-    assert done.answer.verdict == "no_mismatch"
-    assert done.answer.effects == []
-    assert "effects" not in repaired("single_track", done, folder=None)  # type: ignore[arg-type]
+def test_nothing_is_named_where_nothing_is(right):
+    assert right.answer.verdict == "no_mismatch"
+    assert right.answer.effects == []
+    assert "effects" not in repaired("single_track", right, folder=None)  # type: ignore[arg-type]
 
 
-def test_probabilities_are_written_and_sum_to_one(answers):
-    written = json.loads(json.dumps(answers["weak"].answer.to_dict()))
+def test_probabilities_are_written_and_sum_to_one(weak):
+    written = json.loads(json.dumps(weak.answer.to_dict()))
     posterior = written["posterior"]
     sets = posterior["sets"]
     total = posterior["nothing"] + posterior["unknown"] + sum(s["probability"] for s in sets)
@@ -70,10 +46,11 @@ def test_probabilities_are_written_and_sum_to_one(answers):
     )
 
 
-def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_left_out():
-    recordings = planted_drives([{"throttle_gain": {"gain": 0.7}}], seconds=18.0)[0]
+def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_left_out(
+    long_drives,
+):
     readings = []
-    done = diagnose(replace(CONFIG, minutes=0.01), recordings, show=readings.append)
+    done = diagnose(replace(ASKED, minutes=0.01), long_drives["weak"], show=readings.append)
     [lost] = [note for note in done.answer.notes if "environment steps a second: " in note]
     assert "16 of 40 segments, 4 of 16 sets, 1 of 10 iterations" in lost
     assert lost in done.answer.to_dict()["notes"]
@@ -86,9 +63,10 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     assert counts == sorted(counts)
 
 
-def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(answers, tmp_path):
-    recordings = planted_drives([{"throttle_gain": {"gain": 0.7}}, {}], seconds=18.0)[0]
-    told = []
+def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(
+    long_drives, small, tmp_path
+):
+    told, recordings = [], long_drives["weak"]
 
     def stopped(text):
         told.append(text)
@@ -96,9 +74,10 @@ def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(answ
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(CONFIG, recordings, stopped, kept=tmp_path)
+        diagnose(SMALL, recordings, stopped, kept=tmp_path)
     assert any(text.startswith("rolling out") for text in told)
     told.clear()
-    done = diagnose(CONFIG, recordings, told.append, kept=tmp_path)
+    done = diagnose(SMALL, recordings, told.append, kept=tmp_path)
     assert not any(text.startswith(("rolling out", "fitting")) for text in told)
-    assert done.answer.to_dict() == answers["weak"].answer.to_dict()
+    assert small.answer.effects[0].name == "throttle_gain"
+    assert done.answer.to_dict() == small.answer.to_dict()

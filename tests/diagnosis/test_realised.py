@@ -34,9 +34,10 @@ def config(**more):
         simulator=SIMULATOR,
         recordings=["made in the test"],
         output="nowhere",
-        effects=["viscous_drag", "throttle_gain", "steering_dead_time"],
-        stretches=24,
+        effects=["viscous_drag", "throttle_gain"],
+        stretches=12,
         minutes=0.0,
+        workers=1,
     )
     return replace(asked, **more)
 
@@ -90,7 +91,7 @@ def test_the_repaired_simulator_has_it_as_a_parameter(inside, around, tmp_path):
 
 def test_with_baseline_recordings_it_has_changed_and_is_inside_too(recordings):
     before = planted_drives([{}], seconds=12.0, seed=1, make=cars)[0]
-    done = diagnose(config(stretches=12), recordings, baseline=before)
+    done = diagnose(config(stretches=8), recordings, baseline=before)
     [drag] = done.answer.effects
     assert (drag.name, drag.inside) == ("viscous_drag", ("motor_damping",))
     assert done.answer.verdict == "missing_physics"  # the simulator was right

@@ -13,8 +13,6 @@ from buggy_rl.estimation.cross_validation import blocks
 from buggy_rl.estimation.gauss_newton import fitted
 from tests.diagnosis.planted import problem_of
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
 
 

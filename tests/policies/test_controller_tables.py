@@ -10,8 +10,6 @@ from buggy_rl.policies.run import EngineConfig
 from buggy_rl.task.env import TaskConfig
 from buggy_rl.task.paths.making import PathConfig
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 SMALL = DriverTablesConfig(
     output="nowhere",
     engine=EngineConfig("single_track"),

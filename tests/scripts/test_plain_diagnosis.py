@@ -57,6 +57,7 @@ def test_what_it_lacks_is_named(run_script, folder, tmp_path):
         f"output={tmp_path}",
         "effects=[steering_dead_time,steering_gain]",
         "stretches=16",
+        "workers=1",
     )
     said = json.loads((tmp_path / "diagnosis.json").read_text())
     [effect] = said["effects"]
@@ -117,14 +118,14 @@ def test_an_interrupted_diagnosis_whose_simulator_was_edited_begins_anew(
         capsys.readouterr()
         run_script("diagnose", f"simulator={own}/mine.py:make", f"recordings=[{folder}]",
                    f"output={output}", "effects=[steering_dead_time]", "stretches=8", "minutes=0",
-                   *more)  # fmt: skip
+                   "workers=1", *more)  # fmt: skip
 
     monkeypatch.setattr(pipeline, "joint_search", search)
     with monkeypatch.context() as patched:
         patched.setattr(pipeline, "answered", interrupted)
         for content, more, said, searches in (
             ("DELAY = 1\n", (), "", 1),
-            ("DELAY = 1\n", ("workers=1", "threads=1"), "", 1),  # it goes on
+            ("DELAY = 1\n", ("workers=2", "threads=1"), "", 1),  # it goes on
             ("DELAY = 2\n", (), "helper.py has other content now", 2),
             ("DELAY = 2\n", ("seconds=0.9",), "seconds was 1.0, now 0.9", 3),
             ("DELAY = 1\n", (), "", 3),  # what was kept first

@@ -14,8 +14,7 @@ from buggy_rl.commands.demo import SETTINGS, follow
 from buggy_rl.config import build
 from buggy_rl.policies.learning_curves import read_log
 from buggy_rl.policies.run import PolicyRunConfig
-
-pytestmark = pytest.mark.usefixtures("compiled")
+from tests.running import Done, run_script
 
 ROOT = Path(__file__).parents[2]
 STUDY = """
@@ -31,9 +30,8 @@ runs:
 """
 
 
-def run(script: str, *arguments: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, f"scripts/{script}.py", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def run(script: str, *arguments: str) -> Done:
+    return run_script(f"scripts/{script}.py", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +105,9 @@ def test_comparing_before_fitting_says_what_to_run(study: list[str], tmp_path: P
 
 
 def test_a_misspelt_option_is_one_line_not_a_traceback(study: list[str]):
-    done = run("train_models", *study, "runs.MLP.training.epoch=3")
+    # In a process of its own: what is said and its exit status are the interpreter's.
+    command = [sys.executable, "scripts/train_models.py", *study, "runs.MLP.training.epoch=3"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1
     assert "did you mean 'epochs'" in done.stderr
     assert "Traceback" not in done.stderr
@@ -120,12 +120,9 @@ def test_a_missing_folder_of_drives_is_one_line_not_a_traceback(study: list[str]
     assert "Traceback" not in done.stderr
 
 
-SMALL_TASK = ("task.paths.count=3", "task.paths.validation_count=2", "task.paths.waypoints=12")
-
-
 @pytest.fixture
 def run_here(monkeypatch):
-    """Runs a script in this process, which saves it the imports."""
+    """Runs a script in this process; what it raises and prints is the test's."""
 
     def run_one(script: str, *arguments: str) -> None:
         monkeypatch.chdir(ROOT)
@@ -133,6 +130,9 @@ def run_here(monkeypatch):
         runpy.run_path(f"scripts/{script}.py", run_name="__main__")
 
     return run_one
+
+
+SMALL_TASK = ("task.paths.count=3", "task.paths.validation_count=2", "task.paths.waypoints=12")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from tests.running import run_script
+
 QUICK = """
 cars: {late: {steering_dead_time: {dead_time: 0.08}}}
 seeds: [0]
@@ -38,8 +40,8 @@ def test_help_answers_without_torch(repository):
     assert "torch" not in done.stderr
 
 
-def test_a_study_without_cars_is_refused_in_one_line(repository, tmp_path):
-    done = run(repository, f"output={tmp_path}")
+def test_a_study_without_cars_is_refused_in_one_line(tmp_path):
+    done = run_script("scripts/transfer.py", f"output={tmp_path}")
     assert done.returncode == 1
     assert "error: no car: name some" in done.stderr
     assert "Traceback" not in done.stderr

@@ -11,8 +11,6 @@ from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
 from buggy_rl.policies.controllers.recording import RecordConfig, driven, make_driver
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 COMMANDS = ["throttle_brake_reverse", "current", {"kind": "speed", "reverse": True}]
 
 

@@ -7,8 +7,6 @@ from buggy_rl.engines import make_engine
 from buggy_rl.policies.controllers.recording import RecordConfig, RoomConfig
 from buggy_rl.policies.controllers.room import RoomDriver
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
 NOSE = 0.14  # [m] half the car's length, rounded up
 
 

@@ -1,20 +1,16 @@
 """`scripts/render.py` as a user runs it."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 from imageio_ffmpeg import count_frames_and_secs
 from PIL import Image
 
-ROOT = Path(__file__).parents[3]
+from tests.running import Done, run_script
+
 SMALL = ("size=[128,96]", "renderer=drawing", "seconds=0.4")
 
 
-def render(*arguments: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "scripts/render.py", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+def render(*arguments: str) -> Done:
+    return run_script("scripts/render.py", *arguments)
 
 
 def test_a_recording_beside_a_simulator_becomes_a_film(tmp_path):
