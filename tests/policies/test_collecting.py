@@ -13,10 +13,9 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl.policies.actor_critic import Policy
-from buggy_rl.policies.collecting import CollectorConfig
+from buggy_rl.policies.collecting import PART, CollectorConfig, PartMaker
 from buggy_rl.policies.ppo import PPOConfig
 from buggy_rl.policies.run import EngineConfig, PolicyRunConfig, new_batches
-from buggy_rl.policies.worker_part import PART, PartMaker
 from buggy_rl.task.env import TaskConfig
 from tests.jobs.counting import command_of, mine, parent
 
