@@ -141,7 +141,7 @@ def test_no_module_is_called_utils():
         ("engines.hold", "from buggy_rl.task import env"),
         ("engines.hold", "from buggy_rl.engines.single_track import SingleTrackEngine"),
         ("engines.reference.tyres", "from buggy_rl.engines.mujoco import tyres"),
-        ("task.transforms.history", "import buggy_rl.effects.motion"),
+        ("task.transforms.observation", "import buggy_rl.effects.motion"),
         ("vehicle", "from buggy_rl.recordings.windows import windows"),
         ("keys", "from buggy_rl import parameters"),
         ("models.mlp", "from buggy_rl.engines import make_engine"),

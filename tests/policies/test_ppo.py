@@ -18,7 +18,8 @@ from buggy_rl.policies.checkpoint import load_checkpoint
 from buggy_rl.policies.collecting import Episodes
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.policies.run import PolicyRunConfig
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 
 CARS, STEPS, LIMIT = 8, 16, 7
 BOUND = 1.0  # beyond it the point has failed

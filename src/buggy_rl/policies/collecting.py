@@ -27,7 +27,8 @@ from torchrl.envs.utils import ExplorationType
 
 from buggy_rl import keys
 from buggy_rl.jobs.launching import required
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 
 EPISODES = 100  # last finished ones, over which is averaged
 PART = "collector_part"

@@ -23,7 +23,8 @@ from buggy_rl.policies.collecting import (
 )
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
 from buggy_rl.question import Question, question, refuse_another, schema
-from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig, evaluation_transforms
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 
 CLOCKED = ("speed", "seconds_left")

@@ -27,7 +27,8 @@ from buggy_rl.policies.export.writing import (
     write_path,
 )
 from buggy_rl.policies.run import PolicyRunConfig, engine_of, new_engine, task_of
-from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.vehicle import CONTROL_PERIOD
