@@ -11,7 +11,7 @@ import torch
 from buggy_rl.car.path import Path as CarPath
 from buggy_rl.car.policy import Policy as Runtime
 from buggy_rl.config import from_plain
-from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.engines.base import HoldEngine
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.policies.actor_critic import Policy, load_policy
 from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths
