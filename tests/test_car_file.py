@@ -64,7 +64,7 @@ def test_the_buggys_file_is_the_buggy_of_the_code():
 
 
 def test_full_lock_turns_the_wheels_by_the_stated_angle():
-    from buggy_rl.engines.steering_map import road_wheel_angle
+    from buggy_rl.engines.bicycle.actuation import road_wheel_angle
 
     engine = make_engine("single_track", car="dart")
     left = road_wheel_angle(torch.tensor(1.0), engine.values)
@@ -96,7 +96,7 @@ def test_an_all_wheel_driven_car_with_a_speed_command_is_one_in_mujoco_too():
     assert engine.with_parameters(TensorDict({}, [3])).car.drive == "all"
 
 
-@pytest.mark.parametrize("engine", ["buggy_rl.engines.hold:HoldEngine"])
+@pytest.mark.parametrize("engine", ["buggy_rl.engines.base:HoldEngine"])
 def test_a_simulator_that_has_no_dimensions_is_refused_a_car(engine):
     with pytest.raises(ValueError, match="cannot be the car 'dart'"):
         make_engine(engine, car="dart")

@@ -10,7 +10,7 @@ from buggy_rl.effects import make_effect
 from buggy_rl.effects.motion.step import CENTRED, MEAN_ACCELERATION, MOVED
 from buggy_rl.effects.tyre.slip import REAR_DRIVEN as SLIPS
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.single_track import KERNEL
+from buggy_rl.engines.bicycle.single_track import KERNEL
 from buggy_rl.kernels import kernel
 from buggy_rl.kernels.kernel import FOLDER
 from buggy_rl.kernels.registry import kernels

@@ -22,7 +22,7 @@ def simulator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "here")
     (folder / "my.py").write_text(
         "import math, torch\nfrom physics import MASS\nfrom lib.tyres import grip\n"
-        "from buggy_rl.engines.hold import HoldEngine\nTABLE = 'table.csv'\nLOG = 'calls.log'\n"
+        "from buggy_rl.engines.base import HoldEngine\nTABLE = 'table.csv'\nLOG = 'calls.log'\n"
     )
     (folder / "physics.py").write_text("from constants import G\nMASS = 3.0\n")
     (folder / "constants.py").write_text("G = 9.8\n")

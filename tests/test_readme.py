@@ -14,7 +14,7 @@ from buggy_rl.config import build, plain
 from buggy_rl.effects import EFFECTS, OF_A_COMMAND
 from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.run import PolicyRunConfig
-from buggy_rl.task.transforms.rate_limit import RateLimit
+from buggy_rl.task.transforms.commands import RateLimit
 
 ROOT = Path(__file__).parents[1]
 FITTED = {

@@ -107,7 +107,7 @@ def test_every_script_that_takes_a_policy_asks_whether_its_code_is_trusted():
 
 def test_what_lies_below_the_working_folder_is_the_users_own(elsewhere, monkeypatch):
     own = Path("sim.py")
-    own.write_text("from buggy_rl.engines.hold import HoldEngine as make\n")
+    own.write_text("from buggy_rl.engines.base import HoldEngine as make\n")
     assert make_simulator(simulator(Path.cwd(), engine="sim.py:make"), 2).batch_size == (2,)
     # Handed on from below the working folder it may also be named from elsewhere.
     away = simulator(elsewhere, engine=os.path.relpath("sim.py:make", elsewhere))

@@ -12,7 +12,8 @@ from buggy_rl.models import MODELS
 from buggy_rl.models.factory import ModelConfig, make_model
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.track_reset import TrackReset
-from buggy_rl.task.env import TaskConfig, TaskEnv, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import TaskEnv, make_env
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.transforms import waypoints
 

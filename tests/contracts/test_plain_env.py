@@ -16,7 +16,8 @@ from buggy_rl.policies.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.ppo import PPO, PPOConfig
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator, with_effects
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator, with_effects
 from tests import plain_env
 
 FILE = "tests/plain_env.py"

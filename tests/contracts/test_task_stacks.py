@@ -8,7 +8,8 @@ from torchrl.envs.utils import check_env_specs
 
 from buggy_rl.config import build
 from buggy_rl.policies.run import PolicyRunConfig
-from buggy_rl.task.env import TransformConfig, default_transforms, in_order, make_env
+from buggy_rl.task.config import TransformConfig, default_transforms, in_order
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.transforms import TRANSFORMS
 from tests.contracts.test_engines import make

@@ -8,7 +8,8 @@ from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl import keys
-from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import joined_paths
 from buggy_rl.task.transforms import TRANSFORMS, make_transform

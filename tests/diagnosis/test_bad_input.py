@@ -12,7 +12,7 @@ from buggy_rl import keys
 from buggy_rl.diagnosis import preflight_recordings as preflight
 from buggy_rl.diagnosis import preflight_simulator
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.kinematic import KinematicEngine
+from buggy_rl.engines.bicycle.single_track import KinematicEngine
 from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments

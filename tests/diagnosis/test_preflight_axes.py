@@ -8,7 +8,7 @@ import torch
 from buggy_rl import keys
 from buggy_rl.diagnosis.preflight_simulator import check_axes
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.kinematic import KinematicEngine
+from buggy_rl.engines.bicycle.single_track import KinematicEngine
 from buggy_rl.vehicle import rotate
 
 CARS, DEGREE = 5, 180 / math.pi

@@ -12,7 +12,7 @@ from buggy_rl.effects import (
     make_effects,
     offered,
 )
-from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.engines.base import HoldEngine
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from tests.effects.faults import commanded, follow, over, start
 

@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.steering_map import road_wheel_angle
+from buggy_rl.engines.bicycle.actuation import road_wheel_angle
 from buggy_rl.vehicle import shift_pose
 
 DIRECT = {"throttle_dead_time": 0, "throttle_lag": 0, "steering_dead_time": 0, "steering_lag": 0}

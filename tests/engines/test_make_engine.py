@@ -3,7 +3,7 @@ import pytest
 from buggy_rl.engines import make_engine
 
 OWN = """
-from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.engines.base import HoldEngine
 
 
 def factory(batch_size, device):
@@ -17,7 +17,7 @@ def test_a_users_own_simulator_is_found_by_file_and_name(tmp_path):
 
 
 def test_a_users_own_simulator_is_found_by_module():
-    assert make_engine("buggy_rl.engines.hold:HoldEngine", 2).batch_size == (2,)
+    assert make_engine("buggy_rl.engines.base:HoldEngine", 2).batch_size == (2,)
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ def test_a_users_own_simulator_is_found_by_module():
     [
         ("mujco", "available: hold, kinematic, learned, mujoco"),
         ("missing.py:factory", r"no file missing\.py"),
-        ("buggy_rl.engines.hold:Nothing", "has no 'Nothing'"),
+        ("buggy_rl.engines.base:Nothing", "has no 'Nothing'"),
     ],
 )
 def test_an_unknown_simulator_is_refused_with_what_there_is(name: str, message: str):
@@ -56,7 +56,7 @@ def test_a_parameter_the_engine_does_not_have_is_refused(tmp_path):
 def test_parameters_in_a_file_reach_a_users_own_simulator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
-        "from buggy_rl.engines.single_track import SingleTrackEngine as factory\n"
+        "from buggy_rl.engines.bicycle.single_track import SingleTrackEngine as factory\n"
     )
     file = tmp_path / "car.yaml"
     file.write_text("engine: mine.py:factory\nparameters: {mass: 2.0}\n")

@@ -6,7 +6,12 @@ from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.two_way import braking_force, current_force, esc_drive, rolling_forward
+from buggy_rl.engines.bicycle.longitudinal import (
+    braking_force,
+    current_force,
+    esc_drive,
+    rolling_forward,
+)
 
 ESC = "throttle_brake_reverse"
 SETPOINT = {"kind": "speed", "reverse": True}

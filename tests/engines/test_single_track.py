@@ -12,11 +12,15 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 import buggy_rl.engines
 from buggy_rl import keys
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.actuation import ACTUATOR
-from buggy_rl.engines.delays import dead_time_weights, lag_decay
-from buggy_rl.engines.longitudinal_force import resistance
-from buggy_rl.engines.single_track import SLIP_SPEED, SingleTrackEngine, rolling_speed
-from buggy_rl.engines.steering_map import road_wheel_angle, steering_command
+from buggy_rl.engines.bicycle.actuation import (
+    ACTUATOR,
+    dead_time_weights,
+    lag_decay,
+    road_wheel_angle,
+    steering_command,
+)
+from buggy_rl.engines.bicycle.longitudinal import resistance
+from buggy_rl.engines.bicycle.single_track import SLIP_SPEED, SingleTrackEngine, rolling_speed
 from buggy_rl.vehicle import GRAVITY, shift_pose, shift_velocity
 
 DIRECT = {"throttle_dead_time": 0, "throttle_lag": 0, "steering_dead_time": 0, "steering_lag": 0}

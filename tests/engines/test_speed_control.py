@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl.car_file import load_car
 from buggy_rl.engines import make_engine
-from buggy_rl.engines.speed_control import controlled_force
+from buggy_rl.engines.bicycle.longitudinal import controlled_force
 
 ENGINES = ["single_track", "kinematic"]
 

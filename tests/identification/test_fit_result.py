@@ -75,7 +75,7 @@ def test_ranges_of_a_simulator_file_reach_the_engine_and_its_copies(tmp_path):
 def test_ranges_reach_a_users_own_simulator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
-        "from buggy_rl.engines.single_track import SingleTrackEngine as factory\n"
+        "from buggy_rl.engines.bicycle.single_track import SingleTrackEngine as factory\n"
     )
     file = tmp_path / "car.yaml"
     file.write_text("engine: mine.py:factory\nranges: {mass: [1.0, 40.0]}\n")

@@ -4,9 +4,10 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
-from buggy_rl.task.transforms.noise import ObservationNoise
+from buggy_rl.task.transforms.observation import ObservationNoise
 
 PATHS = PathConfig(waypoints=40, validation_count=3, mirrored=True, placed=True)
 

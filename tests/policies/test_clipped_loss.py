@@ -6,8 +6,7 @@ from tensordict import TensorDict
 from torchrl.objectives import ClipPPOLoss
 
 from buggy_rl.policies.actor_critic import Policy
-from buggy_rl.policies.clipped_loss import ClippedLoss
-from buggy_rl.policies.ppo import PPOConfig, compiles
+from buggy_rl.policies.ppo import ClippedLoss, PPOConfig, compiles
 
 NAMES = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 

@@ -13,11 +13,10 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl.policies.actor_critic import Policy
-from buggy_rl.policies.collecting import CollectorConfig
+from buggy_rl.policies.collecting import PART, CollectorConfig, PartMaker
 from buggy_rl.policies.ppo import PPOConfig
 from buggy_rl.policies.run import EngineConfig, PolicyRunConfig, new_batches
-from buggy_rl.policies.worker_part import PART, PartMaker
-from buggy_rl.task.env import TaskConfig
+from buggy_rl.task.config import TaskConfig
 from tests.jobs.counting import command_of, mine, parent
 
 ROOT = Path(__file__).parents[2]

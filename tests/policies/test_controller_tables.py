@@ -7,7 +7,7 @@ from buggy_rl.config import build, plain
 from buggy_rl.policies.controller_tables import DriverTablesConfig, results, table, tuned
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig
-from buggy_rl.task.env import TaskConfig
+from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.paths.making import PathConfig
 
 SMALL = DriverTablesConfig(

@@ -11,7 +11,8 @@ from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.benchmark_paths import evaluation_task
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.drives import ShowPoliciesConfig, panels, tracks
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import joined_paths
 

@@ -4,7 +4,8 @@ import torch
 from buggy_rl import keys
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.track_reset import TrackReset
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 from tests.policies.test_closed_loop import STEPS, coasting, environment
 

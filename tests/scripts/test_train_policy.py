@@ -62,7 +62,7 @@ def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path)
 
 
 OWN = """
-from buggy_rl.engines.kinematic import KinematicEngine
+from buggy_rl.engines.bicycle.single_track import KinematicEngine
 from helper import DELAY
 
 

@@ -21,12 +21,12 @@ import buggy_rl.task.env
 from buggy_rl import keys
 from buggy_rl import keys as task
 from buggy_rl.config import ConfigError, build
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, in_order, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms, in_order
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 from buggy_rl.task.transforms import make_transform
-from buggy_rl.task.transforms.history import History
-from buggy_rl.task.transforms.past_mean import PastMean
-from buggy_rl.task.transforms.rate_limit import RateLimit
+from buggy_rl.task.transforms.commands import RateLimit
+from buggy_rl.task.transforms.observation import History, PastMean
 from tests.contracts.test_engines import make
 
 FEW = TaskConfig(paths=PathConfig(count=5, waypoints=60))

@@ -6,7 +6,8 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
+from buggy_rl.task.env import make_env
 from buggy_rl.task.gym import NAME
 from buggy_rl.task.paths.making import PathConfig
 

@@ -7,7 +7,8 @@ import torch
 
 from buggy_rl.car_file import load_car
 from buggy_rl.config import build, load_named
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.scale import UNITS, scaled_task
 from buggy_rl.task.transforms import TRANSFORMS

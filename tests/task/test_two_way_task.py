@@ -7,7 +7,8 @@ from torchrl.envs.utils import check_env_specs
 from buggy_rl import keys
 from buggy_rl.config import build
 from buggy_rl.engines import make_engine
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 
 COMMAND = "throttle_brake_reverse"
 

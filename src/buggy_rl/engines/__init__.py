@@ -31,9 +31,9 @@ ENGINES = {
     "learned": "buggy_rl.engines.learned:LearnedEngine",
     "mujoco": "buggy_rl.engines.mujoco:MujocoEngine",
     "reference": "buggy_rl.engines.reference:ReferenceEngine",
-    "single_track": "buggy_rl.engines.single_track:SingleTrackEngine",
-    "kinematic": "buggy_rl.engines.kinematic:KinematicEngine",
-    "hold": "buggy_rl.engines.hold:HoldEngine",
+    "single_track": "buggy_rl.engines.bicycle.single_track:SingleTrackEngine",
+    "kinematic": "buggy_rl.engines.bicycle.single_track:KinematicEngine",
+    "hold": "buggy_rl.engines.base:HoldEngine",
 }
 ADAPTERS = {  # of a user's own simulator; imported when they are asked for
     "from_step": "buggy_rl.engines.adapters:from_step",

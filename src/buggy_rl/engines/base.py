@@ -20,7 +20,7 @@ from buggy_rl import keys
 from buggy_rl.parameters import Parameter
 from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity
-from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
+from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions, integrate_pose
 
 
 class Engine(EnvBase):
@@ -245,3 +245,36 @@ def with_ranges(
         value = float(values.get(name, p.value))
         result[name] = replace(p, value=value, lower=ends[0], upper=ends[1])
     return result
+
+
+class RowsEngine(Engine):
+    """An engine whose environments are the rows of arrays, by default NumPy's, on the CPU."""
+
+    def _array(self, tensor: Tensor) -> Any:
+        """A tensor as the array that this engine computes with: float64, of NumPy."""
+        return tensor.detach().to("cpu", torch.float64).numpy()
+
+    def _rows(self, tensor: Tensor) -> Any:
+        """A tensor [*batch, ...] as rows [n, ...]."""
+        inner = tensor.shape[len(self.batch_size) :]
+        return self._array(tensor.reshape(-1, *inner))
+
+    def _tensor(self, rows: Any) -> Tensor:
+        """Rows [n, ...] as a tensor [*batch, ...]."""
+        return torch.as_tensor(rows).reshape(self._shape(*rows.shape[1:])).to(self.device)
+
+
+class HoldEngine(Engine):
+    """Velocity stays, pose follows: v' = v."""
+
+    def __init__(self, *args, **kwargs) -> None:
+        super().__init__(*args, **kwargs)
+        self._finish()
+
+    def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+        return {}
+
+    def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
+        velocity = state[keys.VELOCITY]
+        pose = integrate_pose(state[keys.POSE], velocity, velocity, self.dt)
+        return {keys.POSE: pose, keys.VELOCITY: velocity.clone()}

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.engines.base import HoldEngine
 from buggy_rl.estimation.rollout import Settings, Simulation
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.parameters import Parameter

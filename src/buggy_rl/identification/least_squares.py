@@ -19,6 +19,7 @@ from buggy_rl.estimation.cross_validation import jackknife
 from buggy_rl.estimation.noise_model import start_sensitivity
 from buggy_rl.estimation.rollout import Settings, Simulation
 from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
+from buggy_rl.estimation.sensor_noise import MAD_TO_SD
 from buggy_rl.identification.fit_result import AT_BOUND, Estimate, Fit, position_errors
 from buggy_rl.parameters import Parameter
 from buggy_rl.recordings import Recording
@@ -40,7 +41,6 @@ PRIOR_SD = 0.5  # [parameter ranges] weak: keeps what the recordings do not show
 STEP = 2e-3  # [parameter ranges] finite difference
 INSIDE = 1e-3  # [parameter ranges] distance from a bound at which a fit starts
 LEAST_NOISE = 1e-4  # [m/s, rad/s] standard deviation of a start velocity
-MAD_TO_SD = 1.4826  # [-] standard deviation over median absolute deviation of a Gaussian
 
 
 @dataclass(frozen=True)

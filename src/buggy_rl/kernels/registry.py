@@ -8,7 +8,7 @@ from buggy_rl.kernels.kernel import Kernel
 KERNELS = (
     "buggy_rl.engines.reference.car:KERNEL",
     "buggy_rl.engines.reference.car:BRAKED_KERNEL",
-    "buggy_rl.engines.single_track:KERNEL",
+    "buggy_rl.engines.bicycle.single_track:KERNEL",
     "buggy_rl.effects.motion.step:CENTRED",
     "buggy_rl.effects.motion.step:MEAN_ACCELERATION",
     "buggy_rl.effects.motion.step:MOVED",

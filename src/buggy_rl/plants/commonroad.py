@@ -34,7 +34,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
-from buggy_rl.engines.rows import RowsEngine
+from buggy_rl.engines.base import RowsEngine
 from buggy_rl.parameters import Parameter
 from buggy_rl.plants.commonroad_car import (
     FRONT_WHEEL,

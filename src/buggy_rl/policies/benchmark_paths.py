@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from buggy_rl.task.env import TaskConfig, TransformConfig, evaluation_transforms
+from buggy_rl.task.config import TaskConfig, TransformConfig, evaluation_transforms
 from buggy_rl.task.paths.making import PathConfig
 
 STEPS = 1000  # of an episode in the original study, 10 s

@@ -1,27 +1,38 @@
-"""PPO's batches from several processes or machines, through TorchRL's own distributed collectors.
+"""PPO's batches: from this process, or from several processes or machines; and their statistics.
 
-`Collector(backend=...)` starts processes that step a share of the environments each; this module
-waits for their batches, counts the processes that contributed, and ends all of them.
+In this process TorchRL's collector steps the environments. For several, `Collector(backend=...)`
+starts processes that step a share of the environments each; `DistributedBatches` waits for their
+batches, counts the processes that contributed, and ends all of them. Both are TorchRL's own.
 """
 
 import contextlib
+import math
 import os
 import queue
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import torch
 from tensordict import TensorDictBase
-from torch import nn
+from torch import Tensor, nn
 from torchrl.collectors import Collector
+from torchrl.data import Composite, TensorSpec, Unbounded
+from torchrl.envs import EnvBase, StepCounter, Transform, TransformedEnv
 from torchrl.envs.utils import ExplorationType
 
+from buggy_rl import keys
 from buggy_rl.jobs.launching import required
-from buggy_rl.policies.worker_part import PART, PartMaker
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 
+EPISODES = 100  # last finished ones, over which is averaged
+PART = "collector_part"
+"""Key of the number of the process that stepped an environment."""
 LOOK = 0.5  # [s] between two looks at the processes while a batch is awaited
 CLOSING = 20.0  # [s] for what a backend does at its end; torchrl 0.14.1 may wait for ever
 STORE = 200_000_000  # [bytes] of a Ray started here; 8192 steps of 60 numbers are 2 MB
@@ -39,6 +50,169 @@ class CollectorConfig:
     options: dict[str, Any] = field(default_factory=dict)
     """Further options of the backend's collector, such as options.launcher=submitit (distributed,
     rpc) or options.ray_init_config.address=auto."""
+
+
+class ResumableCollector(Collector):
+    """A collector whose run can be resumed: TorchRL's own `state_dict` leaves its state out."""
+
+    @property
+    def state(self) -> TensorDictBase:
+        """From which the next batch begins; may be replaced by that of another run."""
+        return self._carrier
+
+    @state.setter
+    def state(self, state: TensorDictBase) -> None:
+        self._carrier = state
+
+
+def in_process(env: EnvBase, actor: nn.Module, frames: int) -> ResumableCollector:
+    """Steps environments in this process, `frames` of all together a batch, without an end."""
+    return ResumableCollector(
+        env,
+        actor,
+        frames_per_batch=frames,
+        total_frames=-1,
+        exploration_type=ExplorationType.RANDOM,  # pyright: ignore[reportArgumentType]
+        trust_policy=True,
+        track_traj_ids=False,
+        use_buffers=False,
+        return_same_td=True,  # nothing of a batch is kept: no copy is needed
+        auto_register_policy_transforms=False,
+    )
+
+
+class Episodes:
+    """Length, reward and waypoints of the last episodes that were seen from their beginning.
+
+    Args:
+        batch_size: Of the environment.
+        whole: Whether the present episodes count.
+        device: Of the batches.
+    """
+
+    def __init__(
+        self, batch_size: torch.Size, whole: bool, device: torch.device | None = None
+    ) -> None:
+        self.whole = torch.full((*batch_size, 1), whole, device=device)
+        self.running = torch.zeros(*batch_size, 3, device=device)  # of the present episode
+        self.last: deque[list[float]] = deque(maxlen=EPISODES)
+
+    def take(self, batch: TensorDictBase) -> None:
+        """Notes the episodes that end in a batch [cars, time]."""
+        done, reward = batch["next", keys.DONE], batch["next", keys.REWARD]  # (cars, time, 1)
+        closed = batch.get(("next", keys.WAYPOINTS_CLOSED), torch.full_like(reward, math.nan))
+        row = torch.cat([torch.ones_like(reward), reward, closed], -1)  # (cars, time, 3)
+        total = row.cumsum(-2) + self.running.unsqueeze(-2)
+        ended_before, before = _at_last_end(total, done)
+        counted = done & (ended_before | self.whole.unsqueeze(-2))
+        self.last.extend((total - before)[counted.squeeze(-1)].tolist())
+        self.whole = self.whole | done.any(-2)
+        at_end = torch.where(done[..., -1, :], total[..., -1, :], before[..., -1, :])
+        self.running = total[..., -1, :] - at_end
+
+    def means(self) -> dict[str, float]:
+        """`episode_length`, `episode_reward`, `waypoints`; nan before the first one."""
+        names = ("episode_length", "episode_reward", "waypoints")
+        values = torch.tensor(list(self.last) or [[math.nan] * len(names)]).mean(0).tolist()
+        return dict(zip(names, values, strict=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        """What a resumed run needs."""
+        return {"whole": self.whole, "running": self.running, "last": list(self.last)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Goes back to where `state_dict` was taken."""
+        self.whole.copy_(state["whole"])
+        self.running.copy_(state["running"])
+        self.last = deque(state["last"], EPISODES)
+
+
+def _at_last_end(total: Tensor, done: Tensor) -> tuple[Tensor, Tensor]:
+    """Whether an episode ended in this batch before a step, and `total` [*, time, 3] there."""
+    step = torch.arange(done.shape[-2], device=done.device).unsqueeze(-1)
+    end = torch.where(done, step, -1).cummax(-2).values
+    end = torch.cat([torch.full_like(end[..., :1, :], -1), end[..., :-1, :]], -2)  # before it
+    at_end = total.gather(-2, end.clamp_min(0).expand_as(total))
+    return end >= 0, torch.where(end >= 0, at_end, 0.0)
+
+
+class PartOfMany(Transform):
+    """Writes which process an environment belongs to, and staggers its first episodes.
+
+    Args:
+        number: Of the process.
+        limit: Longest age of a first episode [steps]; 0 leaves all at 0.
+        seed: Of the ages.
+    """
+
+    def __init__(self, number: int, limit: int, seed: int) -> None:
+        super().__init__()
+        self.number, self.limit = number, limit
+        self._ages = torch.Generator().manual_seed(seed)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        if self.limit:
+            age = tensordict_reset[keys.STEP_COUNT]
+            age.copy_(torch.randint(self.limit, age.shape, generator=self._ages))
+            self.limit = 0  # later episodes begin at age 0
+        return self._marked(tensordict_reset)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._marked(next_tensordict)
+
+    def _marked(self, tensordict: TensorDictBase) -> TensorDictBase:
+        shape = (*tensordict.batch_size, 1)
+        return tensordict.set(PART, torch.full(shape, self.number, device=tensordict.device))
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Adds the number."""
+        assert isinstance(observation_spec, Composite)
+        shape = torch.Size([*observation_spec.shape, 1])
+        observation_spec[PART] = Unbounded(shape, dtype=torch.int64, device=observation_spec.device)
+        return observation_spec
+
+
+@dataclass(frozen=True)
+class PartMaker:
+    """Makes the environments of one process there; can be pickled."""
+
+    simulator: str
+    parameters: dict
+    options: dict
+    task: TaskConfig
+    cars: int
+    """Environments of this process."""
+    stagger: bool
+    seed: int
+    """Of the run; each process draws from its own."""
+    number: int
+    """Of the process."""
+    driver: int = field(default_factory=os.getpid)
+    """Process that asked for them."""
+
+    def __call__(self) -> EnvBase:
+        """The environments, in a process with one PyTorch thread."""
+        if os.getpid() != self.driver:
+            threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+        torch.set_num_threads(1)
+        seed = 1000 * self.seed + self.number
+        torch.manual_seed(seed)
+        engine = make_simulator(
+            self.simulator, self.cars, parameters=self.parameters, **self.options
+        )
+        env = make_env(engine, task=self.task)
+        limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
+        limit = min((limit for limit in limits if limit), default=0) if self.stagger else 0
+        return TransformedEnv(env, PartOfMany(self.number, limit, seed))
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent has: an `rpc` worker waits for a killed one for ever."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def make_collector(

@@ -18,7 +18,8 @@ from buggy_rl.policies.controllers.random import RandomDriver
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
 from buggy_rl.policies.controllers.tuning import SearchConfig, Trial, tune
 from buggy_rl.policies.run import EngineConfig, new_engine
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import make_paths
 
 DRIVERS: dict[

@@ -17,7 +17,8 @@ from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import taken_by
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.run import EngineConfig, engine_of, new_engine, task_of
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import joined_paths
 

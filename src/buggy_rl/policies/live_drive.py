@@ -19,7 +19,8 @@ from buggy_rl.policies.benchmark_paths import RANDOM_STEPS, STEPS, benchmark_pat
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.human import HumanConfig, Input
 from buggy_rl.stepping import trajectory
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.vehicle import CONTROL_PERIOD
 

@@ -15,11 +15,16 @@ from buggy_rl.files import save_torch
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.checkpoint import load_checkpoint
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.collecting import CollectorConfig, DistributedBatches, make_collector
+from buggy_rl.policies.collecting import (
+    CollectorConfig,
+    DistributedBatches,
+    PartMaker,
+    make_collector,
+)
 from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
-from buggy_rl.policies.worker_part import PartMaker
 from buggy_rl.question import Question, question, refuse_another, schema
-from buggy_rl.task.env import TaskConfig, evaluation_transforms, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig, evaluation_transforms
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 
 CLOCKED = ("speed", "seconds_left")

@@ -13,7 +13,8 @@ from buggy_rl.policies.actor_critic import load_policy
 from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
 from buggy_rl.policies.closed_loop import Driver, Scores, drive
 from buggy_rl.policies.human_table import HumanDrives, human_lines
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 
 ORIGINAL: dict[str, dict[str, dict[str, str]]] = {  # printed; place -> path set -> policy
     "learned": {

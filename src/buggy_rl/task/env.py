@@ -11,7 +11,6 @@ One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,70 +19,19 @@ from tensordict import NestedKey
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
 from buggy_rl import keys
-from buggy_rl.config import belongs_to, one_line
+from buggy_rl.config import one_line
 from buggy_rl.effects import make_effects
 from buggy_rl.engines import Factory, make_engine, read_simulator
 from buggy_rl.engines.single_precision import in_single_precision
 from buggy_rl.longitudinal import declared_by
-from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.task.config import TaskConfig, in_order
+from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.scale import scaled_task
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.rewards import Rewards
 from buggy_rl.vehicle import CONTROL_PERIOD
-
-
-@dataclass(frozen=True)
-class TransformConfig:
-    """One transform of the stack."""
-
-    name: str = "none"
-    """A name in `TRANSFORMS`, one's own as file.py:Class, or none."""
-    options: dict[str, Any] = field(default_factory=dict, metadata=belongs_to("name"))
-    """Arguments of its class; a config layer that names another transform drops them."""
-    before: str = ""
-    """Place that it stands before, for a place of one's own; empty for the end of the stack."""
-
-
-def default_transforms() -> dict[str, TransformConfig]:
-    """The stack by place, from the engine outwards.
-
-    Constraints on the order, checked when the stack is built:
-
-    1. A command passes the stack from its end to the engine, so `last_action` stands nearer to the
-       engine than the filters whose result it records.
-    2. Sensing is noise, filter, clip, as on the car, before `waypoints` and `observation`.
-    3. `waypoints` precedes everything that reads its keys.
-    4. What a policy sees precedes `observation`; `history` follows it.
-    5. Termination precedes `rewards`, which may count it; the step limit, which completes `done`,
-       is last.
-    """
-    return {
-        "last_action": TransformConfig("last_action"),
-        "command": TransformConfig(),
-        "noise": TransformConfig(),
-        "filter": TransformConfig(),
-        "clip": TransformConfig("clip_velocity"),
-        "waypoints": TransformConfig("waypoints"),
-        "target_speed": TransformConfig(),
-        "observation": TransformConfig("observation"),
-        "history": TransformConfig(),
-        "leave_path": TransformConfig("leave_path"),
-        "path_end": TransformConfig("path_end"),
-        "rewards": TransformConfig("rewards"),
-        "step_limit": TransformConfig("step_limit", {"max_steps": 1000}),
-    }
-
-
-@dataclass(frozen=True)
-class TaskConfig:
-    """The task of a car, independent of the engine."""
-
-    paths: PathConfig = field(default_factory=PathConfig)
-    transforms: dict[str, TransformConfig] = field(default_factory=default_transforms)
-    """By place: last_action, command, noise, filter, clip, waypoints, target_speed, observation,
-    history, leave_path, path_end, rewards, step_limit, or a place of one's own."""
 
 
 class TaskEnv(TransformedEnv):
@@ -225,38 +173,3 @@ def _written(env: EnvBase) -> set[NestedKey]:
     """Keys, nested ones too, of what an environment gives out and takes in."""
     specs = (env.full_observation_spec, env.full_done_spec, env.full_reward_spec)
     return {key for spec in (*specs, env.full_action_spec) for key in spec.keys(True)}
-
-
-def evaluation_transforms(transforms: dict[str, TransformConfig]) -> dict[str, TransformConfig]:
-    """The stack in evaluation: environment i is on path i, and starts exactly where it begins."""
-    waypoints = transforms["waypoints"]
-    exact = {"order": "fixed", "start_lateral": 0.0, "start_heading": 0.0}
-    options = {**waypoints.options, **exact}
-    return {**transforms, "waypoints": replace(waypoints, options=options)}
-
-
-def in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:
-    """The transforms that are there, from the engine outwards.
-
-    Raises:
-        ValueError: One stands before a place that does not exist.
-    """
-    return [transforms[place] for place in places_in_order(transforms)]
-
-
-def places_in_order(transforms: dict[str, TransformConfig]) -> list[str]:
-    """Places of the transforms that are there, from the engine outwards.
-
-    Raises:
-        ValueError: One stands before a place that does not exist.
-    """
-    places = [place for place, config in transforms.items() if not config.before]
-    for place, config in transforms.items():
-        if config.before:
-            if config.before not in places:
-                raise ValueError(
-                    f"task: {place!r} stands before {config.before!r}; the places are "
-                    f"{', '.join(places)}"
-                )
-            places.insert(places.index(config.before), place)
-    return [place for place in places if transforms[place].name != "none"]

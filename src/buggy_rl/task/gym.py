@@ -20,7 +20,8 @@ from torchrl.envs import EnvBase, Transform
 
 from buggy_rl import keys
 from buggy_rl.config import load_named
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.path_set import PathSet
 
 NAME = "buggy_rl/Waypoints-v0"

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from buggy_rl.car_file import load_car
 from buggy_rl.similarity import Similarity
-from buggy_rl.task.transforms.clip import TRAINED_HIGH, TRAINED_LOW
-
-if TYPE_CHECKING:
-    from buggy_rl.task.env import TaskConfig, TransformConfig
+from buggy_rl.task.config import TaskConfig, TransformConfig
+from buggy_rl.task.transforms.observation import TRAINED_HIGH, TRAINED_LOW
 
 VELOCITY = ("m/s", "m/s", "rad/s")
 UNITS: dict[str, dict[str, tuple[Any, Any]]] = {
@@ -24,7 +22,7 @@ PER_UNIT = {"progress": "m", "deviation": "m", "speed_error": "m/s"}
 """Terms of the reward with a unit, whose weights are divided by its scale."""
 
 
-def scaled_task(task: "TaskConfig") -> "TaskConfig":
+def scaled_task(task: TaskConfig) -> TaskConfig:
     """A task whose transforms are scaled to the car of its paths; without one, itself.
 
     What a config states is the buggy's, and is scaled as the defaults are: paths scale themselves.
@@ -36,7 +34,7 @@ def scaled_task(task: "TaskConfig") -> "TaskConfig":
     return replace(task, transforms=transforms)
 
 
-def _scaled(transform: "TransformConfig", scale: Similarity) -> "TransformConfig":
+def _scaled(transform: TransformConfig, scale: Similarity) -> TransformConfig:
     options = dict(transform.options)
     for option, (default, unit) in UNITS.get(transform.name, {}).items():
         options[option] = _times(options.get(option, default), unit, scale)

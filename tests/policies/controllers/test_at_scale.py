@@ -13,7 +13,8 @@ from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.similarity import Similarity
-from buggy_rl.task.env import TaskConfig, make_env
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 
 BRAKES = {"command": "throttle_brake_reverse"}

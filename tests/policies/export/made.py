@@ -8,7 +8,8 @@ from buggy_rl import keys
 from buggy_rl.config import plain
 from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.run import EngineConfig, PolicyRunConfig, new_engine, new_policy
-from buggy_rl.task.env import TaskConfig, TransformConfig, default_transforms, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 
 GAIN = 60.0  # of the last layer, which begins 0.01 times as large as the others

@@ -19,7 +19,7 @@ from buggy_rl.policies.export.config import ExportConfig
 from buggy_rl.policies.export.export import export
 from buggy_rl.policies.export.parity import ParityError
 from buggy_rl.task.paths.making import PathConfig, make_paths
-from buggy_rl.task.transforms.last_action import LastAction
+from buggy_rl.task.transforms.commands import LastAction
 from tests.policies.export.made import policy_file, stack, task
 
 

@@ -6,9 +6,7 @@ from torchrl.envs import Transform
 
 from buggy_rl import keys
 from buggy_rl import keys as task
-from buggy_rl.task.transforms.last_action import LastAction
-from buggy_rl.task.transforms.rate_limit import RateLimit
-from buggy_rl.task.transforms.smoothing import ActionSmoothing
+from buggy_rl.task.transforms.commands import ActionSmoothing, LastAction, RateLimit
 from tests.task.transforms.cars import over_hold, start, step
 
 

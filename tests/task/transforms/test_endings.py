@@ -3,8 +3,7 @@ import torch
 from torchrl.envs import StepCounter
 
 from buggy_rl import keys
-from buggy_rl.task.transforms.leave_path import LeavePath
-from buggy_rl.task.transforms.path_end import PathEnd
+from buggy_rl.task.transforms.rewards import LeavePath, PathEnd
 from buggy_rl.task.transforms.waypoints import Waypoints
 from tests.task.transforms.cars import over_hold, place, start, step, straight_path
 

@@ -4,8 +4,7 @@ from torchrl.envs import CatFrames, StepCounter
 
 from buggy_rl import keys
 from buggy_rl import keys as task
-from buggy_rl.task.transforms.history import History
-from buggy_rl.task.transforms.observation import Observation
+from buggy_rl.task.transforms.observation import History, Observation
 from tests.task.transforms.cars import over_hold, start, step
 
 

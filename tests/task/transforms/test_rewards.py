@@ -3,11 +3,9 @@ import torch
 
 from buggy_rl import keys
 from buggy_rl import keys as task
-from buggy_rl.task.transforms.last_action import LastAction
-from buggy_rl.task.transforms.leave_path import LeavePath
-from buggy_rl.task.transforms.rewards import TERMS, Rewards
-from buggy_rl.task.transforms.target_speed import TargetSpeed
-from buggy_rl.task.transforms.waypoints import Waypoints
+from buggy_rl.task.transforms.commands import LastAction
+from buggy_rl.task.transforms.rewards import TERMS, LeavePath, Rewards
+from buggy_rl.task.transforms.waypoints import TargetSpeed, Waypoints
 from tests.task.transforms.cars import over_hold, start, step, straight_path
 
 ONES = dict.fromkeys(TERMS, 1.0)

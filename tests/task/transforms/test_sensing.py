@@ -7,10 +7,13 @@ from tensordict import TensorDict
 from buggy_rl import keys
 from buggy_rl import keys as task
 from buggy_rl.recordings.filters import past_mean
-from buggy_rl.task.transforms.clip import ClipVelocity
-from buggy_rl.task.transforms.noise import ObservationNoise, normal
-from buggy_rl.task.transforms.observation import Observation
-from buggy_rl.task.transforms.past_mean import PastMean
+from buggy_rl.task.transforms.observation import (
+    ClipVelocity,
+    Observation,
+    ObservationNoise,
+    PastMean,
+    normal,
+)
 from buggy_rl.task.transforms.waypoints import Waypoints
 from tests.task.transforms.cars import over_hold, start, step, straight_path
 

@@ -10,7 +10,8 @@ from tensordict import TensorDict
 from buggy_rl import keys
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.viz.film.rollout import course_of, driven, replayed
 

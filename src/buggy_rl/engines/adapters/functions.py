@@ -13,7 +13,7 @@ from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
-from buggy_rl.engines.rows import RowsEngine
+from buggy_rl.engines.base import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.vehicle import CONTROL_PERIOD

@@ -7,7 +7,7 @@ of another car are the buggy's, scaled.
 
 from collections.abc import Container
 
-from buggy_rl.engines import speed_control, two_way
+from buggy_rl.engines.bicycle.parameters import BRAKES, REPLACED, SHIPPED, SPEED_CONTROL
 from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.realisation import Added, Realisations, Scaled
@@ -34,7 +34,7 @@ def declared_parameters(
     scale = Similarity.between(dimensions, speed=speed_ratio)
     own = [*_tyres(), *_steering(), *_drive()]
     if command.kind in ("speed", "current"):
-        own = [p for p in own if p.name not in speed_control.REPLACED]
+        own = [p for p in own if p.name not in REPLACED]
     own += _commanded(command, brake_front_share)
     return [*_body(dimensions), *(scale.scaled(p) for p in own)]
 
@@ -64,9 +64,9 @@ def realised(declared: Container[str]) -> Realisations:
 def _commanded(command: LongitudinalCommand, brake_front_share: float) -> list[Parameter]:
     """Parameters of a command that is no one-way throttle."""
     if command.kind == "speed":
-        rows, values = speed_control.SPEED_CONTROL, speed_control.SHIPPED
+        rows, values = SPEED_CONTROL, SHIPPED
     elif command.kind == "throttle_brake_reverse":
-        rows, values = two_way.BRAKES, two_way.SHIPPED | {"brake_front_share": brake_front_share}
+        rows, values = BRAKES, SHIPPED | {"brake_front_share": brake_front_share}
     else:
         return []
     return [Parameter(row[0], values[row[0]], *row[1:]) for row in rows]

@@ -9,15 +9,15 @@ from typing import Literal
 
 from array_api_compat import array_namespace
 
-from buggy_rl.engines.mujoco.actuators import motor_torque
-from buggy_rl.engines.mujoco.arrays import Array, array_like
-from buggy_rl.engines.two_way import (
+from buggy_rl.engines.bicycle.longitudinal import (
     current_force,
     esc_brakes,
     esc_drive,
     rolling_forward,
     setpoint_force,
 )
+from buggy_rl.engines.mujoco.actuators import motor_torque
+from buggy_rl.engines.mujoco.arrays import Array, array_like
 from buggy_rl.longitudinal import LongitudinalCommand
 
 Drive = Literal["rear", "front", "all"]

@@ -22,6 +22,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from buggy_rl import keys
+from buggy_rl.engines.base import RowsEngine
 from buggy_rl.engines.mujoco.actuators import Actuators, memory_length
 from buggy_rl.engines.mujoco.arrays import Array, copied
 from buggy_rl.engines.mujoco.batches import Backend, make_cars
@@ -30,7 +31,6 @@ from buggy_rl.engines.mujoco.declared import declared_parameters, realised
 from buggy_rl.engines.mujoco.drivetrain import FRONT_SHARE, Drive
 from buggy_rl.engines.mujoco.forces import Forces
 from buggy_rl.engines.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
-from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand
 from buggy_rl.realisation import Realisations
 from buggy_rl.similarity import Similarity, similar_dimensions

@@ -21,10 +21,10 @@ from torchrl.data import TensorSpec
 from torchrl.envs import EnvBase
 
 from buggy_rl import keys
+from buggy_rl.engines.base import RowsEngine
 from buggy_rl.engines.mujoco.batches import CpuCars
 from buggy_rl.engines.mujoco.engine import PHYSICS_STATE, whole_substeps
 from buggy_rl.engines.mujoco.placement import place, seen_pose, seen_velocity
-from buggy_rl.engines.rows import RowsEngine
 from buggy_rl.longitudinal import LongitudinalCommand, drive_of
 from buggy_rl.vehicle import CONTROL_PERIOD
 

@@ -8,12 +8,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Radio
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.parameters import COMMANDED, PARAMETERS
+from buggy_rl.engines.reference.parameters import COMMANDED, PARAMETERS, Build
 from buggy_rl.engines.reference.state import (
     FAULT_STATES,
     GIVES,

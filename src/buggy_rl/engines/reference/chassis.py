@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.wheels import per_wheel, sides
+from buggy_rl.engines.reference.tyres import per_wheel, sides
 from buggy_rl.similarity import Similarity
 from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 

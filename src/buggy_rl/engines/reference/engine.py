@@ -13,10 +13,9 @@ from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
-from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.car import Car
 from buggy_rl.engines.reference.faults import Faults, as_tensors, refuse_of_another_command
-from buggy_rl.engines.reference.parameters import DIMENSIONS, REALISES, declared_parameters
+from buggy_rl.engines.reference.parameters import DIMENSIONS, REALISES, Build, declared_parameters
 from buggy_rl.engines.reference.state import (
     CHARGE,
     DUTY,

@@ -1,4 +1,4 @@
-"""Every parameter of the reference car, with unit, range and source.
+"""Every parameter of the reference car, with unit, range and source; its size and command.
 
 Three kinds of source: *measured*, the dimensions in `vehicle.py`; *DART*, the published set of
 the car's mass twin, carried over to this car's laws; *chosen*, a plausible value for parts of
@@ -8,8 +8,12 @@ full throttle from rest, a servo lag of 0.05-0.1 s). No chosen value was measure
 A car of another size has the dimensions of its own, and the other values by `similarity`.
 """
 
-from dataclasses import replace
+from dataclasses import astuple, dataclass, field, fields, replace
+from typing import Any
 
+from torch import Tensor
+
+from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.parameters import Parameter
 from buggy_rl.realisation import Realisations, Scaled
 from buggy_rl.similarity import Similarity
@@ -254,3 +258,35 @@ def declared_parameters(
             replace(p, value=factor * p.value, lower=factor * p.lower, upper=factor * p.upper)
         )
     return result
+
+
+@dataclass(frozen=True)
+class Build:
+    """Size and command of a car; those of the buggy by default."""
+
+    dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
+    similarity: Similarity = field(default_factory=Similarity)
+    """Ratios to the buggy, by which the constants of the parts are scaled."""
+    command: LongitudinalCommand = ONE_WAY
+    """What its first command is."""
+
+    @property
+    def parts(self) -> tuple[VehicleDimensions, Similarity, LongitudinalCommand]:
+        """Its fields, in their order."""
+        return self.dimensions, self.similarity, self.command
+
+    def numbers(self, like: Tensor) -> Tensor:
+        """Dimensions and ratios in one tensor [S] of the type of another."""
+        return like.new_tensor((*astuple(self.dimensions), *astuple(self.similarity)))
+
+    @classmethod
+    def of_numbers(cls, numbers: Tensor, command: LongitudinalCommand) -> "Build":
+        """The inverse of `numbers`, of tensors."""
+        own: list[Any] = list(numbers.unbind())
+        count = len(fields(VehicleDimensions))
+        return cls(VehicleDimensions(*own[:count]), Similarity(*own[count:]), command)
+
+    @property
+    def usual(self) -> bool:
+        """Whether it is the buggy with a one-way throttle."""
+        return self == Build()

@@ -54,7 +54,7 @@ FAULT_STATES: dict[str, tuple[tuple[int, ...], str]] = {  # shape, and the fault
 
 @dataclass(slots=True)
 class CarState:
-    """State from substep to substep; the batch is `*`, wheels as in `wheels`."""
+    """State from substep to substep; the batch is `*`, the axis of wheels as in `tyres`."""
 
     vx: Tensor  # [*] at the centre of gravity, body frame [m/s]
     vy: Tensor

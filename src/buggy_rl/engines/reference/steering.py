@@ -8,7 +8,7 @@ from torch import Tensor
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.faults import Faults
 from buggy_rl.engines.reference.state import GIVES, RACK, SERVO_MOVES, SET_POINT, STICKS
-from buggy_rl.engines.reference.wheels import sides
+from buggy_rl.engines.reference.tyres import sides
 
 GIVING = 0.008  # [s] in which a linkage gives way by 63 %: a servo saver's spring at 20 Hz; chosen
 REACHED = 0.1  # [-] share of the breakaway error at which a sticking servo stops again; chosen

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.reference.build import Build
 from buggy_rl.engines.reference.chassis import Chassis
 from buggy_rl.engines.reference.commands import Lag
 from buggy_rl.engines.reference.drivetrain import Drivetrain
 from buggy_rl.engines.reference.faults import Faults
+from buggy_rl.engines.reference.parameters import Build
 from buggy_rl.engines.reference.state import CONTROLLER, SPEED_SUM, CarState, Setting
 from buggy_rl.longitudinal import command_of, drive_of
 from buggy_rl.vehicle import GRAVITY

@@ -1,4 +1,9 @@
-"""A brush tyre with parabolic pressure and a relaxation length; Pacejka 2012, ch. 3 and 7."""
+"""A brush tyre with parabolic pressure and a relaxation length; Pacejka 2012, ch. 3 and 7.
+
+The first axis of tensors is the wheel: front left, front right, rear left, rear right. It stands
+before the batch, so that a number per environment broadcasts over its wheels. Vectors at the wheels
+are [2, 4, *]: along the wheel (forward), across it (to the left).
+"""
 
 from collections.abc import Mapping
 
@@ -6,9 +11,9 @@ import torch
 from torch import Tensor
 
 from buggy_rl.engines.reference.faults import Faults
-from buggy_rl.engines.reference.wheels import per_wheel
 from buggy_rl.similarity import Similarity
 
+LEFT_RIGHT = (1.0, -1.0)  # y of the wheels of an axle in half track widths
 # Speeds of a buggy:
 STANDSTILL_SPEED = 0.05  # [m/s] keeps the slip of a standing tyre finite; chosen
 DAMPING_SPEED = 1.0  # [m/s] above it the rolling itself damps the carcass; chosen
@@ -16,8 +21,20 @@ SLIPPERY = 0.15  # [-] friction lost by sliding over friction lost by a worn or 
 TINY = 1e-12  # under the roots, for a gradient at zero slip
 
 
+def per_wheel(front: Tensor, rear: Tensor) -> Tensor:
+    """[4, *] from the values [*] of the front and of the rear wheels."""
+    front, rear = torch.broadcast_tensors(front, rear)
+    return torch.stack([front, front, rear, rear])
+
+
+def sides(like: Tensor) -> Tensor:
+    """[2, *1]: +1 for the left wheel of an axle and -1 for the right; ones beside the batch."""
+    signs = torch.tensor(LEFT_RIGHT, dtype=like.dtype, device=like.device)
+    return signs.reshape(2, *[1] * like.dim())
+
+
 class Tyres:
-    """The four tyres; all tensors as in `wheels`.
+    """The four tyres; all tensors with the axis of wheels first.
 
     Args:
         values: Parameter name -> value, each [*] or ones in place of the batch.

@@ -11,7 +11,7 @@ import torch
 from buggy_rl.car.path import Path as CarPath
 from buggy_rl.car.policy import Policy as Runtime
 from buggy_rl.config import from_plain
-from buggy_rl.engines.hold import HoldEngine
+from buggy_rl.engines.base import HoldEngine
 from buggy_rl.longitudinal import declared_by
 from buggy_rl.policies.actor_critic import Policy, load_policy
 from buggy_rl.policies.benchmark_paths import STEPS, Benchmark, benchmark_paths
@@ -27,7 +27,8 @@ from buggy_rl.policies.export.writing import (
     write_path,
 )
 from buggy_rl.policies.run import PolicyRunConfig, engine_of, new_engine, task_of
-from buggy_rl.task.env import TaskConfig, TransformConfig, make_env
+from buggy_rl.task.config import TaskConfig, TransformConfig
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.vehicle import CONTROL_PERIOD

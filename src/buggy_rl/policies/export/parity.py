@@ -20,9 +20,10 @@ from buggy_rl.car.policy import Policy as Runtime
 from buggy_rl.policies.actor_critic import Policy
 from buggy_rl.policies.benchmark_paths import evaluation_task
 from buggy_rl.stepping import trajectory
-from buggy_rl.task.env import TaskConfig, TaskEnv, TransformConfig
+from buggy_rl.task.config import TaskConfig, TransformConfig
+from buggy_rl.task.env import TaskEnv
 from buggy_rl.task.transforms.commands import CommandFilter
-from buggy_rl.task.transforms.noise import ObservationNoise
+from buggy_rl.task.transforms.observation import ObservationNoise
 
 ACTING = "acting_command"  # [2] what left the task for the simulator
 SPREAD = (0.5, 0.5, 3.14)  # [m], [m], [rad] random poses about the next waypoint

@@ -6,22 +6,19 @@ from typing import Any
 from torchrl.envs import StepCounter, Transform
 
 from buggy_rl.car.observation import INPUTS, quantities
-from buggy_rl.task.env import TaskConfig, places_in_order
+from buggy_rl.task.config import TaskConfig, places_in_order
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.transforms import make_transform
-from buggy_rl.task.transforms.clip import ClipVelocity
-from buggy_rl.task.transforms.history import History
-from buggy_rl.task.transforms.last_action import LastAction
-from buggy_rl.task.transforms.leave_path import LeavePath
-from buggy_rl.task.transforms.noise import ObservationNoise
-from buggy_rl.task.transforms.observation import Observation
-from buggy_rl.task.transforms.past_mean import PastMean
-from buggy_rl.task.transforms.path_end import PathEnd
-from buggy_rl.task.transforms.rate_limit import RateLimit
-from buggy_rl.task.transforms.rewards import Rewards
-from buggy_rl.task.transforms.smoothing import ActionSmoothing
-from buggy_rl.task.transforms.target_speed import TargetSpeed
-from buggy_rl.task.transforms.waypoints import Waypoints
+from buggy_rl.task.transforms.commands import ActionSmoothing, LastAction, RateLimit
+from buggy_rl.task.transforms.observation import (
+    ClipVelocity,
+    History,
+    Observation,
+    ObservationNoise,
+    PastMean,
+)
+from buggy_rl.task.transforms.rewards import LeavePath, PathEnd, Rewards
+from buggy_rl.task.transforms.waypoints import TargetSpeed, Waypoints
 
 LEFT_OUT = {  # what is only there for training, and why the car goes without
     ObservationNoise: "the car's sensor has noise of its own",

@@ -11,18 +11,18 @@ if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import Transform
 
 TRANSFORMS = {
-    "last_action": "buggy_rl.task.transforms.last_action:LastAction",
-    "action_smoothing": "buggy_rl.task.transforms.smoothing:ActionSmoothing",
-    "rate_limit": "buggy_rl.task.transforms.rate_limit:RateLimit",
-    "observation_noise": "buggy_rl.task.transforms.noise:ObservationNoise",
-    "past_mean": "buggy_rl.task.transforms.past_mean:PastMean",
-    "clip_velocity": "buggy_rl.task.transforms.clip:ClipVelocity",
+    "last_action": "buggy_rl.task.transforms.commands:LastAction",
+    "action_smoothing": "buggy_rl.task.transforms.commands:ActionSmoothing",
+    "rate_limit": "buggy_rl.task.transforms.commands:RateLimit",
+    "observation_noise": "buggy_rl.task.transforms.observation:ObservationNoise",
+    "past_mean": "buggy_rl.task.transforms.observation:PastMean",
+    "clip_velocity": "buggy_rl.task.transforms.observation:ClipVelocity",
     "waypoints": "buggy_rl.task.transforms.waypoints:Waypoints",
-    "target_speed": "buggy_rl.task.transforms.target_speed:TargetSpeed",
+    "target_speed": "buggy_rl.task.transforms.waypoints:TargetSpeed",
     "observation": "buggy_rl.task.transforms.observation:Observation",
-    "history": "buggy_rl.task.transforms.history:History",
-    "leave_path": "buggy_rl.task.transforms.leave_path:LeavePath",
-    "path_end": "buggy_rl.task.transforms.path_end:PathEnd",
+    "history": "buggy_rl.task.transforms.observation:History",
+    "leave_path": "buggy_rl.task.transforms.rewards:LeavePath",
+    "path_end": "buggy_rl.task.transforms.rewards:PathEnd",
     "rewards": "buggy_rl.task.transforms.rewards:Rewards",
     "step_limit": "torchrl.envs:StepCounter",
 }

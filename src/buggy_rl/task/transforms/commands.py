@@ -1,10 +1,12 @@
-"""Base class of filters of the command, which remember their last output."""
+"""Commands on their way to the engine: what is remembered of them, and filters."""
 
+import math
 from abc import abstractmethod
 from typing import ClassVar
 
+import torch
 from tensordict import TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from buggy_rl import keys
 from buggy_rl.longitudinal import ONE_WAY_REST
@@ -48,3 +50,65 @@ class CommandFilter(TaskTransform):
         pose = next_tensordict.get(keys.POSE)
         resting = pose.new_tensor([self.rest, 0.0]).expand(*pose.shape[:-1], 2).clone()
         return next_tensordict.set(self.memory, resting)
+
+
+class LastAction(CommandFilter):
+    """u'_t = u_t within [-1, 1]. Nearer to the engine than a filter it records its output."""
+
+    memory = keys.LAST_ACTION
+
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        return asked
+
+
+class ActionSmoothing(CommandFilter):
+    """u'_t = u'_{t-1} + (1 - exp(-dt / time_constant)) (u_t - u'_{t-1}).
+
+    Args:
+        time_constant: [s]
+        dt: Control period [s].
+        rest: Throttle without drive of the simulator.
+    """
+
+    memory = keys.SMOOTHED_ACTION
+
+    def __init__(
+        self, time_constant: float = 0.05, *, dt: float, rest: float = ONE_WAY_REST
+    ) -> None:
+        super().__init__(rest)
+        if not time_constant > 0:
+            raise ValueError(f"action_smoothing: time_constant is {time_constant}: must be above 0")
+        self.share = 1.0 - math.exp(-dt / time_constant)
+
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        return torch.lerp(previous, asked, self.share)
+
+
+class RateLimit(CommandFilter):
+    """u'_t = u'_{t-1} + min(max(u_t - u'_{t-1}, -rate dt), rate dt).
+
+    Args:
+        throttle: Fastest change [1/s]; of the whole range, which is 2 wide.
+        steering: Likewise.
+        dt: Control period [s].
+        rest: Throttle without drive of the simulator.
+    """
+
+    memory = keys.LIMITED_ACTION
+
+    def __init__(
+        self,
+        throttle: float = 20.0,
+        steering: float = 10.0,
+        *,
+        dt: float,
+        rest: float = ONE_WAY_REST,
+    ) -> None:
+        super().__init__(rest)
+        for name, value in (("throttle", throttle), ("steering", steering)):
+            if not value > 0:
+                raise ValueError(f"rate_limit: {name} is {value} a second: must be above 0")
+        self.largest = nn.Buffer(torch.tensor([throttle * dt, steering * dt]), persistent=False)
+
+    def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
+        return previous + (asked - previous).clamp(-self.largest, self.largest)

@@ -1,10 +1,11 @@
-"""The reward: a weighted sum of terms, each by name."""
+"""The reward, a weighted sum of terms by name, and how an episode ends."""
 
 from collections.abc import Callable, Mapping
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
+from torchrl.data import Composite
 
 from buggy_rl import keys
 from buggy_rl.task.transforms.base import TaskTransform, numbers
@@ -96,3 +97,51 @@ class Rewards(TaskTransform):
         row = torch.cat(terms, -1)  # (*, terms)
         next_tensordict.set(keys.REWARD_TERMS, row)
         return next_tensordict.set(keys.REWARD, row.sum(-1, keepdim=True))
+
+
+class LeavePath(TaskTransform):
+    """terminated if |lateral_error| > limit.
+
+    The distance is from the piece of path before the next waypoint, so that a car which drove
+    past a waypoint too far beside it leaves the path as it drives on.
+
+    Args:
+        limit: [m]
+    """
+
+    reads: tuple[str, ...] = (keys.LATERAL_ERROR,)
+    before: tuple[str, ...] = (keys.REWARD_TERMS, keys.STEP_COUNT)
+
+    def __init__(self, limit: float = 1.0) -> None:
+        super().__init__()
+        if not limit > 0:
+            raise ValueError(f"leave_path: limit is {limit} m: must be above 0")
+        self.limit = limit
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        left = next_tensordict.get(keys.LATERAL_ERROR).abs() > self.limit
+        for key in (keys.TERMINATED, keys.DONE):
+            next_tensordict.set(key, next_tensordict.get(key) | left)
+        return next_tensordict
+
+
+class PathEnd(TaskTransform):
+    """truncated if completed. Not terminated: the car could have gone on, the path could not."""
+
+    reads: tuple[str, ...] = (keys.COMPLETED,)
+    before: tuple[str, ...] = (keys.STEP_COUNT,)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        truncated = torch.zeros_like(tensordict_reset.get(keys.COMPLETED))
+        return tensordict_reset.set(keys.TRUNCATED, truncated)
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        completed = next_tensordict.get(keys.COMPLETED)
+        next_tensordict.set(keys.TRUNCATED, completed)
+        return next_tensordict.set(keys.DONE, next_tensordict.get(keys.DONE) | completed)
+
+    def transform_done_spec(self, done_spec: Composite) -> Composite:
+        done_spec[keys.TRUNCATED] = done_spec[keys.DONE].clone()
+        return done_spec

@@ -19,7 +19,8 @@ from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.policies.run import EngineConfig, engine_of, new_engine, task_of
 from buggy_rl.recordings import Recording, load_recording
 from buggy_rl.recordings.readers import is_recording
-from buggy_rl.task.env import TaskConfig, make_env, make_simulator
+from buggy_rl.task.config import TaskConfig
+from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.vehicle import CONTROL_PERIOD
 from buggy_rl.viz.film.options import RenderConfig

@@ -1,4 +1,4 @@
-"""The dynamic bicycle: two axles with magic-formula tyres, a DC motor, delayed actuators."""
+"""The dynamic bicycle, two axles with magic-formula tyres, and the kinematic one without slip."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,32 +7,15 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from buggy_rl.engines.actuation import ACTUATION, ActuatedEngine, moved_on
-from buggy_rl.engines.longitudinal_force import ONE_WAY_LAW, LongitudinalLaw, resistance
-from buggy_rl.engines.preset import declare
+from buggy_rl.engines.bicycle.actuation import ActuatedEngine, moved_on
+from buggy_rl.engines.bicycle.longitudinal import ONE_WAY_LAW, LongitudinalLaw, resistance
+from buggy_rl.engines.bicycle.parameters import ACTUATION, TYRES, declare
 from buggy_rl.kernels.kernel import Kernel
 from buggy_rl.realisation import Realisations, Scaled
 from buggy_rl.vehicle import GRAVITY, columns
 
 SLIP_SPEED = 0.3  # [m/s] rolling speed below which slip angles are softened; chosen
 GAMMA = 1 - 1 / math.sqrt(2)  # of the Rosenbrock method ROS2, L-stable with it; Verwer et al. 1999
-
-TYRES = (
-    ("yaw_inertia", 0.0005, 0.1, "kg m^2", "Inertia about the vertical axis through the cg."),
-    ("front_drive_share", 0.0, 1.0, "-", "Share of the wheel force at the front axle."),
-    ("front_grip", 0.05, 3.0, "-", "D, largest lateral force of the front axle over its load."),
-    ("front_shape", 0.3, 2.5, "-", "C, shape factor of the front axle's magic formula."),
-    (
-        "front_stiffness",
-        0.5,
-        60.0,
-        "1/rad",
-        "B, stiffness factor of the front axle's magic formula.",
-    ),
-    ("rear_grip", 0.05, 3.0, "-", "D, largest lateral force of the rear axle over its load."),
-    ("rear_shape", 0.3, 2.5, "-", "C, shape factor of the rear axle's magic formula."),
-    ("rear_stiffness", 0.5, 60.0, "1/rad", "B, stiffness factor of the rear axle's magic formula."),
-)
 
 
 def rolling_speed(along: Tensor) -> Tensor:
@@ -222,6 +205,34 @@ def _friction(number: str, front: float, rear: float) -> list[Scaled]:
         for axle, power in (("front", front), ("rear", rear))
         for factor, side in (("grip", 1.0), ("stiffness", -1.0))
     ]
+
+
+class KinematicEngine(ActuatedEngine):
+    """A bicycle without slip, behind the same motor and actuators as `SingleTrackEngine`.
+
+    m dvx = motor - resistance,  r = vx tan(delta) / L,  vy = l_r r,
+
+    so its sideslip angle is atan(l_r / L tan(delta)). Sideways motion follows from the steering
+    alone: of an edited velocity only vx is remembered.
+
+    Integrated by the explicit midpoint rule.
+    """
+
+    def _substep(self, velocity: Tensor, drive: Tensor, steering_angle: Tensor, h: float) -> Tensor:
+        v = self.values
+        vx = velocity[..., 0]
+        halfway = vx + 0.5 * h * self._acceleration(vx, drive, steering_angle)
+        vx = vx + h * self._acceleration(halfway, drive, steering_angle)
+        wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
+        yaw_rate = vx * torch.tan(steering_angle) / wheelbase
+        return torch.stack([vx, v["cg_to_rear_axle"] * yaw_rate, yaw_rate], -1)
+
+    def _acceleration(self, vx: Tensor, drive: Tensor, steering_angle: Tensor) -> Tensor:
+        force = self.law.drive(vx, drive, self.values)
+        if self.law.brake is not None:
+            force = force + self.law.brake(vx, drive, self.values)
+        force = force - resistance(vx, steering_angle, self.values)
+        return force / self.values["mass"]
 
 
 VALUES = tuple(name for name, *_ in (*TYRES, *ACTUATION))

@@ -16,12 +16,9 @@ from torchrl.data import TensorSpec
 
 from buggy_rl import keys
 from buggy_rl.engines.base import Engine
-from buggy_rl.engines.delays import dead_time_weights, lag_decay
-from buggy_rl.engines.longitudinal_force import law_of
-from buggy_rl.engines.preset import declare
-from buggy_rl.engines.steady import steady_actuators
-from buggy_rl.engines.steering_map import road_wheel_angle
-from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, drive_of
+from buggy_rl.engines.bicycle.longitudinal import LEFT_RIGHT_BLEND, law_of, resistance, steady_drive
+from buggy_rl.engines.bicycle.parameters import ACTUATION, LONGEST_DEAD_TIME, declare
+from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, command_of, drive_of
 from buggy_rl.realisation import Added, Realisations, Scaled
 from buggy_rl.similarity import Similarity, similar_dimensions
 from buggy_rl.vehicle import VehicleDimensions, integrate_pose, shift_velocity
@@ -30,35 +27,113 @@ COMMANDS = "commands"  # [K, 2] past throttle and steering commands, newest firs
 ACTUATOR = "actuator"  # [2] throttle and steering behind dead time and lag
 
 SUBSTEP = 0.005  # [s] longest integration step; two of them in the 10 ms of the car's own rate
-LONGEST_DEAD_TIME = 0.25  # [s] length of the memory `commands`; DART's longest dead time is 0.14 s
+SLOWEST_LAG = 1e-6  # [s] stands for no lag, where the formula divides by the time constant
+SLOWEST_ARC = 0.5  # [m/s] speed below which no arc follows from a yaw rate; chosen
+LEAST_FORCE = 1e-3  # [N] least force of a motor that a drive is divided by
 
-# name, lower, upper, unit, meaning; values are in presets/*.yaml
-ACTUATION = (
-    ("cg_to_front_axle", 0.02, 0.5, "m", "Centre of gravity to front axle."),
-    ("cg_to_rear_axle", 0.02, 0.5, "m", "Centre of gravity to rear axle."),
-    ("sensor_x", -0.3, 0.3, "m", "Tracking sensor ahead of the centre of gravity."),
-    ("sensor_y", -0.3, 0.3, "m", "Tracking sensor to the left of the centre of gravity."),
-    ("mass", 0.3, 10.0, "kg", "Mass of the whole car."),
-    ("drive_force", 0.0, 100.0, "N", "Force of the motor at standstill and full drive."),
-    ("drive_force_loss", 0.0, 20.0, "N s/m", "Force the motor loses to back-EMF per speed."),
-    ("throttle_deadband", 0.0, 0.5, "-", "Drive (0..1) below which the motor does nothing."),
-    ("dry_friction", 0.0, 10.0, "N", "Friction that does not depend on speed."),
-    ("dry_friction_steepness", 0.5, 50.0, "s/m", "Inverse speed at which dry friction is at 76 %."),
-    ("viscous_friction", 0.0, 5.0, "N s/m", "Friction that grows with speed."),
-    ("quadratic_drag", -0.5, 2.0, "N s^2/m^2", "Resistance that grows with speed squared."),
-    ("steering_drag", 0.0, 20.0, "N/rad", "Extra resistance per road-wheel angle."),
-    ("steering_drag_speed", 0.0, 10.0, "N s/(m rad)", "Growth of the steering drag with speed."),
-    ("steering_drag_free_angle", 0.0, 0.2, "rad", "Road-wheel angle at which that drag begins."),
-    ("left_angle", 0.05, 1.0, "rad", "Asymptote of the road-wheel angle to the left."),
-    ("left_steepness", 0.1, 5.0, "-", "Steepness of the steering map to the left."),
-    ("right_angle", 0.05, 1.0, "rad", "Asymptote of the road-wheel angle to the right."),
-    ("right_steepness", 0.1, 5.0, "-", "Steepness of the steering map to the right."),
-    ("steering_offset", -0.3, 0.3, "-", "Added to the steering command by the linkage."),
-    ("throttle_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the throttle acts."),
-    ("throttle_lag", 0.0, 1.0, "s", "Time constant of the throttle behind that."),
-    ("steering_dead_time", 0.0, LONGEST_DEAD_TIME, "s", "Delay until the steering acts."),
-    ("steering_lag", 0.0, 1.0, "s", "Time constant of the steering behind that."),
-)
+
+def road_wheel_angle(command: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Road-wheel angle [*] rad of a steering command [*].
+
+    s = command + offset, w = (1 + tanh(30 s)) / 2,
+    delta = w a_left tanh(b_left s) + (1 - w) a_right tanh(b_right s).
+
+    Source: DART, Lyons et al., dart_dynamic_models.py.
+    """
+    s = command + values["steering_offset"]
+    to_left = 0.5 * (1 + torch.tanh(LEFT_RIGHT_BLEND * s))
+    left = values["left_angle"] * torch.tanh(values["left_steepness"] * s)
+    right = values["right_angle"] * torch.tanh(values["right_steepness"] * s)
+    return to_left * left + (1 - to_left) * right
+
+
+def steering_command(angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
+    """Steering command [*] in [-1, 1] closest to a road-wheel angle [*] rad; inverse of the map."""
+    left = angle > 0
+    reach = torch.where(left, values["left_angle"], values["right_angle"])
+    steepness = torch.where(left, values["left_steepness"], values["right_steepness"])
+    share = (angle / reach).clamp(-0.999, 0.999)  # atanh(1) is infinite
+    return (torch.atanh(share) / steepness - values["steering_offset"]).clamp(-1.0, 1.0)
+
+
+def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
+    """Weights of the last commands in the mean command that arrives during a control period.
+
+    The commands are a staircase u_k; late by tau, its mean over a period is
+    sum_j max(0, 1 - |j - tau / dt|) u_{k-j}: exact, and continuous in tau.
+
+    Args:
+        dead_time: [*] tau [s].
+        dt: Control period [s].
+        length: How many commands there are, the present one included.
+
+    Returns:
+        [*, length] adding up to 1.
+    """
+    age = torch.arange(length, dtype=dead_time.dtype, device=dead_time.device)
+    return (1 - (age - dead_time.unsqueeze(-1) / dt).abs()).clamp_min(0)
+
+
+def lag_decay(time_constant: Tensor, start: float, end: float) -> Tensor:
+    """Mean remaining share of a step over start..end [s] behind a first-order lag.
+
+    y(t) = u + (y(0) - u) exp(-t / T), so its mean is u + (y(0) - u) d with
+    d = T (exp(-start / T) - exp(-end / T)) / (end - start).
+
+    Args:
+        time_constant: [*] T [s]; 0 is no lag.
+        start: Start of the interval [s].
+        end: Its end [s]; when equal to `start`, the value at that moment.
+
+    Returns:
+        [*] d in 0..1.
+    """
+    T = time_constant.clamp_min(SLOWEST_LAG)
+    if start == end:
+        return torch.exp(-start / T)
+    return torch.exp(-start / T) * -torch.expm1((start - end) / T) * T / (end - start)
+
+
+def steady_actuators(
+    command: LongitudinalCommand, values: Mapping[str, Tensor], velocity: Tensor
+) -> Tensor:
+    """Throttle and steering [*, 2] with which a car keeps a velocity [*, 3] of its sensor.
+
+    The motor balances the resistance, the road wheels follow the arc. A standing car has no drive;
+    one that rolls back has none either unless its command has reverse.
+    """
+    v = values
+    vx, _, yaw_rate = shift_velocity(velocity, -v["sensor_x"], -v["sensor_y"]).unbind(-1)
+    wheelbase = v["cg_to_front_axle"] + v["cg_to_rear_axle"]
+    backward = vx < 0 if command.two_way else torch.zeros_like(vx, dtype=torch.bool)
+    # A car in reverse is that of its mirrored motion: forward at -vx, with the yaw rate reversed.
+    ahead = torch.where(backward, -vx, vx)
+    turns = torch.where(backward, -yaw_rate, yaw_rate)
+    angle = torch.atan(wheelbase * turns / ahead.clamp_min(SLOWEST_ARC))
+    needed = resistance(ahead, angle, v)
+    drive = _drive(command, v, ahead, needed, backward) * (ahead > 0)
+    drive = torch.where(backward, -drive.clamp(0.0, 1.0), drive.clamp(0.0, 1.0))
+    return torch.stack([command_of(drive, command.rest), steering_command(angle, v)], -1)
+
+
+def _drive(
+    command: LongitudinalCommand,
+    v: Mapping[str, Tensor],
+    ahead: Tensor,
+    needed: Tensor,
+    backward: Tensor,
+) -> Tensor:
+    """Size of the drive [*] that balances a resistance [*] N at a speed [*] m/s; not clamped."""
+    if command.kind == "speed":
+        return steady_drive(ahead, needed, v)
+    if command.kind == "current":
+        return needed / v["drive_force"].clamp_min(LEAST_FORCE)
+    available = (v["drive_force"] - v["drive_force_loss"] * ahead).clamp_min(LEAST_FORCE)
+    forward = v["throttle_deadband"] + needed / available
+    if not command.two_way:
+        return forward
+    reverse = (available * v["reverse_share"]).clamp_min(LEAST_FORCE)
+    return torch.where(backward, v["reverse_deadband"] + needed / reverse, forward)
 
 
 def moved_on(
