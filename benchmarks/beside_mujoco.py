@@ -9,7 +9,7 @@ Random drives from 0 to 3 m/s; throttle and steering change four times. MuJoCo s
 import time
 from dataclasses import dataclass, field
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ def drives(config: Config, tyres: str, device: str, backend: str):
     import torch
     from tensordict import TensorDict
 
-    from buggy_rl import keys
-    from buggy_rl.engines import make_engine
-    from buggy_rl.vehicle import CONTROL_PERIOD
+    from buggy_rl.core import keys
+    from buggy_rl.core.vehicle import CONTROL_PERIOD
+    from buggy_rl.simulators import make_engine
 
     engine = make_engine("mujoco", config.cars, device, tyres=tyres, backend=backend)
     generator = torch.Generator().manual_seed(0)

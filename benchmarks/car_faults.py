@@ -12,7 +12,7 @@ output are kept. `times=0` makes none and writes the table into the pages.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:

@@ -11,8 +11,8 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
-from buggy_rl.files import write_json
+from buggy_rl.core.config import from_command_line, run
+from buggy_rl.core.files import write_json
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 
 TARGET = 0.001  # share of deadlines that may be missed on a quiet machine

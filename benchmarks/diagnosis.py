@@ -24,7 +24,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from buggy_rl.config import from_command_line
+from buggy_rl.core.config import from_command_line
 from diagnosing.job import Config, Job, Row
 from diagnosing.tables import TOLD, tables
 

@@ -21,8 +21,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from buggy_rl.config import from_command_line
-from buggy_rl.engines import ENGINES
+from buggy_rl.core.config import from_command_line
+from buggy_rl.simulators import ENGINES
 
 NOT_PYTORCH = ("mujoco",)  # steps on the CPU, outside of what torch compiles
 HOLD_ACTION = 10  # steps: a car is given a new random action every 0.1 s
@@ -216,7 +216,7 @@ def rates(chunk: Callable[[int], None], job: Job) -> list[float]:
 
 def make(name: str, batch_size: tuple[int, ...], device: str, threads: int) -> Any:
     """An engine as shipped; the learned one with the original's history MLP, untrained."""
-    from buggy_rl.engines import make_engine
+    from buggy_rl.simulators import make_engine
 
     options: dict[str, Any] = {}
     if name == "mujoco":
@@ -230,7 +230,7 @@ def untrained_history_mlp() -> Any:
     """History 5, two hidden layers of 64: the cost of a trained one, and a tame car."""
     import torch
 
-    from buggy_rl.models.factory import ModelConfig, make_model
+    from buggy_rl.simulators.learned.factory import ModelConfig, make_model
 
     model = make_model(ModelConfig("mlp", options={"rows": 5}))
     model.output_scale.fill_(0.02)

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.config import from_command_line, run
-from buggy_rl.files import write_atomically
+from buggy_rl.core.config import from_command_line, run
+from buggy_rl.core.files import write_atomically
 
 KEYS = ("what", "engine", "size", "device")  # of a measurement
 
@@ -110,7 +110,7 @@ def about(device: str) -> dict[str, Any]:
     """The machine and the device of a row."""
     import torch
 
-    from buggy_rl.kernels.kernel import FOLDER
+    from buggy_rl.core.kernels import FOLDER
 
     name = torch.cuda.get_device_name() if device.startswith("cuda") else platform.processor()
     load = round(os.getloadavg()[0], 1)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -54,10 +54,10 @@ class Config:
 
 def options_of(make: Callable[[int], "EnvBase"], method: str) -> dict[str, Any]:
     """What `tire_grip` is told of a simulator."""
+    from buggy_rl.core.vehicle import VehicleDimensions
     from buggy_rl.effects.measuring import measured_options
     from buggy_rl.effects.measuring.drive import measured_drive
     from buggy_rl.effects.measuring.tyres import measured_tyres
-    from buggy_rl.vehicle import VehicleDimensions
 
     if method != "typical":
         return measured_options(make)["tire_grip"]
@@ -71,8 +71,8 @@ def driven(plant: str, env: "EnvBase", shown: "Tensor | None" = None, rows: int 
     import torch
     from benchmarks.gripping.plants import commands
 
-    from buggy_rl import keys
-    from buggy_rl.stepping import trajectory
+    from buggy_rl.core import keys
+    from buggy_rl.core.stepping import trajectory
 
     actions, start = commands(plant, env.batch_size[0], ROWS)
 

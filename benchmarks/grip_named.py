@@ -9,7 +9,7 @@ Two drives of 30 s, the whole library. Prints how often `tire_grip` is the first
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:

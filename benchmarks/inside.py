@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -55,7 +55,7 @@ def rollouts(
 
     from buggy_rl.effects import effect_class
     from buggy_rl.estimation.inside import Inside
-    from buggy_rl.plants import make_plant
+    from buggy_rl.proof.plants import make_plant
     from buggy_rl.task.augment import augmented
 
     number, engine = NUMBERS[effect][0], make_plant(plant, cars, {})

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
-    from buggy_rl.kernels.registry import kernels
+    from buggy_rl.core.kernels import kernels
 
     torch.set_num_threads(1)
     rows = []

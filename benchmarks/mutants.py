@@ -26,7 +26,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from buggy_rl.config import from_command_line
+from buggy_rl.core.config import from_command_line
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "buggy_rl"

@@ -23,7 +23,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from buggy_rl.config import from_command_line
+from buggy_rl.core.config import from_command_line
 from training.tables import tables
 
 SHARE = 0.8  # of the tuned pure pursuit's waypoints that a policy has to reach

@@ -2,7 +2,7 @@
 
     python -m benchmarks.ranking ledgers=[docs/development/cases.jsonl.gz]
 
-Both get the same features of the same cases (`diagnosis/evidence_features.py`) and answer each
+Both get the same features of the same cases (`diagnosis/search/features.py`) and answer each
 case without its group (`blind_test.calibration.folds`). Trees see the features of a hypothesis and
 of its case together; a softmax over the case makes probabilities of their scores. Prints the tables
 of both and McNemar's exact test.
@@ -19,13 +19,18 @@ from numpy.typing import NDArray
 from omegaconf import MISSING
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from buggy_rl.blind_test.calibration import FOLDS, calibrated, folds, left_out, table
-from buggy_rl.blind_test.compared import mcnemar
-from buggy_rl.blind_test.development import entries
-from buggy_rl.blind_test.named import counted
-from buggy_rl.config import from_command_line, run
-from buggy_rl.diagnosis.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.core.config import from_command_line, run
+from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.proof.calibrate.calibration import (
+    FOLDS,
+    calibrated,
+    case_folds,
+    feature_table,
+    left_out,
+)
+from buggy_rl.proof.calibrate.development import entries
+from buggy_rl.proof.calibrate.named import counted, mcnemar
 
 TREES = {"learning_rate": 0.05, "max_iter": 100, "max_leaf_nodes": 8, "max_features": 0.5}
 SEEDS = 3  # of trees, whose scores are averaged
@@ -51,7 +56,7 @@ def main() -> None:
 
 def boosted(cases: Sequence[Mapping[str, Any]]) -> list[Posterior]:
     """Posterior of each case by trees that were grown without its group."""
-    of, part = table(cases), folds(cases).numpy()
+    of, part = feature_table(cases), case_folds(cases).numpy()
     alternatives = of.shut.numpy() == 0  # (n, H + 1)
     case, place = alternatives.nonzero()
     every = features(of.hypotheses.numpy(), of.case.numpy())[case, place]

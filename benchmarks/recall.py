@@ -15,7 +15,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 PART = 4  # cases of a job
 
@@ -27,7 +27,7 @@ def main() -> None:
     from benchmarks.recalling.cases import table
     from benchmarks.recalling.page import write_column
 
-    from buggy_rl.blind_test.development import entries
+    from buggy_rl.proof.calibrate.development import entries
 
     output = Path(config.output)
     if config.cases:
@@ -41,9 +41,9 @@ def _search(config: Any, output: Path) -> None:
     from benchmarks.recalling.cases import left
     from tqdm import tqdm
 
-    from buggy_rl.blind_test.development import developed
-    from buggy_rl.blind_test.sealing import CaseStore, groups
     from buggy_rl.jobs import results
+    from buggy_rl.proof.calibrate.development import developed
+    from buggy_rl.proof.cases.sealing import CaseStore, groups
 
     folder = Path(config.folder)
     store = CaseStore(folder, folder / "truth")

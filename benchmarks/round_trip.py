@@ -11,7 +11,7 @@ too, unless it is one of brakes. It resumes: cases in the output are kept.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:

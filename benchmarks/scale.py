@@ -19,7 +19,7 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 from buggy_rl.jobs import Launching
 from scaling.model import Costs, Work, efficiency, most_workers, needed, wall
 from scaling.overheads import overheads, seconds_of, written

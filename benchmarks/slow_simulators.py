@@ -22,7 +22,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from buggy_rl.config import from_command_line
+from buggy_rl.core.config import from_command_line
 from diagnosing.job import Config as Drives
 from diagnosing.job import Job
 from diagnosing.slow_table import table
@@ -99,8 +99,8 @@ def one(what: str, folder: str, seconds: float, **asked: Any) -> dict[str, Any]:
 def diagnosed(job: Job, simulator: str, workers: int, minutes: float) -> dict[str, Any]:
     """Time, memory and answer of a diagnosis, and the first time that it promised."""
     from buggy_rl.diagnosis.config import DiagnosisConfig
-    from buggy_rl.diagnosis.meter import Reading
-    from buggy_rl.diagnosis.pipeline import diagnose
+    from buggy_rl.diagnosis.pipeline import run_diagnosis
+    from buggy_rl.diagnosis.run.meter import MeterReading
     from diagnosing.drives import load
 
     own = simulator in (*OWN, "reference")
@@ -118,10 +118,10 @@ def diagnosed(job: Job, simulator: str, workers: int, minutes: float) -> dict[st
     promised: list[tuple[float, float]] = []
     begin, cpu = time.perf_counter(), os.times()
 
-    def show(reading: Reading) -> None:
+    def show(reading: MeterReading) -> None:
         promised.append((time.perf_counter() - begin, reading.left))
 
-    answer = diagnose(config, recordings, baseline=baseline, show=show).answer
+    answer = run_diagnosis(config, recordings, baseline=baseline, show=show).answer
     end, used = time.perf_counter(), os.times()
     usage = [resource.getrusage(who).ru_maxrss for who in WHOSE]
     return {

@@ -3,34 +3,36 @@
     python benchmarks/step_tests.py configs/dart.yaml
 
 Prints what each simulator of the study's table does in the step tests of a diagnosis
-(src/buggy_rl/diagnosis/step_tests.py): so a published model, a fit and a repair are compared
+(src/buggy_rl/diagnosis/answer/step_tests.py): so a published model, a fit and a repair are compared
 whatever their parameters are called. Writes OUTPUT/step_tests.csv.
 """
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Tests every simulator that steps by commands."""
-    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
+    config = from_command_line(
+        __doc__, "buggy_rl.visual.study.stages:WholeStudyConfig"
+    ).of_simulators
 
     import pandas as pd
     from tqdm import tqdm
 
-    from buggy_rl.diagnosis.step_tests import Driven, step_tests
+    from buggy_rl.core.longitudinal import declared_by
+    from buggy_rl.diagnosis.answer.step_tests import Driven, step_tests
+    from buggy_rl.estimation.fit_study import compared_simulators, load_drives
     from buggy_rl.estimation.hypothesis import Library
     from buggy_rl.estimation.rollout import Simulation
     from buggy_rl.estimation.segments import cut_segments
-    from buggy_rl.identification.study import candidates, load_drives
-    from buggy_rl.longitudinal import declared_by
 
     drives = load_drives(config.data, tqdm.write, config.car)
     segments = cut_segments(drives.training, 1.0, 1.0)
     library, rows = Library([]), {}
     neutral = library.hypothesis(())
-    for candidate in candidates(config, [r.name for r in drives.held_out]):
+    for candidate in compared_simulators(config, [r.name for r in drives.held_out]):
         if candidate.name == "hold last":
             continue
         driven = Driven.of(segments, declared_by(candidate.make(1)).rest)

@@ -1,7 +1,7 @@
 """Runs `buggy_rl.commands.develop`, which says what it does."""
 
 from buggy_rl.commands.develop import main
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 
 if __name__ == "__main__":
     run(main)

@@ -1,7 +1,7 @@
 """Runs `buggy_rl.commands.show_drives`, which says what it does."""
 
 from buggy_rl.commands.show_drives import main
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 
 if __name__ == "__main__":
     run(main)

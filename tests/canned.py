@@ -1,6 +1,6 @@
 """Diagnoses that several test modules read, computed once and kept on disk.
 
-`diagnose` itself keeps the stages of each one under its question: settings and the content of
+`run_diagnosis` itself keeps the stages of each one under its question: settings and the content of
 recordings and simulator files. The folder is of one version of the source and of the libraries
 that compute, so a result of other code is never read. Tests in other processes wait for whoever
 computes a diagnosis first.
@@ -21,12 +21,12 @@ import scipy
 import torch
 
 import buggy_rl
+from buggy_rl.core.kernels import CACHE, FOLDER
+from buggy_rl.core.kernels import kernel_digest as kernel_digest
+from buggy_rl.core.question import key
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import Diagnosis, diagnose
-from buggy_rl.diagnosis.stages import asked
-from buggy_rl.kernels.kernel import CACHE, FOLDER
-from buggy_rl.kernels.kernel import digest as kernel_digest
-from buggy_rl.question import key
+from buggy_rl.diagnosis.pipeline import Diagnosed, run_diagnosis
+from buggy_rl.diagnosis.run.stages import diagnosis_question
 from buggy_rl.recordings import Recording
 
 SOURCE = Path(buggy_rl.__file__).parent
@@ -45,7 +45,7 @@ def source_digest(source: Path = SOURCE) -> str:
     return found.hexdigest()[:16]
 
 
-def canned(folder: Path, config: DiagnosisConfig, recordings: Sequence[Recording]) -> Diagnosis:
+def canned(folder: Path, config: DiagnosisConfig, recordings: Sequence[Recording]) -> Diagnosed:
     """The diagnosis of recordings, from its stages in `folder`/DIGEST where they are there.
 
     Args:
@@ -60,8 +60,8 @@ def canned(folder: Path, config: DiagnosisConfig, recordings: Sequence[Recording
         for other in folder.iterdir():
             if other.is_dir() and time.time() - other.stat().st_mtime > FORGOTTEN:
                 shutil.rmtree(other)
-    with locked(now / f"{key(asked(config, recordings, ()))}.lock"):
-        return diagnose(config, recordings, kept=now / "stages")
+    with locked(now / f"{key(diagnosis_question(config, recordings, ()))}.lock"):
+        return run_diagnosis(config, recordings, kept=now / "stages")
 
 
 @contextmanager

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field, replace
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.blind_test import sizes
-from buggy_rl.blind_test.sizes import CAMERA
-from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.faults import NEUTRAL
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
+from buggy_rl.proof.cases import sizes
+from buggy_rl.proof.cases.sizes import CAMERA
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.simulators.reference import ReferenceEngine
+from buggy_rl.simulators.reference.faults import NEUTRAL
 
 # effect -> parameter -> range of its size, and whether its sign is drawn too
 SIZES, UNKNOWN_SIZES = (
@@ -98,7 +98,7 @@ def make_drives(
     """Drives every case in a room, in one batch, and measures it; deterministic under the seed."""
     cars = train + held_out
     engine = concealing(cases, cars)
-    rows = list(driven(engine, RoomDriver(seed=seed), round(seconds / CONTROL_PERIOD)))
+    rows = list(recorded_steps(engine, RoomDriver(seed=seed), round(seconds / CONTROL_PERIOD)))
     true = TensorDict.stack(rows, 1)  # (N, T)
     result = []
     for index, case in enumerate(cases):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.kernels.kernel import FOLDER
+from buggy_rl.core.kernels import FOLDER
 
 torch.set_num_threads(1)
 

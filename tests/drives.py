@@ -3,9 +3,9 @@
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import integrate_pose
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.vehicle import integrate_pose
 
 
 def counting_drive(name: str, rows: int, segments: list[int] | None = None) -> Recording:

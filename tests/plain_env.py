@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from buggy_rl.parameters import Parameter
+from buggy_rl.core.parameters import Parameter
 
 PERIOD = 0.01  # [s]
 SUBSTEPS = 100  # about ten times slower than this package's engines

@@ -8,14 +8,14 @@ import pytest
 import torch
 import yaml
 
-from buggy_rl import keys
-from buggy_rl.config import build
-from buggy_rl.engines import make_engine
-from buggy_rl.identification.fit_result import as_simulator
-from buggy_rl.identification.least_squares import fit
-from buggy_rl.identification.study import StudyConfig, candidates, fit_setup, load_drives
-from buggy_rl.identification.table import held_out_segments, judge
+from buggy_rl.core import keys
+from buggy_rl.core.config import build
+from buggy_rl.estimation.fit_result import as_simulator
+from buggy_rl.estimation.fit_study import StudyConfig, compared_simulators, fit_setup, load_drives
+from buggy_rl.estimation.least_squares import least_squares_fit
+from buggy_rl.estimation.table import held_out_segments, rollout_errors
 from buggy_rl.recordings import load_recordings
+from buggy_rl.simulators import make_engine
 
 CAR = """
 about: ten times the buggy
@@ -103,7 +103,7 @@ def test_recordings_are_fitted_and_the_fit_beats_both_baselines(study, tmp_path)
     assert all("never below 0, half drive" in line for line in told)  # a note, no refusal
     setup = fit_setup(study)
     options, parameters = setup["options"], setup["parameters"]
-    found = fit(
+    found = least_squares_fit(
         lambda count: make_engine("single_track", count, parameters=parameters, **options),
         drives.training,
         study.fit,
@@ -117,12 +117,12 @@ def test_recordings_are_fitted_and_the_fit_beats_both_baselines(study, tmp_path)
     assert make_engine(file).vehicle().wheelbase == pytest.approx(1.74)  # needs no car's file
 
     test = held_out_segments(drives.held_out, study.windows)
-    by_name = {c.name: c for c in candidates(study, ["2"])}
+    by_name = {c.name: c for c in compared_simulators(study, ["2"])}
     by_name["single_track, fitted"] = by_name["single_track, fitted"].__class__(
         "fitted", lambda count: make_engine(file, count)
     )
     error = {
-        name: math.sqrt(judge(by_name[name], test)[1].position_mse[1.0].mean().item())
+        name: math.sqrt(rollout_errors(by_name[name], test)[1].position_mse[1.0].mean().item())
         for name in ("single_track, fitted", "kinematic bicycle", "hold last")
     }
     assert error["single_track, fitted"] < 0.05  # [m] rms over 1 s, at up to 20 m/s

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.stages import Stages
+from buggy_rl.diagnosis.run.stages import Stages
 from tests import canned as module
 from tests.canned import FORGOTTEN, canned, source_digest
 from tests.diagnosis.conftest import SMALL

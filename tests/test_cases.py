@@ -2,9 +2,9 @@
 
 import torch
 
-from buggy_rl import keys
-from buggy_rl.engines.reference.faults import FAULTS, OF_A_COMMAND
+from buggy_rl.core import keys
 from buggy_rl.recordings.camera import CameraConfig
+from buggy_rl.simulators.reference.faults import FAULTS, OF_A_COMMAND
 from tests.cases import CAMERA, NOTHING, SIZES, UNKNOWN_SIZES, Case, concealing, draw, make_drives
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)

@@ -9,14 +9,14 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
-from buggy_rl.config import load_named
+from buggy_rl.core import keys
+from buggy_rl.core.config import load_named
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.preflight_simulator import check_simulator
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.preflight.simulator import check_simulator
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.engines import make_engine
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.env import make_simulator, with_effects
 from tests.diagnosis.planted import planted_drives
 
@@ -116,7 +116,7 @@ def test_a_diagnosis_takes_an_example_as_an_object(repository):
         minutes=0.0,
         workers=1,
     )
-    [effect] = diagnose(config, recordings).answer.effects
+    [effect] = run_diagnosis(config, recordings).answer.effects
     assert effect.name == "throttle_gain"
     assert effect.parameters["gain"].value == pytest.approx(0.7, abs=0.05)
 

@@ -13,14 +13,14 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import Compose, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.stepping import trajectory
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.effects import make_effect
-from buggy_rl.engines import make_engine
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
-from buggy_rl.stepping import trajectory
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.transforms import make_transform
 
 ROOT = Path(__file__).parents[1]
@@ -33,7 +33,7 @@ NEW = {  # name of each part of the page -> the contract tests that must run ove
     "steering_expo": "tests/contracts/test_effects.py",
     "friction_circle": "tests/contracts/test_engines.py",
     "throttle_cap": "tests/contracts/test_transforms.py",
-    "affine": "tests/models/test_models.py",
+    "affine": "tests/simulators/learned/test_models.py",
 }
 EXPO = 0.5
 DRIVES, ROWS = 3, 600
@@ -72,8 +72,8 @@ def test_each_part_of_the_page_is_one_file_and_one_line():
 
 MADE = """
 from buggy_rl.effects import make_effect
-from buggy_rl.engines import make_engine
-from buggy_rl.models.factory import ModelConfig, make_model
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.learned.factory import ModelConfig, make_model
 from buggy_rl.task.transforms import make_transform
 
 for one in (
@@ -119,7 +119,7 @@ def test_a_diagnosis_names_a_users_own_effect(tmp_path):
         minutes=0.0,
         workers=1,
     )
-    found = diagnose(config, recorded(name)).answer
+    found = run_diagnosis(config, recorded(name)).answer
     assert found.verdict == "missing_physics"
     assert [effect.name for effect in found.effects] == [name]
     assert found.effects[0].parameters["expo"].value == pytest.approx(EXPO, abs=0.05)

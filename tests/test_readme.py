@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from buggy_rl.config import build, plain
+from buggy_rl.core.config import build, plain_values
 from buggy_rl.effects import EFFECTS, OF_A_COMMAND
-from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.policies.training.actor_critic import load_policy
+from buggy_rl.policies.training.run import PolicyRunConfig
 from buggy_rl.task.transforms.commands import RateLimit
 
 ROOT = Path(__file__).parents[1]
@@ -67,7 +67,7 @@ def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
     monkeypatch.chdir(ROOT)
     lines = POLICIES.replace("\\\n", " ").splitlines()
     commands = [shlex.split(line) for line in lines if "scripts/train_policy.py" in line]
-    learned, mujoco = (plain(build(PolicyRunConfig, words[2:])) for words in commands[:2])
+    learned, mujoco = (plain_values(build(PolicyRunConfig, words[2:])) for words in commands[:2])
     assert {Path(c["engine"]["simulator"]).suffix for c in (learned, mujoco)} == {".pt", ".yaml"}
     for config in (learned, mujoco):
         del config["engine"], config["output"]

@@ -8,15 +8,14 @@ from typing import Any
 import torch
 from benchmarks.resumed import appended, rows_of
 
-from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.drives import driven, moved, plant_of
-from buggy_rl.blind_test.recorded import measured as recorded
-from buggy_rl.diagnosis.experiments import SUGGESTED, SURE
-from buggy_rl.diagnosis.manoeuvre_drives import TIMES
-from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.policies.controllers.replay import Replay
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.diagnosis.answer.experiments import SUGGESTED, SURE
+from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES, TIMES
+from buggy_rl.policies.controllers.replay import ReplayDriver
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.drives import drive_cases, plant_of, true_drive
+from buggy_rl.proof.cases.simulators import recorded_case_drive as recorded
 from buggy_rl.recordings import Recording
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 NUMBERS = {  # what is concealed, each easily taken for another of them in poor drives
     "viscous_drag": {"rate": 0.1},
@@ -95,7 +94,9 @@ def row(key: Key, config: DecidingConfig) -> dict[str, Any]:
         drives=2,
         held_out=0,
     )
-    drives = [recorded(case, d, True, n) for n, d in enumerate(moved([case])[0].changed.unbind(0))]
+    drives = [
+        recorded(case, d, True, n) for n, d in enumerate(drive_cases([case])[0].changed.unbind(0))
+    ]
     before = _diagnosed(drives, config)
     result = {"truth": truth, "driving": driving, "seed": seed, **_said(before, truth, "before")}
     if not before.manoeuvres:
@@ -120,7 +121,7 @@ def _said(answer: Any, truth: str, when: str) -> dict[str, Any]:
 
 def _diagnosed(drives: Sequence[Recording], config: DecidingConfig) -> Any:
     from buggy_rl.diagnosis.config import DiagnosisConfig
-    from buggy_rl.diagnosis.pipeline import diagnose
+    from buggy_rl.diagnosis.pipeline import run_diagnosis
 
     asked = DiagnosisConfig(
         simulator="reference",
@@ -131,7 +132,7 @@ def _diagnosed(drives: Sequence[Recording], config: DecidingConfig) -> Any:
         stretches=config.stretches,
         workers=1,
     )
-    return diagnose(asked, drives).answer
+    return run_diagnosis(asked, drives).answer
 
 
 @torch.no_grad()
@@ -141,7 +142,7 @@ def _manoeuvre(case: Case, name: str) -> list[Recording]:
     actions, pose = manoeuvre.actions(CONTROL_PERIOD), torch.zeros(TIMES, 3)
     pose[:, 2] = torch.arange(TIMES) * 2 * torch.pi / TIMES - torch.pi
     plant = plant_of(case, TIMES, case.faults)
-    true = driven(plant, Replay(actions), pose, len(actions))
+    true = true_drive(plant, ReplayDriver(actions), pose, len(actions))
     return [recorded(case, d, True, NOISE + n) for n, d in enumerate(true.unbind(0))]
 
 

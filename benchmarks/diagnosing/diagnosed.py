@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.effects import EFFECTS
 from buggy_rl.task.env import make_simulator
 from diagnosing.drives import CHANGED, OFF, RIGHT, load
@@ -56,7 +56,7 @@ def measured(config: DiagnosisConfig, job: Job, drives: str, right: Sequence[str
     baseline = load(job.file(RIGHT), job.seconds) if config.baseline else []
     stages: list[tuple[float, str]] = []
     begin, cpu = time.perf_counter(), sum(os.times()[:4])
-    done = diagnose(
+    done = run_diagnosis(
         config, recordings, lambda text: stages.append((time.perf_counter(), text)), baseline
     )
     end, used = time.perf_counter(), sum(os.times()[:4]) - cpu

@@ -8,14 +8,14 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
-from buggy_rl.models.factory import ModelConfig, make_model, save_model
-from buggy_rl.models.training import Training, TrainingConfig
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording, load_recordings, save_recording
 from buggy_rl.recordings.camera import Camera
+from buggy_rl.simulators.learned.factory import ModelConfig, make_model, save_model
+from buggy_rl.simulators.learned.training import Training, TrainingConfig
 from buggy_rl.task.env import make_simulator
-from buggy_rl.vehicle import CONTROL_PERIOD
 from diagnosing.job import Job
 
 CHANGED, RIGHT, LESSONS, OFF = "changed", "right", "lessons", "off"  # folders, and kinds of drives
@@ -49,7 +49,7 @@ def car(
 @torch.no_grad()
 def record(engine: EnvBase, folder: Path, seconds: float, seed: int) -> None:
     """Drives about the room, all cars at once."""
-    rows = list(driven(engine, RoomDriver(seed=seed), round(seconds / CONTROL_PERIOD)))
+    rows = list(recorded_steps(engine, RoomDriver(seed=seed), round(seconds / CONTROL_PERIOD)))
     camera = Camera(seed=seed)
     folder.mkdir(parents=True, exist_ok=True)
     true = cast(TensorDict, TensorDict.stack(rows, 1))  # (N, T)

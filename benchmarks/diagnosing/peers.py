@@ -16,11 +16,11 @@ from functools import partial
 import numpy as np
 from mujoco import sysid
 
-from buggy_rl.blind_test.baselines.sysid import Residuals
-from buggy_rl.engines.mujoco import MujocoEngine
+from buggy_rl.estimation.least_squares import STEP, FitConfig, fit_segments, least_squares_fit
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.identification.least_squares import STEP, FitConfig, fit, fit_segments
+from buggy_rl.proof.baselines.sysid import Residuals
 from buggy_rl.recordings import Recording
+from buggy_rl.simulators.mujoco import MujocoEngine
 from diagnosing.drives import OFF, load
 from diagnosing.job import Job, Row
 
@@ -52,7 +52,7 @@ def peer_row(job: Job) -> Row:
 def _ours(
     make: Callable[[int], MujocoEngine], recordings: Sequence[Recording], names: list[str]
 ) -> Estimates:
-    found = fit(make, recordings, FitConfig(parameters=names))
+    found = least_squares_fit(make, recordings, FitConfig(parameters=names))
     return {e.parameter.name: (e.value, e.low, e.high) for e in found.estimates}
 
 

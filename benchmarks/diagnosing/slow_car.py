@@ -4,9 +4,9 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.engines.reference.engine import SUBSTEP
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.simulators.reference import ReferenceEngine
+from buggy_rl.simulators.reference.engine import SUBSTEP
 
 TIMES = 20  # as many steps as the reference car
 

@@ -19,18 +19,18 @@ from tqdm import tqdm
 
 from buggy_rl.car.interfaces import NO_DRIVE
 from buggy_rl.car.recorder import COLUMNS
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.recordings import RecordingError
 from buggy_rl.recordings.loading import load_recording
 from buggy_rl.simulated_car.config import SimulatedCarConfig
-from buggy_rl.simulated_car.launcher import SimulatedCar
-from buggy_rl.simulated_car.session import (
+from buggy_rl.simulated_car.launcher import (
+    SimulatedCar,
     policy_section,
     simulated_config,
     start_runtime,
     write_course,
 )
 from buggy_rl.task.paths.making import PathConfig
-from buggy_rl.vehicle import CONTROL_PERIOD
 from faults.devices import HERE, IN_LOOP, IN_WATCHDOG, spoil
 from faults.injection import ENDS, FAULTS, TALKING, WATCHED, Reaction, Target, reaction
 from faults.table import summary as summary

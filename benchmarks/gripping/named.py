@@ -67,7 +67,7 @@ def measured(config: NamedConfig) -> Iterator[dict[str, Any]]:
 def diagnosed(case: Case, config: NamedConfig) -> dict[str, Any]:
     """A row: drives of the changed plant, diagnosed by the unchanged one as a black box."""
     from buggy_rl.diagnosis.config import DiagnosisConfig
-    from buggy_rl.diagnosis.pipeline import diagnose
+    from buggy_rl.diagnosis.pipeline import run_diagnosis
 
     asked = DiagnosisConfig(
         simulator=f"{Path(__file__).with_name('black_boxes.py')}:{case[0]}",
@@ -76,7 +76,7 @@ def diagnosed(case: Case, config: NamedConfig) -> dict[str, Any]:
         workers=1,
     )
     begun = time.monotonic()
-    answer = diagnose(asked, recorded(case, config)).answer
+    answer = run_diagnosis(asked, recorded(case, config)).answer
     seconds = round(time.monotonic() - begun, 1)
     return judged(case, answer.verdict, answer.effects) | {"seconds": seconds}
 
@@ -109,15 +109,15 @@ def recorded(case: Case, config: NamedConfig) -> list[Any]:
     from benchmarks.gripping.plants import maker
     from tensordict import TensorDict
 
-    from buggy_rl.policies.controllers.recording import driven
+    from buggy_rl.core.vehicle import CONTROL_PERIOD
+    from buggy_rl.policies.controllers.recording import recorded_steps
     from buggy_rl.policies.controllers.room import RoomDriver
     from buggy_rl.recordings import Recording
     from buggy_rl.recordings.camera import Camera
-    from buggy_rl.vehicle import CONTROL_PERIOD
 
     plant, grip, seed = case
     steps = round((config.seconds + SPARE) / CONTROL_PERIOD)
-    rows = list(driven(maker(plant, grip)(config.drives), RoomDriver(seed=seed), steps))
+    rows = list(recorded_steps(maker(plant, grip)(config.drives), RoomDriver(seed=seed), steps))
     true, camera = cast(TensorDict, TensorDict.stack(rows, 1)), Camera(seed=seed)
     return [
         Recording(f"drive_{index}", camera.recorded(drive), CONTROL_PERIOD)

@@ -7,11 +7,11 @@ from tensordict import TensorDict, TensorDictBase
 from tests import plain_env
 from torchrl.envs import EnvBase
 
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.base import Engine
-from buggy_rl.engines.mujoco import MujocoEngine
-from buggy_rl.engines.single_precision import in_single_precision
-from buggy_rl.plants import make_plant
+from buggy_rl.proof.plants import make_plant
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.base import Engine
+from buggy_rl.simulators.mujoco import MujocoEngine
+from buggy_rl.simulators.serial import in_single_precision
 
 FACTORS = {  # declared parameters of less friction at the same stiffness, as exponents of the grip
     "single_track": {

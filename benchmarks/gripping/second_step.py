@@ -16,11 +16,11 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import shift_velocity
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.tyre.change import FrictionChange, _in_front
 from buggy_rl.effects.tyre.grip import TireGrip
-from buggy_rl.vehicle import shift_velocity
 
 
 class SecondStep(TireGrip):

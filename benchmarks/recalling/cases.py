@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from buggy_rl.blind_test.calibration import truth
-from buggy_rl.blind_test.case import COMMANDS, Case
-from buggy_rl.blind_test.development import entries
-from buggy_rl.blind_test.named import sure
-from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES, Range
-from buggy_rl.diagnosis.posterior import posterior
+from buggy_rl.diagnosis.search.posterior import posterior
 from buggy_rl.effects import OF_A_COMMAND, effect_class
 from buggy_rl.jobs.launching import Launching
-from buggy_rl.plants.faults import PLACES
+from buggy_rl.proof.calibrate.calibration import truth
+from buggy_rl.proof.calibrate.development import entries
+from buggy_rl.proof.calibrate.named import sure
+from buggy_rl.proof.cases.case import COMMANDS, Case
+from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES, Uniform
+from buggy_rl.proof.plants.faults import PLACES
 
 STRENGTHS = {"faint": 0.0, "middle": 0.5, "strong": 1.0}
 """Share of the way from the fainter end of the generator's range to the stronger one."""
@@ -79,7 +79,7 @@ def strength(case: Mapping[str, Any]) -> str:
     return list(STRENGTHS)[(case["seed"] - FIRST) % len(STRENGTHS)]
 
 
-def _values(name: str, ranges: Mapping[str, Range], strength: float) -> dict[str, float]:
+def _values(name: str, ranges: Mapping[str, Uniform], strength: float) -> dict[str, float]:
     """Numbers between the fainter and the stronger end; the fainter is nearer to neutral."""
     neutral = {p.name: p.value for p in effect_class(name).declared}
     values = {}

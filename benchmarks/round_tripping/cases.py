@@ -11,20 +11,25 @@ from typing import Any
 import yaml
 from benchmarks.resumed import appended, rows_of
 
-from buggy_rl.blind_test.cars import BUGGY
-from buggy_rl.blind_test.cars import written as written_car
-from buggy_rl.blind_test.case import Case
-from buggy_rl.blind_test.draw import PAIRINGS, PUBLISHED, Settings, at_scale, commanded, draw
-from buggy_rl.blind_test.drives import moved
-from buggy_rl.blind_test.recorded import BASELINE_NOISE
-from buggy_rl.blind_test.recorded import measured as recorded
-from buggy_rl.blind_test.simulators import simulator_content
-from buggy_rl.blind_test.sizes import CAMERA, SIZES
-from buggy_rl.diagnosis.answer import Answer
+from buggy_rl.diagnosis.answer.answer import Answer
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.effects import offered
-from buggy_rl.plants import abilities
+from buggy_rl.proof.cases.case import BUGGY, Case
+from buggy_rl.proof.cases.case import written as written_car
+from buggy_rl.proof.cases.draw import (
+    PAIRINGS,
+    PUBLISHED,
+    DrawConfig,
+    case_at_scale,
+    commanded,
+    draw,
+)
+from buggy_rl.proof.cases.drives import drive_cases
+from buggy_rl.proof.cases.simulators import BASELINE_NOISE, simulator_content
+from buggy_rl.proof.cases.simulators import recorded_case_drive as recorded
+from buggy_rl.proof.cases.sizes import CAMERA, SIZES
+from buggy_rl.proof.plants import abilities
 from buggy_rl.recordings import Recording
 
 FIRST = 760_000  # seed of the first case: of no calibration
@@ -95,7 +100,7 @@ def measured(config: RoundTripConfig) -> Iterator[dict[str, Any]]:
     """Runs the cases that are left, and appends each to the output."""
     for cell, seeds in left(config):
         cases = [case_of(cell, seed, config) for seed in seeds]
-        for case, motion in zip(cases, moved(cases), strict=True):
+        for case, motion in zip(cases, drive_cases(cases), strict=True):
             begun = time.process_time()
             drives = [recorded(case, d, True, n) for n, d in enumerate(motion.changed.unbind(0))]
             before = () if motion.clean is None else motion.clean.unbind(0)
@@ -117,7 +122,7 @@ def effect_of(seed: int) -> str:
 def case_of(cell: Cell, seed: int, config: RoundTripConfig) -> Case:
     """The case of a seed for one car and rate."""
     scale, rate, pairing = cell
-    settings = Settings(
+    settings = DrawConfig(
         pairings=[pairing],
         nuisances=["white"],
         driving=["rich"],
@@ -127,7 +132,7 @@ def case_of(cell: Cell, seed: int, config: RoundTripConfig) -> Case:
     )
     able = {"reference": abilities("reference")}
     case = draw(seed, settings, able, [effect_of(seed)])
-    return replace(at_scale(case, scale), baseline=config.baseline)
+    return replace(case_at_scale(case, scale), baseline=config.baseline)
 
 
 def _has(cell: Cell, effect: str) -> bool:
@@ -157,7 +162,7 @@ def _diagnosed(
             minutes=0.0,
             workers=1,
         )
-        return diagnose(asked, drives, baseline=usual).answer
+        return run_diagnosis(asked, drives, baseline=usual).answer
 
 
 def _row(cell: Cell, case: Case, answer: Answer) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from buggy_rl import keys
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig
-from buggy_rl.policies.ppo import PPO, PPOConfig
-from buggy_rl.stepping import trajectory
+from buggy_rl.core import keys
+from buggy_rl.core.stepping import trajectory
+from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
+from buggy_rl.policies.training.ppo import PPO, PPOConfig
 from buggy_rl.task.env import make_env, make_simulator
 from engines import make
 

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from buggy_rl.jobs import Job, Launching, read_outcome, run_jobs
 
-IMPORTS = "import buggy_rl.policies.run"  # PyTorch, TorchRL and the package: what any job needs
+IMPORTS = (
+    "import buggy_rl.policies.training.run"  # PyTorch, TorchRL and the package: what any job needs
+)
 NOTHING = "pass"
 
 

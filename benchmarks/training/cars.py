@@ -10,8 +10,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from buggy_rl import keys
-from buggy_rl.keys import OBSERVATION, STEP_COUNT
+from buggy_rl.core import keys
+from buggy_rl.core.keys import OBSERVATION, STEP_COUNT
 
 
 class CarsVecEnv(VecEnv):

@@ -14,14 +14,14 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from buggy_rl import keys
-from buggy_rl.config import build
-from buggy_rl.engines import make_engine
-from buggy_rl.keys import OBSERVATION
-from buggy_rl.policies.actor_critic import ACTIVATIONS, OBSERVATION_LIMIT
+from buggy_rl.core import keys
+from buggy_rl.core.config import build
+from buggy_rl.core.keys import OBSERVATION
 from buggy_rl.policies.closed_loop import Driver
-from buggy_rl.policies.ppo import ADAM_EPSILON, PPO
-from buggy_rl.policies.run import PolicyRunConfig, new_policy, validation_task
+from buggy_rl.policies.training.actor_critic import ACTIVATIONS, OBSERVATION_LIMIT
+from buggy_rl.policies.training.ppo import ADAM_EPSILON, PPO
+from buggy_rl.policies.training.run import PolicyRunConfig, new_policy, validation_task
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.env import make_env
 from buggy_rl.task.gym import NAME
 from buggy_rl.task.paths.making import make_paths
@@ -70,7 +70,7 @@ def validation_environment(simulator: str, threads: int, run: PolicyRunConfig) -
 
 
 class Ours:
-    """`buggy_rl.policies.ppo.PPO` over the batched environment."""
+    """`buggy_rl.policies.training.ppo.PPO` over the batched environment."""
 
     def __init__(self, simulator: str, threads: int, run: PolicyRunConfig) -> None:
         torch.manual_seed(run.seed)

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from buggy_rl.engines.learned import LearnedEngine
+from buggy_rl.simulators.learned.engine import LearnedEngine
 from training.cases import Ours
 
 Sizes = Sequence[tuple[int, int]]

@@ -10,8 +10,8 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.controllers.tuning import SearchConfig, tune
-from buggy_rl.policies.run import PolicyRunConfig, validation_task
+from buggy_rl.policies.controllers.tuning import TuningConfig, tune
+from buggy_rl.policies.training.run import PolicyRunConfig, validation_task
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import make_paths
 from training.cases import Training, make_simulator, read_settings, validation_environment
@@ -88,6 +88,6 @@ def tuned_pursuit(
     start = PurePursuitConfig()
     begin = time.perf_counter()
     _, trials = tune(
-        env, len(paths), PurePursuit, start, SearchConfig(run.validation_steps, seed=seed)
+        env, len(paths), PurePursuit, start, TuningConfig(run.validation_steps, seed=seed)
     )
     return {**asdict(trials[0]), "seconds": time.perf_counter() - begin}

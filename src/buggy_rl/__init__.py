@@ -15,21 +15,21 @@ if TYPE_CHECKING:
     from buggy_rl.api.fitting import fit as fit
     from buggy_rl.api.training import train_model as train_model
     from buggy_rl.api.training import train_policy as train_policy
+    from buggy_rl.core.parameters import Parameter as Parameter
     from buggy_rl.effects import make_effect as make_effect
     from buggy_rl.effects.base import Effect as Effect
-    from buggy_rl.engines import from_gymnasium as from_gymnasium
-    from buggy_rl.engines import from_mjcf as from_mjcf
-    from buggy_rl.engines import from_step as from_step
-    from buggy_rl.engines import make_engine as make_engine
-    from buggy_rl.engines.base import Engine as Engine
-    from buggy_rl.models.factory import load_model as load_model
-    from buggy_rl.parameters import Parameter as Parameter
-    from buggy_rl.policies.actor_critic import load_policy as load_policy
+    from buggy_rl.policies.training.actor_critic import load_policy as load_policy
     from buggy_rl.recordings import ColumnMap as ColumnMap
     from buggy_rl.recordings import Recording as Recording
     from buggy_rl.recordings import RecordingError as RecordingError
     from buggy_rl.recordings import load_recordings as load_recordings
     from buggy_rl.recordings import save_recording as save_recording
+    from buggy_rl.simulators import from_gymnasium as from_gymnasium
+    from buggy_rl.simulators import from_mjcf as from_mjcf
+    from buggy_rl.simulators import from_step as from_step
+    from buggy_rl.simulators import make_engine as make_engine
+    from buggy_rl.simulators.base import Engine as Engine
+    from buggy_rl.simulators.learned.factory import load_model as load_model
     from buggy_rl.task.env import TaskConfig as TaskConfig
     from buggy_rl.task.env import make_env as make_env
     from buggy_rl.task.env import make_simulator as make_simulator

@@ -3,7 +3,7 @@
 import sys
 
 from buggy_rl import commands
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 
 
 def main() -> None:

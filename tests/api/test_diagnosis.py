@@ -8,8 +8,8 @@ import pytest
 import torch
 
 import buggy_rl
-from buggy_rl import keys
-from buggy_rl.config import ConfigError
+from buggy_rl.core import keys
+from buggy_rl.core.config import ConfigError
 from tests.diagnosis.planted import planted_drives
 
 pytestmark = pytest.mark.usefixtures("compiled")

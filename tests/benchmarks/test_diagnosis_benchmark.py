@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import EFFECTS
-from buggy_rl.engines.mujoco import MujocoEngine
+from buggy_rl.simulators.mujoco import MujocoEngine
 from tests.running import run_script
 
 STIFFNESS = "cornering_stiffness_rear"

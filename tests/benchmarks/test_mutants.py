@@ -65,7 +65,7 @@ def test_the_same_seed_draws_the_same_lines_once_each(mutants):
 
 
 def test_the_tests_of_a_module_run_before_the_others_of_its_folder(mutants):
-    first, others = mutants.runs("diagnosis/joint.py")
+    first, others = mutants.runs("diagnosis/search/joint.py")
     assert first == ["tests/diagnosis/test_joint.py"]
     assert others == ["tests/diagnosis", "--ignore=tests/diagnosis/test_joint.py"]
     first, others = mutants.runs("effects/motion/yaw.py")

@@ -3,8 +3,8 @@
 import numpy as np
 from benchmarks.ranking import boosted, features
 
-from buggy_rl.blind_test.compared import right
-from tests.blind_test.test_calibration import drawn
+from buggy_rl.proof.calibrate.named import right
+from tests.proof.test_calibration import drawn
 
 
 def test_features_of_a_case_are_those_of_all_its_alternatives():

@@ -6,9 +6,9 @@ import pytest
 from benchmarks.recalling.cases import STRENGTHS, RecallConfig, cases, left, strength, table
 from benchmarks.recalling.page import BEGIN, END, column, written
 
-from buggy_rl.blind_test.development import entries
-from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES
 from buggy_rl.effects import effect_class
+from buggy_rl.proof.calibrate.development import entries
+from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES
 
 EVERY = cases()
 

@@ -8,7 +8,7 @@ from benchmarks.gripping import named
 from benchmarks.gripping.black_boxes import BLACK_BOXES
 from benchmarks.resumed import appended, rows_of
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 
 
 def test_rows_are_appended_below_one_head_and_read_again(tmp_path):

@@ -2,11 +2,9 @@
 
 import math
 
-from buggy_rl.car.command_history import Written
-from buggy_rl.car.geofence import Anywhere
 from buggy_rl.car.interfaces import NEUTRAL, Reading
-from buggy_rl.car.recorder import Row
-from buggy_rl.car.safety import Safety
+from buggy_rl.car.recorder import RecorderRow, Written
+from buggy_rl.car.safety import Anywhere, Safety
 from buggy_rl.car.supervisor import Supervisor
 
 PERIOD = 0.01
@@ -25,7 +23,7 @@ def row(t, **changes):
     """At time t [s] of a recording; the throttle is t / 100, so that rows can be told apart."""
     wavy = (t + 1e-4 * math.sin(50 * t), 0.0, 0.0)
     seen = reading(ORIGIN + t, pose=wavy, **changes)
-    return Row(seen, Written(ORIGIN + t - 0.004, t / 100 - 1, 0.1), True, "policy")
+    return RecorderRow(seen, Written(ORIGIN + t - 0.004, t / 100 - 1, 0.1), True, "policy")
 
 
 class Drive:

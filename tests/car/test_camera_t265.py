@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from buggy_rl.car.camera_t265 import T265, Mount, planar_motion
+from buggy_rl.car.camera_t265 import T265, CameraMount, planar_motion
 
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)  # as it started
 HALF = math.sqrt(0.5)
@@ -21,14 +21,14 @@ def close(values):
 
 def test_forward_is_minus_z_and_left_is_minus_x():
     # 2 m ahead and 1 m to the left of the start, still looking ahead; forward at 3, left at 0.5.
-    pose, velocity = planar_motion((-1, 0, -2), STRAIGHT, (-0.5, 0, -3), STILL, Mount())
+    pose, velocity = planar_motion((-1, 0, -2), STRAIGHT, (-0.5, 0, -3), STILL, CameraMount())
     assert pose == close((2, 1, 0))
     assert velocity == close((3, 0.5, 0))
 
 
 def test_a_car_turned_to_the_left_drives_along_its_own_x():
     # Looking to the left, moving to the left at 2 m/s: that is forward. Turning left at 1 rad/s.
-    pose, velocity = planar_motion(STILL, LEFT_TURNED, (-2, 0, 0), (0, 1, 0), Mount())
+    pose, velocity = planar_motion(STILL, LEFT_TURNED, (-2, 0, 0), (0, 1, 0), CameraMount())
     assert pose == close((0, 0, math.pi / 2))
     assert velocity == close((2, 0, 1))
 
@@ -36,18 +36,20 @@ def test_a_car_turned_to_the_left_drives_along_its_own_x():
 def test_a_pitched_camera_has_the_same_heading():
     pitch = math.radians(20)  # nose up: about x, to the right
     nose_up = (math.sin(pitch / 2), 0.0, 0.0, math.cos(pitch / 2))
-    pose, velocity = planar_motion(STILL, nose_up, (0, 0, -1), STILL, Mount())
+    pose, velocity = planar_motion(STILL, nose_up, (0, 0, -1), STILL, CameraMount())
     assert pose == close(STILL)
     assert velocity == close((1, 0, 0))
     # Turned left by a quarter, then nose up: q = q_left q_up.
     s, c = nose_up[0], nose_up[3]
-    pose, _ = planar_motion(STILL, (HALF * s, HALF * c, -HALF * s, HALF * c), STILL, STILL, Mount())
+    pose, _ = planar_motion(
+        STILL, (HALF * s, HALF * c, -HALF * s, HALF * c), STILL, STILL, CameraMount()
+    )
     assert pose[2] == close(math.pi / 2)
 
 
 def test_a_camera_ten_centimetres_ahead_sees_the_tail_swing():
     # The car turns about its reference point at 2 rad/s: the camera moves left at 0.2 m/s.
-    mount = Mount(x=0.1)
+    mount = CameraMount(x=0.1)
     pose, velocity = planar_motion((-0.0, 0, -0.1), STRAIGHT, (-0.2, 0, 0), (0, 2, 0), mount)
     assert pose == close((0, 0, 0))
     assert velocity == close((0, 0, 2))
@@ -59,20 +61,22 @@ def test_a_camera_ten_centimetres_ahead_sees_the_tail_swing():
 
 def test_a_camera_beside_the_middle_moves_slower_on_the_inside():
     # 5 cm to the left, turning left at 2 rad/s at 1 m/s: 0.1 m/s slower than the middle.
-    pose, velocity = planar_motion((-0.05, 0, 0), STRAIGHT, (0, 0, -0.9), (0, 2, 0), Mount(y=0.05))
+    pose, velocity = planar_motion(
+        (-0.05, 0, 0), STRAIGHT, (0, 0, -0.9), (0, 2, 0), CameraMount(y=0.05)
+    )
     assert pose == close((0, 0, 0))
     assert velocity == close((1, 0, 2))
 
 
 def test_a_camera_that_looks_aside_is_turned_back():
     # Mounted a quarter to the left: the car's forward is the camera's right, +x.
-    pose, velocity = planar_motion(STILL, STRAIGHT, (1, 0, 0), STILL, Mount(yaw=math.pi / 2))
+    pose, velocity = planar_motion(STILL, STRAIGHT, (1, 0, 0), STILL, CameraMount(yaw=math.pi / 2))
     assert pose == close((0, 0, -math.pi / 2))
     assert velocity == close((1, 0, 0))
 
 
 def test_a_lever_arm_changes_no_straight_drive():
-    for mount in (Mount(), Mount(x=0.1, y=-0.03)):
+    for mount in (CameraMount(), CameraMount(x=0.1, y=-0.03)):
         _, velocity = planar_motion(STILL, STRAIGHT, (0, 0, -2), STILL, mount)
         assert velocity == close((2, 0, 0))
 

@@ -5,22 +5,22 @@ from pathlib import Path
 import pytest
 
 from buggy_rl.car.camera_t265 import RANGES as T265_RANGES
-from buggy_rl.car.camera_t265 import Mount
+from buggy_rl.car.camera_t265 import CameraMount
 from buggy_rl.car.config import load_config
 from buggy_rl.car.human import HumanConfig
 from buggy_rl.car.joystick import RANGES as JOYSTICK_RANGES
-from buggy_rl.car.joystick import Layout
+from buggy_rl.car.joystick import PadLayout
 from buggy_rl.car.keyboard import RANGES as KEYBOARD_RANGES
 from buggy_rl.car.pwm_pca9685 import RANGES as BOARD_RANGES
 from buggy_rl.car.pwm_pca9685 import Wiring
-from buggy_rl.car.ros_messages import ACKERMANN_RANGES, ODOMETRY_RANGES, Ackermann, Odometry
+from buggy_rl.car.ros import ACKERMANN_RANGES, ODOMETRY_RANGES, Ackermann, Odometry
 from buggy_rl.car.settings import section
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs" / "car").glob("*.json"))
 SETTINGS = {
-    "t265": (Mount, T265_RANGES),
+    "t265": (CameraMount, T265_RANGES),
     "pca9685": (Wiring, BOARD_RANGES),
-    "joystick": (Layout, JOYSTICK_RANGES),
+    "joystick": (PadLayout, JOYSTICK_RANGES),
     "keyboard": (HumanConfig, KEYBOARD_RANGES),
     "buggy_rl.car.ros:OdometrySensor": (Odometry, ODOMETRY_RANGES),
     "buggy_rl.car.ros:AckermannActuator": (Ackermann, ACKERMANN_RANGES),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.clock import Deadlines
 
 
 class Clock:

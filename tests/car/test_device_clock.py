@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from buggy_rl.car.device_clock import DeviceClock
+from buggy_rl.car.clock import DeviceClock
 
 PERIOD, FASTEST = 0.005, 0.002  # [s] of frames, and of the way here
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from buggy_rl.car.geofence import Circle, Polygon, make_geofence
+from buggy_rl.car.safety import Circle, Polygon, make_geofence
 
 NUMBER = st.floats(-5, 5)
 

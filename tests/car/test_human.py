@@ -8,12 +8,12 @@ from buggy_rl.car.human import (
     Controls,
     HumanConfig,
     HumanInput,
-    moved,
     read_controls,
+    toward,
     without_dead_zone,
 )
 from buggy_rl.car.interfaces import NEUTRAL
-from buggy_rl.policies import human as command_line
+from buggy_rl.policies import people as command_line
 
 DT = 0.01
 
@@ -114,9 +114,9 @@ def test_the_dead_zone_is_continuous_and_keeps_the_ends():
 
 
 def test_moving_never_overshoots():
-    assert moved(0.0, 0.3, 0.2, 0.9) == 0.2
-    assert moved(0.2, 0.3, 0.2, 0.9) == 0.3
-    assert moved(0.3, -1.0, 0.2, 0.9) == pytest.approx(-0.6)
+    assert toward(0.0, 0.3, 0.2, 0.9) == 0.2
+    assert toward(0.2, 0.3, 0.2, 0.9) == 0.3
+    assert toward(0.3, -1.0, 0.2, 0.9) == pytest.approx(-0.6)
 
 
 def test_controls_are_read_from_the_message_of_the_page():

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from buggy_rl.car.clock import Lateness
 from buggy_rl.car.guard import Guard, GuardTimes
 from buggy_rl.car.interfaces import NEUTRAL
-from buggy_rl.car.lateness import Lateness
 from buggy_rl.car.messages import GOOD, LATE, CommandMessage
 from tests.car.test_guard import DRIVE, Board
 

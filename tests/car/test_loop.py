@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from buggy_rl.car.config import make_config
-from buggy_rl.car.drive import drive
+from buggy_rl.car.drive import drive_car
 from buggy_rl.car.interfaces import Reading, Sensor
-from buggy_rl.car.pursuit import Pursuit
+from buggy_rl.car.path import Pursuit
 from tests.car.test_watchdog import FileActuator, Log
 
 pytestmark = pytest.mark.timeout(120)  # a car that never arms drives for ever
@@ -67,7 +67,7 @@ def about(tmp_path, log):
 
 def run(about):
     said = []
-    return drive(make_config(about), {}, said.append), said
+    return drive_car(make_config(about), {}, said.append), said
 
 
 def driven(log):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from buggy_rl.car.loop_times import LoopTimes
+from buggy_rl.car.loop import LoopTimes
 
 
 def counted(*durations):

@@ -92,7 +92,7 @@ def drive_until(about, log, monkeypatch):  # noqa: F811
 
         thread = threading.Thread(target=later)
         thread.start()
-        summary = driving.drive(make_config(config), {}, [].append)
+        summary = driving.drive_car(make_config(config), {}, [].append)
         thread.join()
         last = max(t for t, throttle, _ in log.commands() if throttle > -1)
         neutral = min(t for t, *command in log.commands() if t > last and command == [-1.0, 0.0])
@@ -222,7 +222,7 @@ def test_a_disk_that_hangs_when_the_note_is_written_does_not_hold_up_neutral(
                         and log.last() == NEUTRAL and len(log.commands()) > 1))  # fmt: skip
     monkeypatch.setattr(driving.Loop, "_step", raises)
     with pytest.raises(BrokenError):
-        driving.drive(make_config(about), {}, [].append)
+        driving.drive_car(make_config(about), {}, [].append)
     assert written[-1]  # neutral came before the note
 
 
@@ -237,6 +237,6 @@ def test_a_note_that_cannot_be_written_does_not_hide_how_the_drive_ended(about, 
 
     monkeypatch.setattr(driving, "write_note", full)
     said = []
-    summary = driving.drive(make_config(about), {}, said.append)
+    summary = driving.drive_car(make_config(about), {}, said.append)
     assert summary.neutral_confirmed
     assert "could not be written: [Errno 28] No space left" in said[-1]

@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from buggy_rl.car.parent import Parent
+from buggy_rl.car.stopping import Parent
 
 CHILD = """
 import sys, time
-from buggy_rl.car.parent import Parent
+from buggy_rl.car.stopping import Parent
 parent = Parent(int(sys.argv[1]), sys.argv[2] == "1")
 print("ready", flush=True)
 while not (sys.argv[2] == "0" and parent.gone):

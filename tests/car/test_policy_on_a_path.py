@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from buggy_rl.car.driver import Driver, make_driver
+from buggy_rl.car.driver import PathDriver, make_path_driver
 from buggy_rl.car.interfaces import Reading
 from buggy_rl.car.path import Path, path_lines
 from buggy_rl.car.policy import Policy
@@ -48,7 +48,7 @@ def test_a_placed_course_begins_where_the_car_is_armed(files):
     root, path = files
     expected = Policy.load(root)
     expected.reset(Path(BEND, False))
-    driver = make_driver({"kind": "exported", "file": root, "path": path, "placed": True})
+    driver = make_path_driver({"kind": "exported", "file": root, "path": path, "placed": True})
     armed = Reading(0.0, (3.0, 1.0, math.pi), (0.0, 0.0, 0.0))
     driver.begin(armed)
     asked = driver.step(armed)
@@ -58,7 +58,7 @@ def test_a_placed_course_begins_where_the_car_is_armed(files):
 
 def test_the_loop_must_have_the_control_period_of_the_policy(files):
     root, path = files
-    driver = make_driver({"kind": "exported", "file": root, "path": path})
+    driver = make_path_driver({"kind": "exported", "file": root, "path": path})
     driver.refuse_other_than(0.01)
     with pytest.raises(ValueError, match=r"car\.period=0\.02 s, but the policy was made for 0\.01"):
         driver.refuse_other_than(0.02)
@@ -66,8 +66,8 @@ def test_the_loop_must_have_the_control_period_of_the_policy(files):
 
 def test_the_driver_passes_on_what_acted(files):
     root, path = files
-    driver = make_driver({"kind": "exported", "file": root, "path": path})
-    assert isinstance(driver, Driver)
+    driver = make_path_driver({"kind": "exported", "file": root, "path": path})
+    assert isinstance(driver, PathDriver)
     reading = Reading(0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     driver.begin(reading)
     driver.step(reading)

@@ -11,11 +11,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from buggy_rl.car.command_history import CommandHistory
 from buggy_rl.car.messages import GOOD, Report
-from buggy_rl.car.recorder import COLUMNS, DriveRecorder, new_recording
+from buggy_rl.car.recorder import COLUMNS, CommandHistory, DriveRecorder, new_recording
 from buggy_rl.recordings.loading import load_recording
-from buggy_rl.recordings.recorder import HEADER
+from buggy_rl.recordings.saving import HEADER
 from tests.car.motion import ORIGIN, reading, row
 
 

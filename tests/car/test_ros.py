@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from buggy_rl.car.ros import AckermannActuator, OdometrySensor
-from buggy_rl.car.ros_messages import (
+from buggy_rl.car.ros import (
     Ackermann,
+    AckermannActuator,
+    OdometrySensor,
     ackermann_of,
     fill_drive,
     seconds,

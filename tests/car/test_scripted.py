@@ -1,6 +1,6 @@
 """The person who is not there presses until the car is armed."""
 
-from buggy_rl.car.scripted import Schedule, ScriptedPilot
+from buggy_rl.car.human import Schedule, ScriptedPilot
 
 
 def presses(pilot, seconds):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import pytest
 
 from buggy_rl.car.config import load_config, make_config
-from buggy_rl.car.devices import ACTUATORS, make_device
-from buggy_rl.car.driver import make_driver
+from buggy_rl.car.driver import make_path_driver
+from buggy_rl.car.interfaces import ACTUATORS, make_device
 from buggy_rl.car.safety import RANGES, Safety
 from buggy_rl.car.settings import section
 
@@ -108,4 +108,4 @@ def test_an_unknown_driver_is_refused_with_those_there_are():
 )
 def test_an_unknown_policy_is_refused(about):
     with pytest.raises(ValueError, match="policy"):
-        make_driver(about)
+        make_path_driver(about)

@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from buggy_rl.car.geofence import Circle, Polygon
 from buggy_rl.car.interfaces import NEUTRAL
-from buggy_rl.car.safety import RANGES, Safety
+from buggy_rl.car.safety import RANGES, Circle, Polygon, Safety
 from tests.car.motion import POLICY, Drive, reading
 
 

@@ -11,9 +11,9 @@ from buggy_rl.car.guard import Guard, GuardTimes
 from buggy_rl.car.human import Controls, HumanConfig, HumanInput
 from buggy_rl.car.interfaces import NEUTRAL, TWO_WAY_NEUTRAL
 from buggy_rl.car.joystick import Joystick
-from buggy_rl.car.pursuit import Pursuit, PursuitConfig
+from buggy_rl.car.path import Pursuit, PursuitConfig
 from buggy_rl.car.pwm_pca9685 import Wiring, throttle_servo
-from buggy_rl.car.ros_messages import Ackermann, ackermann_of
+from buggy_rl.car.ros import Ackermann, ackermann_of
 from buggy_rl.car.safety import Safety
 from buggy_rl.car.watchdog_link import Watchdog
 from tests.car.fake_pygame import FakePygame

@@ -8,8 +8,8 @@ import yaml
 
 from buggy_rl import commands
 from buggy_rl.commands import MODULES, command_line, in_verbs, main
-from buggy_rl.config import CONFIGS, ConfigError, build, config_file
-from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.core.config import CONFIGS, ConfigError, build, config_file
+from buggy_rl.policies.training.run import PolicyRunConfig
 
 
 @pytest.fixture(autouse=True)

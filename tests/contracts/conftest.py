@@ -1,4 +1,4 @@
-"""Contracts as PyTorch runs them; `tests/test_kernels.py` compares kernels with that."""
+"""Contracts as PyTorch runs them; `tests/core/test_kernels.py` compares kernels with that."""
 
 import pytest
 

@@ -5,13 +5,12 @@ import torch
 from torch.testing import assert_close
 from torchrl.data import Unbounded
 
-from buggy_rl import keys
-from buggy_rl.engines import ENGINES, base, make_engine
-from buggy_rl.engines.reference import engine as reference
-from buggy_rl.models import MODELS
-from buggy_rl.models.factory import ModelConfig, make_model
-from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.track_reset import TrackReset
+from buggy_rl.core import keys
+from buggy_rl.policies.closed_loop import TrackReset, drive
+from buggy_rl.simulators import ENGINES, base, make_engine
+from buggy_rl.simulators.learned import MODELS
+from buggy_rl.simulators.learned.factory import ModelConfig, make_model
+from buggy_rl.simulators.reference import engine as reference
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import TaskEnv, make_env
 from buggy_rl.task.paths.making import make_paths

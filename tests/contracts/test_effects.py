@@ -10,7 +10,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import EFFECTS, STACK, effect_class, make_effect, make_effects
 from buggy_rl.effects.base import EffectParameter
 from tests.contracts.test_engines import make

@@ -9,10 +9,10 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.effects import EFFECTS, OF_A_COMMAND, STACK, effect_class, make_effect, offered
-from buggy_rl.engines import make_engine
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.simulators import make_engine
 from tests.effects.faults import follow, neutral, start
 
 COMMANDS = {

@@ -10,11 +10,11 @@ from tensordict import TensorDict
 from torchrl.envs import ParallelEnv, SerialEnv, StepCounter, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
-from buggy_rl.engines import ENGINES, make_engine
-from buggy_rl.models.factory import ModelConfig, make_model
-from buggy_rl.vehicle import rotate
-from tests.engines.steps import follow, start, step
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import rotate
+from buggy_rl.simulators import ENGINES, make_engine
+from buggy_rl.simulators.learned.factory import ModelConfig, make_model
+from tests.simulators.steps import follow, start, step
 
 FLIP = torch.tensor([1.0, -1.0, -1.0])  # left for right, of a pose or a velocity
 

@@ -6,16 +6,16 @@ from tensordict import TensorDict
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
-from buggy_rl.config import build
-from buggy_rl.diagnosis.preflight_simulator import check_simulator
+from buggy_rl.core import keys
+from buggy_rl.core.config import build
+from buggy_rl.diagnosis.preflight.simulator import check_simulator
 from buggy_rl.effects import EFFECTS, effect_class, make_effect
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.single_precision import SinglePrecision, in_single_precision
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
-from buggy_rl.policies.ppo import PPO, PPOConfig
+from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
+from buggy_rl.policies.training.ppo import PPO, PPOConfig
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.serial import SinglePrecision, in_single_precision
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env, make_simulator, with_effects
 from tests import plain_env

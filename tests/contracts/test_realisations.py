@@ -9,11 +9,11 @@ from tensordict import TensorDict
 
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.engines import ENGINES
 from buggy_rl.estimation.inside import Inside
+from buggy_rl.simulators import ENGINES
 from buggy_rl.task.augment import augmented
 from tests.contracts.test_engines import make, manoeuvre
-from tests.engines.steps import follow, start
+from tests.simulators.steps import follow, start
 
 CASES = [  # of the plants' own physics; the share of the wrapped effect's loss that is left at most
     *(("reference", effect, 0.25) for effect in ("tire_grip", "payload")),

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl.config import build
-from buggy_rl.policies.run import PolicyRunConfig
-from buggy_rl.task.config import TransformConfig, default_transforms, in_order
+from buggy_rl.core.config import build
+from buggy_rl.policies.training.run import PolicyRunConfig
+from buggy_rl.task.config import TransformConfig, default_transforms, transforms_in_order
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.transforms import TRANSFORMS
@@ -168,6 +168,6 @@ def test_a_transform_with_a_memory_cannot_stand_twice(name):
     stack = default_transforms()
     stack |= {place: TransformConfig(name) for place in ("noise", "filter")}
     config = build(PolicyRunConfig, ["output=x"]).task
-    assert len([c for c in in_order(stack) if c.name == name]) >= 2
+    assert len([c for c in transforms_in_order(stack) if c.name == name]) >= 2
     with pytest.raises(ValueError, match="stands twice in the stack"):
         stacked(replace(config, transforms=stack))

@@ -7,7 +7,7 @@ import torch
 from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.task.config import TaskConfig, TransformConfig
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths

@@ -1,9 +1,8 @@
 """What was seen of searches, made by hand: few numbers, each with a meaning."""
 
-from buggy_rl.diagnosis.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.diagnosis.constancy import Variation
-from buggy_rl.estimation.evidence import Evidence
-from buggy_rl.estimation.misfit import BaselineMisfit
+from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
+from buggy_rl.diagnosis.search.constancy import Variation
+from buggy_rl.estimation.evidence import BaselineMisfit, Evidence
 
 
 def hypothesis(effects, held_out, excess, **other):

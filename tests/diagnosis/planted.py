@@ -6,9 +6,8 @@ from functools import cache
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import effect_class
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
@@ -16,6 +15,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.augment import augmented
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)

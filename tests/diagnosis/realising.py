@@ -7,8 +7,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 
-from buggy_rl.parameters import Parameter
-from buggy_rl.realisation import Added, Realisations, Scaled
+from buggy_rl.core.parameters import Added, Parameter, Realisations, Scaled
 from tests.plain_env import MASS, DeclaredCar
 
 

@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.answer import Answer, Proof, described
-from buggy_rl.diagnosis.behaviour import Behaviour
-from buggy_rl.diagnosis.equivalents import Equivalents
-from buggy_rl.diagnosis.experiments import DecisionRate
-from buggy_rl.diagnosis.form_fault import FormFault
-from buggy_rl.diagnosis.localisation import Interval, Located, Region
-from buggy_rl.diagnosis.named_effect import NamedEffect, Value, sentence
+from buggy_rl.diagnosis.answer.answer import Answer, Proof, describe_unexplained
+from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
+from buggy_rl.diagnosis.answer.equivalents import Equivalents
+from buggy_rl.diagnosis.answer.experiments import DecisionRate
+from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value, sentence
 from buggy_rl.diagnosis.pipeline import left_open
-from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.unexplained import Unexplained
+from buggy_rl.diagnosis.residuals import Interval, Located, Region, Unexplained
+from buggy_rl.diagnosis.search.posterior import Posterior
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.
 SCHEMA = {
@@ -234,7 +232,10 @@ def test_the_first_line_says_what_is_unexplained(verdict, share, line):
 
 
 def test_the_unexplained_residual_is_described_and_never_named():
-    assert described(Unexplained(0.05, 0.0, {"vx": 1.0}, ["vx"], True)) == "What remains is noise."
+    assert (
+        describe_unexplained(Unexplained(0.05, 0.0, {"vx": 1.0}, ["vx"], True))
+        == "What remains is noise."
+    )
     assert an_answer().to_dict()["unexplained"]["description"] == (
         "The unexplained residual is largest in vx; it grows with vx and steering; it persists "
         "over time, as with a latent state."

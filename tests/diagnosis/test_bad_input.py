@@ -8,14 +8,14 @@ from tensordict import TensorDict
 from torchrl.envs import ExcludeTransform, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
-from buggy_rl.diagnosis import preflight_recordings as preflight
-from buggy_rl.diagnosis import preflight_simulator
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.bicycle.single_track import KinematicEngine
-from buggy_rl.engines.single_precision import in_single_precision
+from buggy_rl.core import keys
+from buggy_rl.diagnosis.preflight import recordings as preflight
+from buggy_rl.diagnosis.preflight import simulator as preflight_simulator
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.bicycle.single_track import KinematicEngine
+from buggy_rl.simulators.serial import in_single_precision
 from tests.drives import counting_drive, toy_drive
 from tests.plain_env import QuickCar
 

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis.behaviour import Behaviour, behaviours, differing
-from buggy_rl.diagnosis.posterior import shipped
-from buggy_rl.diagnosis.step_tests import Driven, _half_time, step_tests
-from buggy_rl.engines import make_engine
+from buggy_rl.diagnosis.answer.behaviour import Behaviour, behaviours, differing
+from buggy_rl.diagnosis.answer.step_tests import Driven, _half_time, step_tests
+from buggy_rl.diagnosis.search.posterior import shipped
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.simulators import make_engine
 
 DRIVEN = Driven(0.8, 1.5, 2.5, (-0.5, -0.3, -0.1), 0.2, 0.8, -1.0)
 NAMES = [q.name for q in DRIVEN.quantities]

@@ -5,11 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.diagnosis import pipeline
-from buggy_rl.diagnosis.command_response import response
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.preflight_commands import check_commands
+from buggy_rl.diagnosis.preflight.commands import check_commands, yaw_response
 from buggy_rl.recordings import Recording
 from tests.diagnosis.planted import commands, planted_drives
 
@@ -48,7 +47,7 @@ def test_nothing_is_said_of_a_car_that_follows_its_commands_however_badly(drives
     found = check_commands(drives[planted])
     assert (found.first, found.notes) == ([], [])
     # On ice it spins most of the time.
-    assert response(drives[planted]).given > (0.2 if planted == "icy" else 0.5)
+    assert yaw_response(drives[planted]).given > (0.2 if planted == "icy" else 0.5)
 
 
 @pytest.mark.parametrize("planted", [name for name in LARGE if name != "icy"])
@@ -110,7 +109,7 @@ def test_the_answer_begins_with_it(drives, monkeypatch):
         workers=1,
     )
     monkeypatch.setattr(pipeline, "other_sensors", lambda _: [])
-    answer = pipeline.diagnose(config, exchanged(drives["nothing"])).answer
+    answer = pipeline.run_diagnosis(config, exchanged(drives["nothing"])).answer
     assert answer.lines()[0].startswith("The commands do not predict the motion")
     assert answer.verdict == "cannot_tell"
     assert answer.to_dict()["summary"][0] == answer.lines()[0]
@@ -120,4 +119,4 @@ def test_parts_too_short_are_left_out():
     recording = planted_drives([{}], cars=1, seconds=4.0)[0][0]
     short = Recording("short", recording.data[:20], recording.dt)
     assert check_commands([recording, short]).first == []
-    assert response([short]) is None
+    assert yaw_response([short]) is None

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from buggy_rl.diagnosis.confidence import confidences
-from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.answer.statement import confidences
+from buggy_rl.diagnosis.search.posterior import Posterior
 
 
 def test_an_effect_is_as_sure_as_all_sets_that_have_it_and_its_rivals_are_listed():

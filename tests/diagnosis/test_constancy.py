@@ -1,12 +1,12 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.constancy import Variation, conditions, variation
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.evidence_features import STEADY
-from buggy_rl.diagnosis.words import CONDITIONS
-from buggy_rl.estimation.cross_validation import blocks, cross_validated
+from buggy_rl.diagnosis.answer.words import CONDITIONS
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.search.candidate import Candidate
+from buggy_rl.diagnosis.search.constancy import Variation, conditions, variation
+from buggy_rl.diagnosis.search.features import STEADY
+from buggy_rl.estimation.evidence import blocks, cross_validated
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from tests.diagnosis.planted import planted_drives, problem_of
 

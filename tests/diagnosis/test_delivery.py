@@ -8,13 +8,13 @@ import torch
 import yaml
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.delivery import Repair, candidates, chosen, is_worse
-from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.repair import repaired
-from buggy_rl.diagnosis.validation import Errors, delivered, validated
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.repair.delivery import Repair, chosen, is_worse, repair_candidates
+from buggy_rl.diagnosis.repair.validation import Errors, delivered, validated
+from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.recordings import Recording
@@ -51,7 +51,7 @@ def recordings():
 
 @pytest.fixture(scope="module")
 def done(recordings):
-    return diagnose(CONFIG, recordings)
+    return run_diagnosis(CONFIG, recordings)
 
 
 def median(square):
@@ -62,7 +62,7 @@ def test_the_file_rolls_out_to_the_numbers_that_are_printed(done, tmp_path):
     offset = done.found.best.fit.values()[""]["clock_offset"]
     assert offset < -0.03  # or the case shows nothing
     file = tmp_path / "repaired.yaml"
-    file.write_text(yaml.safe_dump(repaired(CONFIG.simulator, done, tmp_path)))
+    file.write_text(yaml.safe_dump(repaired_simulator(CONFIG.simulator, done, tmp_path)))
     segments = done.case.problem.segments
     [residual] = Simulation(lambda cars: make_simulator(file, cars)).residuals(segments)
     own = median(residual[..., :2].square().sum(-1))
@@ -107,13 +107,13 @@ def test_what_makes_held_out_rollouts_worse_is_not_delivered():
 def test_where_no_effect_describes_it_the_set_that_predicts_best_is_validated_first():
     probable, best = SimpleNamespace(key=("wind",)), SimpleNamespace(key=("payload", "wind"))
     found = SimpleNamespace(best=probable, predictive=best, posterior=Posterior({}, 1.0))
-    assert candidates(found) == [best, probable]
+    assert repair_candidates(found) == [best, probable]
     found.posterior = Posterior({("wind",): 0.9}, 0.1)
-    assert candidates(found) == [probable, best]
+    assert repair_candidates(found) == [probable, best]
     found.posterior = Posterior({(): 0.9}, 0.1)
-    assert candidates(found) == [probable]
+    assert repair_candidates(found) == [probable]
     found = replace_best(found, probable)
-    assert candidates(found) == [probable]
+    assert repair_candidates(found) == [probable]
 
 
 def replace_best(found, predictive):

@@ -4,17 +4,22 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.confidence import confidences
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.drives import Drives, longer_segments
-from buggy_rl.diagnosis.equivalents import alike, apart, equivalents, probability_of_any, swapped
-from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.observed import concluded
-from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.statement import _named
+from buggy_rl.diagnosis.answer.equivalents import (
+    alike,
+    apart,
+    equivalents,
+    probability_of_any,
+    swapped,
+)
+from buggy_rl.diagnosis.answer.statement import _named, confidences
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.drives import Drives, longer_segments
+from buggy_rl.diagnosis.search.joint import joint_search
+from buggy_rl.diagnosis.search.observed import concluded
+from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.effects import effect_class
-from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.evidence import blocks
 from tests.diagnosis.planted import planted_drives, problem_of
 
 # Without restored range a deadband is a trim of the radio, but for the least of drives.
@@ -28,7 +33,7 @@ def case():
     problem = problem_of(recordings, [*TRIM, *BAND, *STEERING])
     longer = longer_segments(recordings, 1.0)
     drives = Drives(recordings, problem.segments, longer)
-    return Case(problem, Criteria(blocks(problem.segments)), drives)
+    return DiagnosisCase(problem, Criteria(blocks(problem.segments)), drives)
 
 
 @pytest.fixture(scope="module")

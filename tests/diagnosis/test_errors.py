@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.validation import Errors
+from buggy_rl.diagnosis.repair.validation import Errors
 
 
 def test_one_spin_raises_the_mean_and_not_the_median():

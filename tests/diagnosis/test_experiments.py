@@ -5,23 +5,22 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl.diagnosis import experiments
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.experiments import (
+from buggy_rl.diagnosis.answer import experiments
+from buggy_rl.diagnosis.answer.experiments import (
     SUGGESTED,
     DecisionRate,
     decided,
     decision_rates,
+    manoeuvre_suggestions,
     most_probable,
-    suggestions,
     with_drives,
 )
-from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.manoeuvre_drives import HEADINGS, TIMES, simulated, trusted
-from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.observed import concluded
-from buggy_rl.diagnosis.posterior import Posterior, posterior
-from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, simulated, trusted
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.search.joint import joint_search
+from buggy_rl.diagnosis.search.observed import concluded
+from buggy_rl.diagnosis.search.posterior import Posterior, posterior
+from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.planted import commands, planted_drives, problem_of
 
@@ -142,11 +141,11 @@ def test_the_best_is_suggested_where_it_probably_decides():
         DecisionRate(m.name, m.words, rate, rate, (VISCOUS, ()))
         for m, rate in zip(MANOEUVRES, (0.87, 0.4), strict=False)
     ]
-    [line] = suggestions(rates)
+    [line] = manoeuvre_suggestions(rates)
     assert line.startswith(MANOEUVRES[0].words)
     assert "between viscous_drag and nothing with a probability of 87%" in line
     assert f"{TIMES} times" in line
-    assert suggestions(rates[1:]) == suggestions([]) == []
+    assert manoeuvre_suggestions(rates[1:]) == manoeuvre_suggestions([]) == []
     assert rates[1].rate < SUGGESTED
 
 

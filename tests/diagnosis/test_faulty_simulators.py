@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
+from buggy_rl.diagnosis.pipeline import run_diagnosis
 from tests.diagnosis.planted import planted_drives
 
 pytestmark = pytest.mark.slow
@@ -68,7 +68,7 @@ def test_a_fault_in_the_midst_is_blamed_on_the_simulator_in_one_line(
     recordings, simulator, name, words
 ):
     with pytest.raises(ValueError, match=words) as told:
-        diagnose(replace(CONFIG, simulator=simulator(name)), recordings)
+        run_diagnosis(replace(CONFIG, simulator=simulator(name)), recordings)
     assert "\n" not in str(told.value)
 
 
@@ -76,7 +76,7 @@ def test_numbers_that_are_none_here_and_there_are_noted_and_the_rest_is_answered
     recordings, simulator
 ):
     try:
-        done = diagnose(replace(CONFIG, simulator=simulator("Hole")), recordings)
+        done = run_diagnosis(replace(CONFIG, simulator=simulator("Hole")), recordings)
     except ValueError as error:
         assert "returns NaN" in str(error)  # noqa: PT017  in more than half of the segments
     else:

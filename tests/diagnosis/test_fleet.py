@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.config import build
+from buggy_rl.core.config import build
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.fleet import FleetConfig, diagnoses, rows
+from buggy_rl.diagnosis.run.fleet import FleetConfig, fleet_jobs, fleet_rows
 from buggy_rl.jobs import OUTCOME
 
 GAIN = {"gain": {"value": 0.8, "unit": "-"}}
@@ -38,7 +38,7 @@ def config(cars: Path, **more) -> FleetConfig:
 
 
 def test_each_folder_of_the_folder_is_a_car(cars):
-    jobs = diagnoses(config(cars, stretches=7, workers=3), Path("diagnose.py"))
+    jobs = fleet_jobs(config(cars, stretches=7, workers=3), Path("diagnose.py"))
     assert [job.name for job in jobs] == ["one", "two words, and a comma"]
     jobs[1].prepared(1)
     asked = build(DiagnosisConfig, [jobs[1].command[1]])
@@ -48,7 +48,7 @@ def test_each_folder_of_the_folder_is_a_car(cars):
 
 
 def test_a_recording_that_changed_makes_its_car_alone_refused(cars):
-    one, two = diagnoses(config(cars), Path("diagnose.py"))
+    one, two = fleet_jobs(config(cars), Path("diagnose.py"))
     one.prepared(1)
     two.prepared(1)
     (cars / "one" / "drive.csv").write_text("t\n1\n")
@@ -62,29 +62,29 @@ def test_another_question_is_refused_with_what_differs_and_the_first_one_stays(c
     simulator.write_text("import helper\n")
     (cars.parent / "helper.py").write_text("MASS = 1\n")
     question = config(cars, simulator=f"{simulator}:make")
-    one, _ = diagnoses(question, Path("diagnose.py"))
+    one, _ = fleet_jobs(question, Path("diagnose.py"))
     one.prepared(1)
     begun = (one.folder / "question.yaml").read_text()
     (cars.parent / "helper.py").write_text("MASS = 2\n")
-    again, _ = diagnoses(question, Path("diagnose.py"))
+    again, _ = fleet_jobs(question, Path("diagnose.py"))
     with pytest.raises(ValueError, match=r"helper\.py has other content now; use another output"):
         _ = again.done
     (cars.parent / "helper.py").write_text("MASS = 1\n")
     shorter = config(cars, simulator=f"{simulator}:make", seconds=0.5)
-    again, _ = diagnoses(shorter, Path("diagnose.py"))
+    again, _ = fleet_jobs(shorter, Path("diagnose.py"))
     with pytest.raises(ValueError, match=r"seconds was 1\.0, now 0\.5"):
         _ = again.done
     assert (one.folder / "question.yaml").read_text() == begun
 
 
 def test_the_table_has_a_row_for_every_car_also_one_that_failed(cars):
-    jobs = diagnoses(config(cars), Path("diagnose.py"))
+    jobs = fleet_jobs(config(cars), Path("diagnose.py"))
     for job, status in zip(jobs, ("done", "failed"), strict=True):
         job.folder.mkdir(parents=True)
         ended = {"status": status, "seconds": 3.0, "last_words": ""}
         (job.folder / OUTCOME).write_text(json.dumps(ended))
     (jobs[0].folder / "diagnosis.json").write_text(json.dumps(ANSWER))
-    first, second = rows(jobs)
+    first, second = fleet_rows(jobs)
     assert first["effects"] == "steering_gain + viscous_drag"
     assert first["values"] == "steering_gain.gain=0.8 -; viscous_drag.rate=0.3 1/s"
     assert (first["confidence"], first["error_before"], first["unexplained"]) == (0.7, 9.0, 0.1)
@@ -99,4 +99,4 @@ def test_either_recordings_or_cars_are_needed(given):
 
 def test_a_folder_without_folders_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no folders there"):
-        diagnoses(config(tmp_path), Path("diagnose.py"))
+        fleet_jobs(config(tmp_path), Path("diagnose.py"))

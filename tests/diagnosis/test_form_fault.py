@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis.form_fault import FormFault, form_faults
+from buggy_rl.diagnosis.answer.behaviour import FormFault, form_faults
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.test_localisation import drives, rows_of
 

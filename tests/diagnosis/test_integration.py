@@ -1,10 +1,10 @@
 from functools import cache
 
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.integration import fine_enough
-from buggy_rl.engines import make_engine
+from buggy_rl.diagnosis.preflight.integration import fine_enough
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import planted_drives
 
 COARSE = 0.005  # [s]; by itself MuJoCo's car steps in half of that

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis import joint
-from buggy_rl.diagnosis.budget import FULL, smaller
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.joint import MOST, joint_search, unit_changes
-from buggy_rl.estimation.cross_validation import blocks
-from buggy_rl.estimation.screening import trials
+from buggy_rl.diagnosis.run.budget import FULL, smaller
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.search import joint
+from buggy_rl.diagnosis.search.joint import MOST, joint_search, unit_changes
+from buggy_rl.estimation.evidence import blocks
+from buggy_rl.estimation.sparse import trials
 from tests.diagnosis.planted import problem_of
 
 PRICE = 3.0  # [nats] of an effect more: odds of 20 to 1 against each

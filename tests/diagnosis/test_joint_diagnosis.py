@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.repair import repaired
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.repaired import repaired_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
 
 
@@ -23,7 +23,7 @@ def test_what_is_planted_is_named_first_and_closes_the_residual(weak):
 def test_nothing_is_named_where_nothing_is(right):
     assert right.answer.verdict == "no_mismatch"
     assert right.answer.effects == []
-    assert "effects" not in repaired("single_track", right, folder=None)  # type: ignore[arg-type]
+    assert "effects" not in repaired_simulator("single_track", right, folder=None)  # type: ignore[arg-type]
 
 
 def test_probabilities_are_written_and_sum_to_one(weak):
@@ -50,7 +50,7 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     long_drives,
 ):
     readings = []
-    done = diagnose(replace(ASKED, minutes=0.01), long_drives["weak"], show=readings.append)
+    done = run_diagnosis(replace(ASKED, minutes=0.01), long_drives["weak"], show=readings.append)
     [lost] = [note for note in done.answer.notes if "environment steps a second: " in note]
     assert "16 of 40 segments, 4 of 16 sets, 1 of 10 iterations" in lost
     assert lost in done.answer.to_dict()["notes"]
@@ -74,10 +74,10 @@ def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(SMALL, recordings, stopped, kept=tmp_path)
+        run_diagnosis(SMALL, recordings, stopped, kept=tmp_path)
     assert any(text.startswith("rolling out") for text in told)
     told.clear()
-    done = diagnose(SMALL, recordings, told.append, kept=tmp_path)
+    done = run_diagnosis(SMALL, recordings, told.append, kept=tmp_path)
     assert not any(text.startswith(("rolling out", "fitting")) for text in told)
     assert small.answer.effects[0].name == "throttle_gain"
     assert done.answer.to_dict() == small.answer.to_dict()

@@ -5,8 +5,13 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis.limits import covers_what_was_driven, missing, same_sets, words_of
-from buggy_rl.diagnosis.posterior import Posterior
+from buggy_rl.diagnosis.search.limits import (
+    covers_what_was_driven,
+    missing_hypotheses,
+    same_sets,
+    words_of,
+)
+from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.estimation.hypothesis import Library
 
 LIBRARY = Library(["grip_patch", "tire_grip", "wind"])
@@ -63,12 +68,12 @@ def test_their_probabilities_add_before_anything_is_named():
 
 
 def test_a_floor_that_was_not_fitted_is_fitted_from_the_patchs_grip():
-    [start] = missing({BOTH: candidate(BOTH)}, DRIVEN, LIBRARY)
+    [start] = missing_hypotheses({BOTH: candidate(BOTH)}, DRIVEN, LIBRARY)
     assert start.effects == ("tire_grip", "wind")
     assert start.values()["tire_grip"]["grip"] == pytest.approx(0.4)
     fitted = {BOTH: candidate(BOTH), ("tire_grip", "wind"): None}
-    assert missing(fitted, DRIVEN, LIBRARY) == []
-    assert missing({PATCH: candidate(PATCH)}, DRIVEN, Library(["grip_patch"])) == []
+    assert missing_hypotheses(fitted, DRIVEN, LIBRARY) == []
+    assert missing_hypotheses({PATCH: candidate(PATCH)}, DRIVEN, Library(["grip_patch"])) == []
 
 
 def test_it_is_said_wherever_it_was_driven():

@@ -3,11 +3,11 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.diagnosis.localisation import locate
-from buggy_rl.engines import make_engine
+from buggy_rl.core import keys
+from buggy_rl.diagnosis.residuals import locate
 from buggy_rl.estimation.rollout import AS_GIVEN, Simulation
 from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.simulators import make_engine
 from tests.drives import toy_drive
 
 NOISE = torch.tensor([0.001, 0.001, 0.002, 0.01, 0.01, 0.01])

@@ -6,7 +6,7 @@ import torch
 from scipy.integrate import cumulative_trapezoid
 from tensordict import TensorDict
 
-from buggy_rl.diagnosis.other_sensors import other_sensors
+from buggy_rl.diagnosis.answer.other_sensors import other_sensors
 from buggy_rl.recordings import Recording
 
 DT, SECONDS = 0.01, 60.0

@@ -7,17 +7,17 @@ import torch
 import yaml
 
 from buggy_rl.diagnosis import pipeline
-from buggy_rl.diagnosis.budget import FULL, smaller
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.drives import Drives
-from buggy_rl.diagnosis.evidence_features import of_hypotheses
-from buggy_rl.diagnosis.integration import Step
-from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.observed import observed
-from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.preflight_commands import CommandCheck
-from buggy_rl.diagnosis.repair import repaired
-from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.preflight.commands import CommandCheck
+from buggy_rl.diagnosis.preflight.integration import IntegrationStep
+from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.diagnosis.run.budget import FULL, smaller
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.drives import Drives
+from buggy_rl.diagnosis.search.features import of_hypotheses
+from buggy_rl.diagnosis.search.joint import joint_search
+from buggy_rl.diagnosis.search.observed import search_evidence
+from buggy_rl.estimation.evidence import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
 from tests.diagnosis.planted import planted_drives, problem_of
@@ -39,7 +39,7 @@ def test_one_thread_and_two_give_the_same_answer(recordings, weak):
     before = torch.get_num_threads()
     try:
         torch.set_num_threads(2)
-        again = diagnose(replace(ASKED, threads=2), recordings)
+        again = run_diagnosis(replace(ASKED, threads=2), recordings)
     finally:
         torch.set_num_threads(before)
     assert again.answer.verdict == weak.answer.verdict
@@ -61,13 +61,13 @@ def test_an_interrupted_diagnosis_resumes_at_the_stage_it_was_in(
     with monkeypatch.context() as patched:
         patched.setattr(pipeline, "answered", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            diagnose(SMALL, recordings, kept=kept)
+            run_diagnosis(SMALL, recordings, kept=kept)
     monkeypatch.setattr(pipeline, "joint_search", interrupted)  # it is kept, and does not run again
-    again = diagnose(SMALL, recordings, kept=kept)
+    again = run_diagnosis(SMALL, recordings, kept=kept)
     assert numbers(again.answer) == numbers(small.answer) != {}
     # Another configuration does not take what was kept.
     with pytest.raises(KeyboardInterrupt):
-        diagnose(replace(SMALL, seconds=0.9), recordings, kept=kept)
+        run_diagnosis(replace(SMALL, seconds=0.9), recordings, kept=kept)
 
 
 def test_the_repair_beats_retuning_and_a_network_on_held_out_blocks(weak):
@@ -81,7 +81,7 @@ def test_the_repair_beats_retuning_and_a_network_on_held_out_blocks(weak):
 
 
 def test_options_of_an_effect_are_kept_in_the_repaired_simulator(weak, tmp_path):
-    content = repaired(ASKED.simulator, weak, tmp_path)
+    content = repaired_simulator(ASKED.simulator, weak, tmp_path)
     # The single track's deadband of 0.05, as it shows in how it drives.
     assert content["effects"]["throttle_gain"]["onset"] == pytest.approx(0.05, abs=0.005)
     file = tmp_path / "repaired.yaml"
@@ -96,7 +96,7 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     named = ["steering_gain", "viscous_drag"]
     problem, baseline = (problem_of(recordings, named) for recordings in (after, before))
     criteria = Criteria(blocks(problem.segments), baseline=baseline)
-    seen = observed(criteria, joint_search(problem, criteria))
+    seen = search_evidence(criteria, joint_search(problem, criteria))
     share = {
         h.effects: f["on_baseline"]
         for h, f in zip(seen.hypotheses, of_hypotheses(seen), strict=True)
@@ -110,17 +110,17 @@ def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
 ):
     # A coarser step, which is quick.
     assert make_simulator(ASKED.simulator, 1).substeps != 1
-    step = Step({"substeps": 1}, "another step")
+    step = IntegrationStep({"substeps": 1}, "another step")
     monkeypatch.setattr(pipeline, "fine_enough", lambda *_: step)
-    done = diagnose(replace(ONE, seconds=0.5), recordings)
+    done = run_diagnosis(replace(ONE, seconds=0.5), recordings)
     assert done.case.problem.simulation.make(1).substeps == 1
     assert "another step" in done.answer.notes
     file = tmp_path / "repaired.yaml"
-    file.write_text(yaml.safe_dump(repaired(ASKED.simulator, done, tmp_path)))
+    file.write_text(yaml.safe_dump(repaired_simulator(ASKED.simulator, done, tmp_path)))
     assert make_simulator(file, 1).substeps == 1
     given = tmp_path / "given.yaml"  # its own step is overridden
     given.write_text(yaml.safe_dump({"engine": "single_track", "options": {"substeps": 3}}))
-    file.write_text(yaml.safe_dump(repaired(str(given), done, tmp_path)))
+    file.write_text(yaml.safe_dump(repaired_simulator(str(given), done, tmp_path)))
     assert make_simulator(file, 1).substeps == 1
 
 
@@ -128,18 +128,20 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
     # It may return one of our engines, and takes none of its options.
     own = tmp_path / "own.py"
     own.write_text(
-        "from buggy_rl.engines import make_engine\n\n"
+        "from buggy_rl.simulators import make_engine\n\n"
         "def make(batch_size, device):\n"
         "    return make_engine('single_track', batch_size, device)\n"
     )
-    monkeypatch.setattr(pipeline, "fine_enough", lambda *_: Step({"substeps": 4}, "too coarse"))
+    monkeypatch.setattr(
+        pipeline, "fine_enough", lambda *_: IntegrationStep({"substeps": 4}, "too coarse")
+    )
     drives = Drives.cut(ONE, recordings)
-    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), drives) == Step()
+    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), drives) == IntegrationStep()
     assert pipeline._step(ONE, drives).options
 
 
 def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):
-    answer = diagnose(replace(ONE, minutes=1e-3), recordings).answer
+    answer = run_diagnosis(replace(ONE, minutes=1e-3), recordings).answer
     assert "left out: what to drive next; minutes=0.001 were up" in answer.notes
     assert answer.proof.after[1.0] > 0.0  # what is not optional is there
 
@@ -157,5 +159,5 @@ def test_commands_that_do_not_predict_the_motion_get_the_shortest_search_unless_
     monkeypatch.setattr(pipeline, "check_commands", lambda _: CommandCheck(["They do not."], []))
     monkeypatch.setattr(pipeline, "prepared", case)
     with pytest.raises(BudgetedError) as budget:
-        diagnose(replace(ONE, minutes=minutes), recordings)
+        run_diagnosis(replace(ONE, minutes=minutes), recordings)
     assert budget.value.args == (expected,)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.budget import FULL, LEAST_SEGMENTS, Budget, smaller
-from buggy_rl.diagnosis.meter import Meter
-from buggy_rl.diagnosis.plan import Plan, Question, planned, rollouts, shortest
+from buggy_rl.diagnosis.run.budget import FULL, LEAST_SEGMENTS, Budget, smaller
+from buggy_rl.diagnosis.run.meter import Meter
+from buggy_rl.diagnosis.run.plan import Plan, Question, planned, planned_rollouts, shortest
 from buggy_rl.estimation.cost import Cost
 
 QUESTION = Question(segments=60, rows=130, trials=120, longer=28)
@@ -58,7 +58,7 @@ def test_time_that_has_passed_is_not_planned_with():
 
 
 def test_by_two_processes_an_answer_is_proved_in_half_of_the_rollouts():
-    alone, beside = ([*rollouts(QUESTION, FULL, n)] for n in (1, 2))
+    alone, beside = ([*planned_rollouts(QUESTION, FULL, n)] for n in (1, 2))
     times = [sum(r.times for r in each if r.stage == "answer") for each in (alone, beside)]
     assert times == [4 + 10 + 2, 4 + 5 + 1]
 
@@ -82,7 +82,7 @@ def test_where_the_batch_costs_nothing_segments_are_kept_and_else_rollouts():
 
 def test_the_least_budget_takes_a_small_part_of_the_time():
     for cost in (BATCHED, SERIAL):
-        plans = [Plan(b, cost, tuple(rollouts(QUESTION, b))).seconds for b in smaller()]
+        plans = [Plan(b, cost, tuple(planned_rollouts(QUESTION, b))).seconds for b in smaller()]
         assert plans[-1] == min(plans) < 0.5 * plans[0]
 
 

@@ -6,20 +6,20 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.blind_test.sizes import COMMANDED_SIZES, SIZES
-from buggy_rl.diagnosis.named_effect import NamedEffect, Value
-from buggy_rl.diagnosis.plausibility import (
-    implausible,
+from buggy_rl.core.vehicle import Similarity
+from buggy_rl.diagnosis.answer.named_effect import (
+    NamedEffect,
+    Value,
+    effect_implausible,
     latencies_refused,
     undetermined,
     unusual,
 )
-from buggy_rl.diagnosis.preflight_recordings import check_clock, check_latency
+from buggy_rl.diagnosis.preflight.recordings import check_clock, check_latency
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.prior_scale import scaled
-from buggy_rl.similarity import Similarity
+from buggy_rl.estimation.hypothesis import Library, scaled_prior
+from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES
 
 RATIO = EffectParameter("ratio", 1.0, 0.2, 5.0, "-", "Left lock over right.", 0.2, 0.1)
 DRIVEN = SimpleNamespace(pose=torch.tensor([[[0.0, 0.0, 0.0], [4.0, 3.0, 0.0]]]))
@@ -31,15 +31,15 @@ def test_sizes_that_probabilities_are_calibrated_to_are_not_implausible(name):
     for end in (0, 1):
         values = {p.name: p.value for p in declared}
         values |= {n: of[end] for n, of in (SIZES | COMMANDED_SIZES)[name].items()}
-        assert not implausible(declared, values)
+        assert not effect_implausible(declared, values)
 
 
 def test_a_number_four_times_as_far_as_usual_is_implausible():
     usual = replace(RATIO, usual=(0.8, 1.25))
-    assert not implausible([usual], {"ratio": 1.9})
-    assert implausible([usual], {"ratio": 2.1})
-    assert implausible([usual], {"ratio": 0.1})
-    assert not implausible([RATIO], {"ratio": 4.9})
+    assert not effect_implausible([usual], {"ratio": 1.9})
+    assert effect_implausible([usual], {"ratio": 2.1})
+    assert effect_implausible([usual], {"ratio": 0.1})
+    assert not effect_implausible([RATIO], {"ratio": 4.9})
 
 
 def test_a_number_beyond_what_cars_have_is_unusual_and_without_an_interval_none_is():
@@ -51,8 +51,8 @@ def test_a_number_beyond_what_cars_have_is_unusual_and_without_an_interval_none_
 
 def test_what_is_usual_scales_with_the_car():
     arm = EffectParameter("x", 0.0, -5.0, 5.0, "m", "Ahead.", 0.05, 0.01, usual=(-0.1, 0.2))
-    assert scaled(arm, Similarity(length=10.0)).usual == pytest.approx((-1.0, 2.0))
-    assert scaled(arm, Similarity(mass=2.0)).usual == (-0.1, 0.2)
+    assert scaled_prior(arm, Similarity(length=10.0)).usual == pytest.approx((-1.0, 2.0))
+    assert scaled_prior(arm, Similarity(mass=2.0)).usual == (-0.1, 0.2)
 
 
 def patch(x, radius):

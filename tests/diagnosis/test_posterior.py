@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.candidate import leading
-from buggy_rl.diagnosis.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.constancy import Variation
-from buggy_rl.diagnosis.evidence_features import of_case, of_hypotheses
-from buggy_rl.diagnosis.form_error import FormError
-from buggy_rl.diagnosis.posterior import (
+from buggy_rl.diagnosis.search.candidate import leading
+from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.search.constancy import Variation
+from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
+from buggy_rl.diagnosis.search.posterior import (
     Calibration,
+    FormError,
     Posterior,
+    certainly_missing,
     load_calibration,
     posterior,
-    stands,
 )
-from buggy_rl.estimation.misfit import BaselineMisfit
+from buggy_rl.estimation.evidence import BaselineMisfit
 from tests.diagnosis.observations import case, hypothesis
 
 NOTHING = hypothesis((), [50.0, 60.0], 1.0)
@@ -52,9 +52,9 @@ def test_an_effect_is_as_probable_as_all_sets_that_have_it():
 
 
 def test_a_name_stands_whatever_else_is_missing_only_if_it_is_likely_itself():
-    assert stands(0.97, 0.4)
-    assert not stands(0.99, 0.05)  # nearly all sets have it, and no set is likely
-    assert not stands(0.9, 0.45)
+    assert certainly_missing(0.97, 0.4)
+    assert not certainly_missing(0.99, 0.05)  # nearly all sets have it, and no set is likely
+    assert not certainly_missing(0.9, 0.45)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ import math
 import pytest
 import torch
 
-from buggy_rl import keys
-from buggy_rl.diagnosis.preflight_simulator import check_axes
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.bicycle.single_track import KinematicEngine
-from buggy_rl.vehicle import rotate
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import rotate
+from buggy_rl.diagnosis.preflight.simulator import check_axes
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.bicycle.single_track import KinematicEngine
 
 CARS, DEGREE = 5, 180 / math.pi
 

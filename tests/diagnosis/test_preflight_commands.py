@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.preflight_simulator import _commands, _gentle, check_simulator
-from buggy_rl.engines import make_engine
+from buggy_rl.diagnosis.preflight.simulator import _commands, _gentle, check_simulator
+from buggy_rl.simulators import make_engine
 
 TWO_WAY = ["throttle_brake_reverse", "current", {"kind": "speed", "reverse": True}]
 

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import diagnose
-from buggy_rl.diagnosis.repair import repaired
-from buggy_rl.engines.single_precision import in_single_precision
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis import realising
 from tests.diagnosis.planted import planted_drives
@@ -44,12 +44,12 @@ def config(**more):
 
 @pytest.fixture(scope="module")
 def inside(recordings):
-    return diagnose(config(), recordings)
+    return run_diagnosis(config(), recordings)
 
 
 @pytest.fixture(scope="module")
 def around(recordings):
-    return diagnose(config(parameters=False), recordings)
+    return run_diagnosis(config(parameters=False), recordings)
 
 
 def test_a_wrong_parameter_has_the_name_and_the_number_of_the_effect(inside, around):
@@ -77,7 +77,7 @@ def test_a_value_of_the_simulators_own_is_wrong_and_of_a_black_box_physics_is_mi
 
 
 def test_the_repaired_simulator_has_it_as_a_parameter(inside, around, tmp_path):
-    content = repaired(SIMULATOR, inside, tmp_path)
+    content = repaired_simulator(SIMULATOR, inside, tmp_path)
     assert "effects" not in content
     assert content["parameters"] == {
         "motor_damping": pytest.approx(DAMPING + RATE * MASS, rel=0.05)
@@ -86,12 +86,12 @@ def test_the_repaired_simulator_has_it_as_a_parameter(inside, around, tmp_path):
     file.write_text(yaml.safe_dump(content))
     repaired_car = make_simulator(file, 1)
     assert float(repaired_car.numbers["motor_damping"]) > DAMPING
-    assert "viscous_drag" in repaired(SIMULATOR, around, tmp_path)["effects"]
+    assert "viscous_drag" in repaired_simulator(SIMULATOR, around, tmp_path)["effects"]
 
 
 def test_with_baseline_recordings_it_has_changed_and_is_inside_too(recordings):
     before = planted_drives([{}], seconds=12.0, seed=1, make=cars)[0]
-    done = diagnose(config(stretches=8), recordings, baseline=before)
+    done = run_diagnosis(config(stretches=8), recordings, baseline=before)
     [drag] = done.answer.effects
     assert (drag.name, drag.inside) == ("viscous_drag", ("motor_damping",))
     assert done.answer.verdict == "missing_physics"  # the simulator was right

@@ -11,36 +11,31 @@ import torch
 import yaml
 from torchrl.envs import TransformedEnv
 
-from buggy_rl.diagnosis.answer import Answer, Proof
-from buggy_rl.diagnosis.behaviour import Behaviour
-from buggy_rl.diagnosis.case import prepared
+from buggy_rl.diagnosis.answer.answer import Answer, Proof
+from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
+from buggy_rl.diagnosis.answer.equivalents import Equivalents
+from buggy_rl.diagnosis.answer.experiments import DecisionRate
+from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
+from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value
+from buggy_rl.diagnosis.answer.other_sensors import LATE, SensorFinding
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.drives import Drives
-from buggy_rl.diagnosis.equivalents import Equivalents
-from buggy_rl.diagnosis.experiments import DecisionRate
-from buggy_rl.diagnosis.form_fault import FormFault
-from buggy_rl.diagnosis.localisation import Region, locate
-from buggy_rl.diagnosis.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.named_effect import NamedEffect, Value
-from buggy_rl.diagnosis.other_sensors import LATE, SensorFinding
-from buggy_rl.diagnosis.posterior import Posterior
 from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, sheet_of, wording
-from buggy_rl.diagnosis.report.figures import errors, replays
-from buggy_rl.diagnosis.report.film import worst_segment
-from buggy_rl.diagnosis.report.manoeuvre import suggested
-from buggy_rl.diagnosis.report.ranking import alternatives, ranking
-from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.diagnosis.search_state import State, tried_too
-from buggy_rl.diagnosis.unexplained import unexplained
+from buggy_rl.diagnosis.report.figures import errors, manoeuvre_plan, replays, worst_segment
+from buggy_rl.diagnosis.report.wording import alternatives, ranking
+from buggy_rl.diagnosis.residuals import Region, locate, unexplained
+from buggy_rl.diagnosis.run.case import prepare_case
+from buggy_rl.diagnosis.run.drives import Drives
+from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.diagnosis.search.result import SearchResult, State, tried_too
 from buggy_rl.effects import effect_class, make_effect
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.simulators import make_engine
 
 GAIN = 0.7
 NAME = 'drive <b>"1"</b> & $x_1'
@@ -56,7 +51,7 @@ def weaker_steering(cars):
 @torch.no_grad()
 def drives(seconds=5.0):
     """Three at once: each is a block of its own when blocks are held out."""
-    rows = list(driven(weaker_steering(3), RoomDriver(seed=3), round(seconds / 0.01)))
+    rows = list(recorded_steps(weaker_steering(3), RoomDriver(seed=3), round(seconds / 0.01)))
     true = torch.stack(rows, 1)  # (3, T)
     names = (NAME, "second", "third")
     return [
@@ -109,7 +104,7 @@ def diagnosis():
     library = Library(["steering_gain", "steering_offset"])
     config = DiagnosisConfig(simulator="single_track", recordings=[], output="")
     simulation = Simulation(lambda cars: make_engine("single_track", cars))
-    case = prepared(simulation, Drives.cut(config, drives()), library, config)
+    case = prepare_case(simulation, Drives.cut(config, drives()), library, config)
     found = found_in(case)
     return case, found, said_of(case, found)
 
@@ -495,7 +490,7 @@ def test_the_suggested_manoeuvre_is_drawn_as_each_hypothesis_predicts_it(diagnos
     between = (("steering_gain",), ("steering_offset",))
     rate = DecisionRate("slalom", "steady speed, slalom", 0.9, 0.95, between)
     shown = replace(said, manoeuvres=[rate], suggest=[rate.line()])
-    plan = suggested(case, found, shown)
+    plan = manoeuvre_plan(case, found, shown)
     assert plan is not None
     assert list(plan.predicted) == ["steering gain", "steering offset"]
     slalom = next(m for m in MANOEUVRES if m.name == "slalom")

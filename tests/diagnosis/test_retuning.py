@@ -5,20 +5,19 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl.diagnosis import retuning
-from buggy_rl.diagnosis.budget import FULL
-from buggy_rl.diagnosis.candidate import Candidate
-from buggy_rl.diagnosis.case import Case
+from buggy_rl.diagnosis.answer import retuning
+from buggy_rl.diagnosis.answer.retuning import retuned, with_own
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.drives import Drives, longer_segments
-from buggy_rl.diagnosis.retuning import retuned, with_own
-from buggy_rl.diagnosis.validation import validated
-from buggy_rl.engines import make_engine
-from buggy_rl.estimation.cross_validation import CrossValidated, blocks
+from buggy_rl.diagnosis.repair.validation import validated
+from buggy_rl.diagnosis.run.budget import FULL
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.drives import Drives, longer_segments
+from buggy_rl.diagnosis.search.candidate import Candidate
+from buggy_rl.estimation.evidence import CrossValidated, blocks, misfit
 from buggy_rl.estimation.gauss_newton import Fit
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.misfit import misfit
+from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import planted_drives, problem_of
 
 FEW = ["steering_gain"]
@@ -33,7 +32,7 @@ def case():
     problem = problem_of(recordings, FEW, FITTED)
     longer = longer_segments(recordings, 1.0)
     drives = Drives(recordings, problem.segments, longer)
-    return Case(problem, Criteria(blocks(problem.segments)), drives)
+    return DiagnosisCase(problem, Criteria(blocks(problem.segments)), drives)
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.diagnosis.criteria import Criteria
-from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.diagnosis.search_state import State, renoised, restarted, restarts, tried_too
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.search.joint import joint_search
+from buggy_rl.diagnosis.search.result import State, renoised, restarted, restarts, tried_too
 from buggy_rl.effects import effect_class
-from buggy_rl.estimation.cross_validation import blocks
+from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.gauss_newton import fitted
 from tests.diagnosis.planted import problem_of
 

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from buggy_rl.diagnosis.answer import described
+from buggy_rl.diagnosis.answer.answer import describe_unexplained
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.unexplained import unexplained
-from buggy_rl.estimation.misfit import NO_BASELINE, BaselineMisfit
+from buggy_rl.diagnosis.residuals import unexplained
+from buggy_rl.estimation.evidence import NO_BASELINE, BaselineMisfit
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.test_localisation import drives, rows_of
@@ -30,7 +30,7 @@ def test_noise_is_described_as_noise():
     assert rest.share < 0.05
     assert rest.depends_on == []
     assert not rest.memory
-    assert described(rest) == "What remains is noise."
+    assert describe_unexplained(rest) == "What remains is noise."
 
 
 def test_planted_structure_is_described_by_channel_and_the_condition_it_grows_with():
@@ -41,7 +41,7 @@ def test_planted_structure_is_described_by_channel_and_the_condition_it_grows_wi
     rest = remaining(segments, 5 * whitened(segments), after.flatten(1))
     assert rest.channel["yaw_rate"] > 0.8
     assert rest.depends_on[0] == "steering"
-    assert "yaw_rate; it grows with steering" in described(rest)
+    assert "yaw_rate; it grows with steering" in describe_unexplained(rest)
 
 
 def test_a_residual_that_persists_from_instant_to_instant_is_memory():

@@ -2,9 +2,9 @@
 
 import pytest
 
-from buggy_rl.diagnosis.named_effect import NamedEffect
-from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.verdict import verdict_of
+from buggy_rl.diagnosis.answer.named_effect import NamedEffect
+from buggy_rl.diagnosis.answer.statement import verdict_of
+from buggy_rl.diagnosis.search.posterior import Posterior
 
 
 def effect(name="steering_lag", kind="actuation", confidence=0.97):

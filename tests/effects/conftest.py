@@ -1,4 +1,4 @@
-"""Effects as PyTorch runs them; `tests/test_kernels.py` compares kernels with that."""
+"""Effects as PyTorch runs them; `tests/core/test_kernels.py` compares kernels with that."""
 
 import pytest
 

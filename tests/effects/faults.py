@@ -4,9 +4,9 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import effect_class, make_effect
-from buggy_rl.engines import make_engine
+from buggy_rl.simulators import make_engine
 
 TOLD = {
     "tire_grip": {"grip": 0.7, "max_acceleration": 4.0},

@@ -3,7 +3,8 @@ import math
 import pytest
 import torch
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.effects import (
     OF_A_DRIVE,
     STACK,
@@ -12,8 +13,7 @@ from buggy_rl.effects import (
     make_effects,
     offered,
 )
-from buggy_rl.engines.base import HoldEngine
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.simulators.base import HoldEngine
 from tests.effects.faults import commanded, follow, over, start
 
 THROTTLE, STEERING = 0, 1

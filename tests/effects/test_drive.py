@@ -4,10 +4,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring.drive import measured_drive, measured_motor, measured_onset
-from buggy_rl.engines import make_engine
+from buggy_rl.simulators import make_engine
 from tests.effects.faults import follow, over, start
 
 # A car of known motor: no lags, no friction but a constant and a viscous one.

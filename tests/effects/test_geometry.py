@@ -7,15 +7,15 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measurable_options, measured_options
 from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.tyres import measured_tyres
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.base import Engine
-from buggy_rl.engines.single_precision import in_single_precision
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.base import Engine
+from buggy_rl.simulators.serial import in_single_precision
 from tests import plain_env
 from tests.effects.faults import follow
 

@@ -4,15 +4,20 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import (
+    VehicleDimensions,
+    integrate_pose,
+    rotate,
+    shift_velocity,
+    similar_dimensions,
+)
 from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.effects.measuring import measured_options
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.motion.fields import STREAM, air_of
-from buggy_rl.effects.motion.steered import FrontAxle, road_wheel_angle
-from buggy_rl.engines import make_engine
-from buggy_rl.similarity import similar_dimensions
-from buggy_rl.vehicle import VehicleDimensions, integrate_pose, rotate, shift_velocity
+from buggy_rl.effects.motion.steered import FrontAxle, steered_angle
+from buggy_rl.simulators import make_engine
 from tests.effects.faults import batched, fault, follow, neutral, over, start, step
 
 ARM = VehicleDimensions().sensor_to_cg
@@ -90,7 +95,7 @@ def test_the_angle_of_the_wheels_is_read_off_the_motion(engine):
         states = follow(env, start(env, (1.5, 0.0, 0.0)), actions)
         before, after = (shift_velocity(states[i][keys.VELOCITY], -ARM) for i in (-2, -1))
         motion = Motion(states[-1][keys.POSE], before, after, actions[-1:], 0.01)
-        read = float(road_wheel_angle(motion, VehicleDimensions(), axle))
+        read = float(steered_angle(motion, VehicleDimensions(), axle))
         turned = {
             "single_track": lambda s: math.tanh(1.1 * s) * 0.45,
             "reference": lambda s: s * (0.36 - 0.02 * s) + 0.008,

@@ -9,18 +9,18 @@ from functools import cache
 import pytest
 from tensordict import TensorDict
 
-from buggy_rl.blind_test.sizes import CAMERA
 from buggy_rl.effects.measuring import measured_options
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
+from buggy_rl.proof.cases.sizes import CAMERA
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.simulators import make_engine
 
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "understeer": ("gradient", 0.007, 0.12),
@@ -53,7 +53,7 @@ def problem(effect, value, cars=2, steps=900):
     name = CONCEALED[effect][0]
     seen = {CAMERA[effect][name]: value} if effect in CAMERA else {}
     engine = make_engine("reference", cars, faults={} if seen else {effect: {name: value}})
-    motion = TensorDict.stack(list(driven(engine, RoomDriver(seed=5), steps)), 1)
+    motion = TensorDict.stack(list(recorded_steps(engine, RoomDriver(seed=5), steps)), 1)
     drives = [
         Recording(f"drive_{i}", Camera(CameraConfig(**seen), seed=i).recorded(each), 0.01)
         for i, each in enumerate(motion.unbind(0))

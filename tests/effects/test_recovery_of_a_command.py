@@ -9,19 +9,19 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.blind_test.case import COMMANDS
 from buggy_rl.effects import OF_A_COMMAND
 from buggy_rl.effects.measuring import measured_options
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
-from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.at_scale import ManoeuvringDriver
+from buggy_rl.policies.controllers.recording import recorded_steps
+from buggy_rl.proof.cases.case import COMMANDS
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
+from buggy_rl.simulators import make_engine
 
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "brake_gain": ("gain", 0.7, 0.05),
@@ -55,7 +55,7 @@ def problem(kind, faults, cars, steps):
     command = COMMANDS[kind]
     engine = make_engine("reference", cars, command=command, faults=faults)
     motion = TensorDict.stack(
-        list(driven(engine, ManoeuvringDriver(seed=5, command=command), steps)), 1
+        list(recorded_steps(engine, ManoeuvringDriver(seed=5, command=command), steps)), 1
     )
     drives = [
         Recording(f"drive_{i}", Camera(seed=i).recorded(each), 0.01, command=command)

@@ -9,16 +9,16 @@ import pytest
 from tensordict import TensorDict
 
 from buggy_rl.effects.measuring import measured_options
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
+from buggy_rl.simulators import make_engine
 
 CONCEALED = {  # effect -> numbers, and the share by which the estimate may be off
     "steering_curve": ({"curvature": 0.35}, 0.1),
@@ -48,7 +48,7 @@ def options():
 def problem(faults, cars, steps):
     """Drives of a car with faults, against the car without."""
     engine = make_engine("reference", cars, faults=faults)
-    motion = TensorDict.stack(list(driven(engine, RoomDriver(seed=3), steps)), 1)
+    motion = TensorDict.stack(list(recorded_steps(engine, RoomDriver(seed=3), steps)), 1)
     drives = [
         Recording(f"drive_{i}", Camera(seed=i).recorded(each), 0.01)
         for i, each in enumerate(motion.unbind(0))

@@ -5,11 +5,11 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import EFFECTS, make_effect, make_effects
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
-from buggy_rl.vehicle import VehicleDimensions
 from tests.effects.faults import over, start, step
 
 ARM = VehicleDimensions().sensor_to_cg

@@ -4,10 +4,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects import make_effect, make_effects
 from buggy_rl.effects.sensing.mounting import SensorYaw
-from buggy_rl.engines import make_engine
+from buggy_rl.simulators import make_engine
 from tests.effects.faults import batched, follow, over, start, step
 
 SENSING = {

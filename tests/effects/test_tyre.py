@@ -6,16 +6,16 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import TransformedEnv
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.keys import MEMORY
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measured_options
 from buggy_rl.effects.measuring.tyres import measured_tyres
 from buggy_rl.effects.tyre.law import law, slip_of, slope
-from buggy_rl.effects.tyre.slip import SlipChange
-from buggy_rl.engines import make_engine
-from buggy_rl.engines.reference import ReferenceEngine
-from buggy_rl.keys import MEMORY
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+from buggy_rl.effects.tyre.stiffness import SlipChange
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.reference import ReferenceEngine
 from tests.effects.faults import follow, over, start
 
 DRIVES, STEPS = 32, 100

@@ -4,23 +4,24 @@ import pytest
 import torch
 
 from buggy_rl.effects import make_effect
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.baseline import (
     SHRINKAGES,
     best_shrinkage,
     correct,
+    lacking_acceleration,
     sensed_covariance,
     standing_covariance,
+    trained,
 )
-from buggy_rl.estimation.misfit import misfit
+from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.noise_model import noise_model
-from buggy_rl.estimation.residual_network import lacking_acceleration, trained
-from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import cut_segments
-from buggy_rl.policies.controllers.recording import driven
+from buggy_rl.policies.controllers.recording import recorded_steps
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.simulators import make_engine
 from tests.effects.faults import batched, over
 
 RATE = 0.8  # [1/s] viscous drag of the wrong car, unknown to the simulator
@@ -37,7 +38,7 @@ def drives():
     car = over(
         [batched("viscous_drag", [{"rate": r} for r in (0.0, RATE, RATE)])], "single_track", 3
     )
-    rows = list(driven(car, RoomDriver(seed=0), round(SECONDS / 0.01)))
+    rows = list(recorded_steps(car, RoomDriver(seed=0), round(SECONDS / 0.01)))
     seen = [Camera(CameraConfig(), i).recorded(true) for i, true in enumerate(torch.stack(rows, 1))]
     return [cut_segments([Recording("drive", data, 0.01)], 0.5, 0.5) for data in seen]
 
@@ -155,7 +156,7 @@ def test_the_same_seed_learns_the_same_network(wrong):
 def test_standing_effects_are_in_every_rollout(wrong):
     effect = make_effect("viscous_drag", rate=RATE)
     standing = Simulation(simulator, standing=(effect,)).residuals(wrong)
-    drag = Settings({"viscous_drag": {"rate": torch.tensor([RATE])}})
+    drag = ParameterSets({"viscous_drag": {"rate": torch.tensor([RATE])}})
     torch.testing.assert_close(standing, Simulation(simulator).residuals(wrong, drag))
     assert not torch.equal(standing, Simulation(simulator).residuals(wrong))
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from buggy_rl.car_file import load_car
-from buggy_rl.engines import as_car, make_engine
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.estimation.body import (
     body_of,
     bounded_by,
@@ -11,9 +11,9 @@ from buggy_rl.estimation.body import (
     most_yaw_inertia,
     top_speeds,
 )
-from buggy_rl.identification.fit_result import Estimate
-from buggy_rl.identification.least_squares import FitConfig, _chosen, plausible
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.estimation.fit_result import Estimate
+from buggy_rl.estimation.least_squares import FitConfig, _chosen, plausible
+from buggy_rl.simulators import as_car, make_engine
 
 # A plate of 2 kg, 0.3 m long and 0.2 m wide: m (l^2 + w^2) / 12 = 0.02167 kg m^2, times 1.3.
 PLATE = VehicleDimensions(

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl.estimation.cross_validation import (
+from buggy_rl.estimation.evidence import (
     CrossValidated,
     advantage,
     blocks,

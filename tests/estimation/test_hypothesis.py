@@ -2,8 +2,8 @@
 
 import pytest
 
+from buggy_rl.core.parameters import Parameter
 from buggy_rl.estimation.hypothesis import OWN, Library
-from buggy_rl.parameters import Parameter
 
 ROUNDED_BELOW = [0.0037, 0.0074, 0.0101]
 

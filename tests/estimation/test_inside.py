@@ -3,9 +3,8 @@
 import pytest
 import torch
 
+from buggy_rl.core.parameters import Added, Parameter, Scaled
 from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.parameters import Parameter
-from buggy_rl.realisation import Added, Scaled
 
 DECLARED = {
     p.name: p

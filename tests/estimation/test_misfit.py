@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.misfit import CAP, NOTHING, baseline_misfit, misfit, typical
+from buggy_rl.estimation.evidence import CAP, NOTHING, baseline_misfit, misfit, typical
 
 
 def test_a_spin_counts_as_no_more_than_the_cap():

@@ -2,10 +2,9 @@
 
 import pytest
 
+from buggy_rl.core.vehicle import Similarity
 from buggy_rl.effects import STACK, effect_class
-from buggy_rl.estimation.hypothesis import Library
-from buggy_rl.estimation.prior_scale import scaled
-from buggy_rl.similarity import Similarity
+from buggy_rl.estimation.hypothesis import Library, scaled_prior
 
 LARGE = Similarity(mass=1000.0, length=10.0, speed=10.0**0.5)
 
@@ -32,7 +31,7 @@ def test_those_of_the_buggy_are_the_declared_ones(name):
 )
 def test_those_of_a_full_size_car_are_similar(effect, number, factor):
     (declared,) = (p for p in effect_class(effect).declared if p.name == number)
-    of_car = scaled(declared, LARGE)
+    of_car = scaled_prior(declared, LARGE)
     assert of_car.size == pytest.approx(factor * declared.size)
     assert of_car.value == declared.value  # neutral is neutral
     assert of_car.lower <= declared.lower < declared.upper <= of_car.upper
@@ -40,5 +39,5 @@ def test_those_of_a_full_size_car_are_similar(effect, number, factor):
 
 def test_a_limit_keeps_its_neutral_end():
     (declared,) = effect_class("motor_power_limit").declared
-    of_car = scaled(declared, LARGE)
+    of_car = scaled_prior(declared, LARGE)
     assert of_car.value == of_car.upper == declared.upper

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from buggy_rl.effects import effect_class
-from buggy_rl.engines import make_engine
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
@@ -18,6 +17,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments, segment_rows, smoothing_rows
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
+from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import commands, driven
 
 FINEST = 0.005  # [s]

@@ -3,9 +3,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl.engines import make_engine
-from buggy_rl.estimation.rollout import Settings, Simulation, _commands
+from buggy_rl.estimation.rollout import ParameterSets, Simulation, _commands
 from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.augment import augmented, effects_of
 from buggy_rl.task.env import make_env, make_simulator
 from tests.diagnosis.planted import QUIET, planted_drives, single_track
@@ -20,7 +20,7 @@ def quiet():
 
 
 def gains(*values):
-    return Settings({"steering_gain": {"gain": torch.tensor(values)}})
+    return ParameterSets({"steering_gain": {"gain": torch.tensor(values)}})
 
 
 def test_a_simulator_predicts_its_own_recording(quiet):
@@ -39,7 +39,7 @@ def test_a_simulator_predicts_its_own_recording(quiet):
 def test_a_slow_servo_remembers_commands_from_before_the_segment(effect, value):
     # From lock to lock it takes longer than the warm-up: begun there, it would be on its way still.
     [drives] = planted_drives([{effect: value}], 1, 6.0, quality=QUIET)
-    settings = Settings({effect: {name: torch.tensor([v]) for name, v in value.items()}})
+    settings = ParameterSets({effect: {name: torch.tensor([v]) for name, v in value.items()}})
     residual = Simulation(single_track).residuals(cut_segments(drives, 1.0, 1.0), settings)
     assert float(residual[:, 1:, :, 5].abs().max()) < 0.15  # [rad/s]
 
@@ -75,7 +75,7 @@ def test_a_clock_offset_shifts_a_ramp_by_as_much():
 
 
 def test_the_start_of_a_late_sensor_is_taken_from_what_it_reports_later(quiet):
-    late = Settings({"sensor_latency": {"dead_time": torch.tensor([0.04])}})
+    late = ParameterSets({"sensor_latency": {"dead_time": torch.tensor([0.04])}})
     simulation = Simulation(single_track)
     right, wrong = simulation.residuals(quiet[1], late), simulation.residuals(quiet[1])
     assert float(right[..., :2].abs().max()) < 0.02
@@ -103,7 +103,7 @@ def test_a_simulator_with_effects_keeps_them_when_it_is_given_parameters(quiet, 
 
     neutral = {"mass": torch.tensor([single_track(1).declared["mass"].value])}
     residual = Simulation(lambda cars: make_simulator(file, cars)).residuals(
-        quiet[1], Settings(parameters=neutral)
+        quiet[1], ParameterSets(parameters=neutral)
     )
     assert float(residual[..., :2].abs().max()) < 0.02
 

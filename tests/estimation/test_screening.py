@@ -5,7 +5,7 @@ import torch
 
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.noise_model import NoiseModel
-from buggy_rl.estimation.screening import _trials, promise, screened
+from buggy_rl.estimation.sparse import _trials, promise, screened
 
 UNIT = NoiseModel(torch.eye(6, dtype=torch.float64).expand(1, 6, 6), torch.ones(6))
 PROBLEM = Problem(None, None, UNIT, None)  # type: ignore[arg-type]  # nothing is rolled out

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
+from buggy_rl.estimation.noise_model import noise_correlation, sensor_noise, start_noise
 from buggy_rl.estimation.segments import cut_segments
-from buggy_rl.estimation.sensor_noise import noise_correlation, sensor_noise, start_noise
 from tests.drives import counting_drive, toy_drive
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.diagnosis.maker import Maker
+from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
-from buggy_rl.estimation.rollout import Settings, Simulation
+from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.estimation.workers import Workers
 from tests.diagnosis.planted import QUIET, planted_drives
@@ -39,7 +39,7 @@ def settings(sets, count=0):
     gain = gain.unsqueeze(1) + 0.01 * torch.arange(count) if count else gain
     mass = torch.linspace(1.5, 2.0, sets)
     offset = torch.linspace(0.0, 0.02, sets)
-    return Settings({"steering_gain": {"gain": gain}}, {} if count else {"mass": mass}, offset)
+    return ParameterSets({"steering_gain": {"gain": gain}}, {} if count else {"mass": mass}, offset)
 
 
 def mean_of(simulation, segments, value):
@@ -142,7 +142,7 @@ def test_a_simulators_own_error_is_raised_as_if_it_were_alone(segments, broken):
     with Workers(2, least=1) as both:
         simulation = Simulation(Maker(f"{broken}:Broken"), workers=both)
         with pytest.raises(FloatingPointError, match="tyre without road"):
-            simulation.readings(segments, Settings(clock_offset=torch.zeros(2)))
+            simulation.readings(segments, ParameterSets(clock_offset=torch.zeros(2)))
         assert both._others == []
 
 
@@ -150,7 +150,7 @@ def test_what_only_a_worker_cannot_do_is_said_with_the_remedy(segments, broken):
     with Workers(2, least=1) as both:
         simulation = Simulation(Maker(f"{broken}:OnlyHere"), workers=both)
         with pytest.raises(ValueError, match=r"licence is held by another.*set workers=1"):
-            simulation.readings(segments, Settings(clock_offset=torch.zeros(2)))
+            simulation.readings(segments, ParameterSets(clock_offset=torch.zeros(2)))
 
 
 def test_a_worker_that_is_killed_is_an_error_with_its_signal():
@@ -165,7 +165,7 @@ def test_a_worker_that_is_killed_is_an_error_with_its_signal():
 INTERRUPTED = """
 import os, sys, time, torch
 from pathlib import Path
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 from buggy_rl.estimation.workers import Workers
 def main():
     with Workers(2) as both:

@@ -5,12 +5,11 @@ import pandas as pd
 import pytest
 
 from buggy_rl.inspection.clock import find_clock, why_no_clock
+from buggy_rl.inspection.coverage import is_end
 from buggy_rl.inspection.drive import facts_of
-from buggy_rl.inspection.ends import is_end
-from buggy_rl.inspection.folder import inspect_folder
-from buggy_rl.inspection.listing import listing
+from buggy_rl.inspection.folder import inspect_folder, listing
 from buggy_rl.inspection.proposal import chosen_commands, proposal
-from buggy_rl.inspection.raw_drive import RawDrive
+from buggy_rl.inspection.signals import RawDrive
 from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.columns import load_columns
 from buggy_rl.recordings.readers import Table

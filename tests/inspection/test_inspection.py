@@ -8,9 +8,8 @@ import pytest
 
 from buggy_rl.inspection.clock import find_clock
 from buggy_rl.inspection.folder import inspect_folder
-from buggy_rl.inspection.page import page
-from buggy_rl.inspection.panels import panels
-from buggy_rl.inspection.raw_drive import find_drives
+from buggy_rl.inspection.page import inspection_page, inspection_panels
+from buggy_rl.inspection.signals import find_drives
 from buggy_rl.recordings import load_recordings
 from tests.recordings.conftest import ideal_drive
 
@@ -121,7 +120,7 @@ def test_several_tables_of_a_drive_are_one_drive_and_become_tables_of_the_map(dr
 
 def test_a_speed_setpoint_is_told_from_a_throttle(drive):
     from buggy_rl.inspection.columns import find_throttle
-    from buggy_rl.inspection.signals import STEP, Signals
+    from buggy_rl.inspection.signals import STEP, DriveSignals
 
     t = np.arange(0, 60, STEP)
     setpoint = 2 + 1.5 * np.sign(np.sin(0.7 * t))
@@ -129,13 +128,15 @@ def test_a_speed_setpoint_is_told_from_a_throttle(drive):
     for i in range(1, len(t)):  # a controller with a lag of 0.3 s
         speed[i] = speed[i - 1] + STEP / 0.3 * (setpoint[i - 1] - speed[i - 1])
     known = np.ones(len(t), bool)
-    signals = Signals(t, known, np.zeros((len(t), 2)), speed, 0 * t, {"speed_cmd": setpoint})
+    signals = DriveSignals(t, known, np.zeros((len(t), 2)), speed, 0 * t, {"speed_cmd": setpoint})
     guess = find_throttle(signals, None)
     assert guess is not None
     assert guess.unit == "m/s"
     assert "speed setpoint" in guess.evidence
     pull = np.gradient(speed, STEP)
-    other = Signals(t, known, np.zeros((len(t), 2)), speed, 0 * t, {"throttle": pull / pull.max()})
+    other = DriveSignals(
+        t, known, np.zeros((len(t), 2)), speed, 0 * t, {"throttle": pull / pull.max()}
+    )
     guess = find_throttle(other, None)
     assert guess is not None
     assert guess.unit == ""
@@ -189,7 +190,7 @@ def test_a_folder_without_recordings_is_refused(tmp_path):
 
 
 def test_the_page_needs_no_other_file(found):
-    text = page(found, panels(found))
+    text = inspection_page(found, inspection_panels(found))
     assert text.count("<svg") == 3
     assert "Proposed column map" in text
     assert not re.search(r"""(src|href)=["'](?!#|data:)""", text)

@@ -4,7 +4,7 @@ import signal
 import sys
 from pathlib import Path
 
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 from buggy_rl.jobs import run_jobs
 from tests.jobs.counting import counting
 from tests.jobs.launchers import launching

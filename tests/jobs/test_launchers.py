@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.config import ConfigError, build
+from buggy_rl.core.config import ConfigError, build
 from buggy_rl.jobs import Job, Launching, leash, read_outcome, results, run_jobs
 from buggy_rl.jobs.launching import make_launcher
 from buggy_rl.jobs.process import LOCK, wait_until_free
@@ -131,7 +131,7 @@ def test_a_job_does_not_run_twice_at_a_time(tmp_path, monkeypatch, capsys):
         with pytest.raises(ValueError, match="lost worker still works on it"):
             wait_until_free(tmp_path, patience=0.1)
         with pytest.raises(SystemExit):
-            leash.hold(str(tmp_path / LOCK))
+            leash.hold_leash(str(tmp_path / LOCK))
     assert "another process works on this job" in capsys.readouterr().err
     wait_until_free(tmp_path, patience=0.1)
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.jobs import Job, Running, cores, read_outcome, results, run_jobs
+from buggy_rl.jobs import Job, Running, read_outcome, results, run_jobs
+from buggy_rl.jobs import process as cores
 
 ROOT = Path(__file__).parents[2]
 POLL = 0.02
@@ -179,7 +180,7 @@ def test_a_file_that_changes_while_a_script_runs_is_not_taken_for_what_it_read(j
 
 INTERRUPTED = """
 import signal, sys
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 from buggy_rl.jobs import Job, run_jobs
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored below a shell's background
@@ -216,7 +217,7 @@ def test_after_a_kill_the_jobs_go_on_where_they_stopped(job, tmp_path, blow):
 KILLED = """
 import sys
 from pathlib import Path
-from buggy_rl.config import run
+from buggy_rl.core.config import run
 from buggy_rl.jobs import results
 from tests.jobs.test_running import linger
 file = Path(sys.argv[1])

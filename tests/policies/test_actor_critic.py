@@ -5,7 +5,13 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig, Scaling, load_policy, save_policy
+from buggy_rl.policies.training.actor_critic import (
+    Policy,
+    PolicyConfig,
+    Scaling,
+    load_policy,
+    save_policy,
+)
 
 SIZE = 23
 

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import torch
 
-from buggy_rl import keys
-from buggy_rl.policies.benchmark_paths import benchmark_paths, evaluation_task
+from buggy_rl.core import keys
+from buggy_rl.policies.evaluation.drives import benchmark_paths, evaluation_task
 from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths

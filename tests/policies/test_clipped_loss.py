@@ -5,8 +5,8 @@ import torch
 from tensordict import TensorDict
 from torchrl.objectives import ClipPPOLoss
 
-from buggy_rl.policies.actor_critic import Policy
-from buggy_rl.policies.ppo import ClippedLoss, PPOConfig, compiles
+from buggy_rl.policies.training.actor_critic import Policy
+from buggy_rl.policies.training.ppo import ClippedLoss, PPOConfig, compiles
 
 NAMES = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
 

@@ -2,8 +2,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from buggy_rl.policies.comparison import CompareConfig, compare, is_cost, summary
-from buggy_rl.viz.comparison import comparison_figure
+from buggy_rl.figures.models import comparison_figure
+from buggy_rl.policies.evaluation.comparison import CompareConfig, compare_runs, is_cost, summary
 
 
 def make_run(folder, values, **config):
@@ -26,7 +26,7 @@ def config(tmp_path):
 
 
 def test_final_and_best_values_are_means_over_runs(config):
-    row = compare(config).table.set_index("group").loc["small"]
+    row = compare_runs(config).table.set_index("group").loc["small"]
     assert row["final_mean"] == 5.0  # (3 + 7) / 2
     assert row["final_sd"] == pytest.approx(8**0.5)  # sqrt((2^2 + 2^2) / 1)
     assert row["best_mean"] == 6.0  # (5 + 7) / 2
@@ -34,13 +34,13 @@ def test_final_and_best_values_are_means_over_runs(config):
 
 
 def test_a_band_ends_with_the_shortest_run(config):
-    band = compare(config).bands["small", "waypoints"]
+    band = compare_runs(config).bands["small", "waypoints"]
     assert band.index.tolist() == [10, 20]
     assert band["mean"].tolist() == [2.0, 6.0]
 
 
 def test_only_options_that_differ_are_listed_without_seed_and_output(config):
-    found = compare(config).differences
+    found = compare_runs(config).differences
     assert found.index.tolist() == ["ppo.clip"]
     assert found.loc["ppo.clip"].tolist() == ["0.1", "0.2"]
 
@@ -48,28 +48,28 @@ def test_only_options_that_differ_are_listed_without_seed_and_output(config):
 def test_groups_of_one_config_differ_in_nothing(config):
     small = config.runs["small"]
     same = CompareConfig(runs={"a": small[:1], "b": small[1:]}, metrics=["waypoints"])
-    assert compare(same).differences.empty
+    assert compare_runs(same).differences.empty
 
 
 def test_a_folder_that_is_no_run_is_named(config, tmp_path):
     wrong = CompareConfig(runs={"x": [str(tmp_path / "none")]}, metrics=["waypoints"])
     with pytest.raises(ValueError, match="none"):
-        compare(wrong)
+        compare_runs(wrong)
 
 
 def test_nothing_to_compare_is_an_error():
     with pytest.raises(ValueError, match="name some"):
-        compare(CompareConfig())
+        compare_runs(CompareConfig())
 
 
 def test_a_panel_shows_a_line_for_each_group(config):
-    (axis,) = comparison_figure(compare(config)).axes
+    (axis,) = comparison_figure(compare_runs(config)).axes
     assert [line.get_label() for line in axis.lines] == ["small", "large"]
     assert axis.lines[0].get_ydata().tolist() == [2.0, 6.0]
 
 
 def test_a_sweep_is_grouped_by_config_without_seed_and_output(config, tmp_path):
-    found = compare(CompareConfig(sweep=str(tmp_path), metrics=["waypoints"])).table
+    found = compare_runs(CompareConfig(sweep=str(tmp_path), metrics=["waypoints"])).table
     assert found["group"].tolist() == ["ppo.clip=0.1", "ppo.clip=0.2"]
     assert found["runs"].tolist() == [2, 1]
 
@@ -82,10 +82,10 @@ def test_the_best_loss_is_the_lowest(metric, best):
 
 def test_a_sweep_without_runs_is_an_error(tmp_path):
     with pytest.raises(ValueError, match="none is a run"):
-        compare(CompareConfig(sweep=str(tmp_path)))
+        compare_runs(CompareConfig(sweep=str(tmp_path)))
 
 
 def test_runs_that_share_no_step_are_an_error(tmp_path):
     runs = [make_run(tmp_path / "a", {10: 1.0}), make_run(tmp_path / "b", {20: 1.0})]
     with pytest.raises(ValueError, match="no step of waypoints in common"):
-        compare(CompareConfig(runs={"x": runs}, metrics=["waypoints"]))
+        compare_runs(CompareConfig(runs={"x": runs}, metrics=["waypoints"]))

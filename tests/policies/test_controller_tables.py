@@ -3,10 +3,15 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from buggy_rl.config import build, plain
-from buggy_rl.policies.controller_tables import DriverTablesConfig, results, table, tuned
+from buggy_rl.core.config import build, plain_values
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuitConfig
-from buggy_rl.policies.run import EngineConfig
+from buggy_rl.policies.evaluation.tables import (
+    DriverTablesConfig,
+    driver_results,
+    driver_table,
+    tuned_driver,
+)
+from buggy_rl.policies.training.run import EngineConfig
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.paths.making import PathConfig
 
@@ -26,7 +31,7 @@ SMALL = DriverTablesConfig(
 def found():
     """Pure pursuit tuned, with the steps that were counted."""
     counted = []
-    best, trials = tuned(SMALL, "pure_pursuit", lambda: counted.append(1))
+    best, trials = tuned_driver(SMALL, "pure_pursuit", lambda: counted.append(1))
     return best, trials, len(counted)
 
 
@@ -41,21 +46,21 @@ def test_tuning_tries_every_candidate_and_counts_its_steps(found):
 
 def test_tuned_numbers_come_back_from_yaml(found, tmp_path):
     file = tmp_path / "pure_pursuit.yaml"
-    file.write_text(yaml.safe_dump(plain(found[0])))
+    file.write_text(yaml.safe_dump(plain_values(found[0])))
     assert build(PurePursuitConfig, [str(file)]) == found[0]
 
 
 def test_tuned_drivers_and_a_random_one_drive_every_course(found):
     short = TaskConfig(paths=replace(SMALL.task.paths, waypoints=15))
     config = replace(SMALL, task=short, engine=EngineConfig("kinematic"))
-    rows = list(results(config, {"pure_pursuit": found[0]}))
+    rows = list(driver_results(config, {"pure_pursuit": found[0]}))
     courses = ["training", "validation", "lap", "infinity", "random"]
     assert [(r.driver, r.course) for r in rows] == [
         (driver, course) for driver in ("pure_pursuit", "random") for course in courses
     ]
     assert [len(r.scores.waypoints) for r in rows[:5]] == [2, 2, 1, 1, 1]
     assert rows[2].scores.waypoints.mean() > 2 * rows[7].scores.waypoints.mean()
-    text = table(rows, {"pure_pursuit": found[1][0]}, config)
+    text = driver_table(rows, {"pure_pursuit": found[1][0]}, config)
     assert f"| pure_pursuit | lap | {float(rows[2].scores.waypoints.mean()):.1f} | 100% |" in text
     assert f"speed.top_speed {found[0].speed.top_speed:.3f}" in text
     assert text.count("\n|") == 2 + 10
@@ -63,4 +68,4 @@ def test_tuned_drivers_and_a_random_one_drive_every_course(found):
 
 def test_only_known_drivers_can_be_tuned():
     with pytest.raises(ValueError, match="no controller 'random' to tune"):
-        tuned(SMALL, "random", lambda: None)
+        tuned_driver(SMALL, "random", lambda: None)

@@ -5,12 +5,16 @@ from dataclasses import replace
 import pytest
 import torch
 
-from buggy_rl import keys
-from buggy_rl.config import plain
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
-from buggy_rl.policies.benchmark_paths import evaluation_task
+from buggy_rl.core import keys
+from buggy_rl.core.config import plain_values
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.drives import ShowPoliciesConfig, panels, tracks
+from buggy_rl.policies.evaluation.drives import (
+    ShowPoliciesConfig,
+    evaluation_task,
+    policy_panels,
+    tracks,
+)
+from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
@@ -66,14 +70,14 @@ def policy_file(tmp_path):
     engine = {"simulator": "kinematic", "parameters": {}, "options": {}}
     file = tmp_path / "best.pt"
     torch.manual_seed(0)
-    about = {"config": {"engine": engine, "task": plain(task)}}
+    about = {"config": {"engine": engine, "task": plain_values(task)}}
     save_policy(Policy(46, PolicyConfig(hidden=[4])), file, about)
     return str(file)
 
 
 def test_a_policy_is_shown_in_its_own_simulator_on_its_own_task_and_on_the_car(policy_file):
     config = ShowPoliciesConfig(policies={"mine": policy_file}, car="single_track")
-    shown = list(panels(replace(config, courses=["lap", "random"])))
+    shown = list(policy_panels(replace(config, courses=["lap", "random"])))
     assert [(p.policy, p.place, p.course) for p in shown] == [
         ("mine", "in its simulator", "lap"),
         ("mine", "in its simulator", "random"),
@@ -101,4 +105,4 @@ def test_a_policy_is_shown_in_its_own_simulator_on_its_own_task_and_on_the_car(p
 def test_what_cannot_be_shown_is_refused(policy_file, change, message):
     config = replace(ShowPoliciesConfig(policies={"mine": policy_file}), **change)
     with pytest.raises(ValueError, match=message):
-        list(panels(config))
+        list(policy_panels(config))

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.config import plain
-from buggy_rl.files import write_json
-from buggy_rl.policies.drive_note import DriveNote
-from buggy_rl.policies.human_table import HumanDrives, human_drives, human_lines
+from buggy_rl.core.config import plain_values
+from buggy_rl.core.files import write_json
+from buggy_rl.policies.human_table import DriveNote, HumanDrives, human_drives, human_lines
 
 SIMULATORS = {"learned": "runs/model.pt", "mujoco": "runs/fitted.yaml"}
 NOTE = DriveNote(
@@ -21,7 +20,7 @@ def written(folder, **notes):
     for name, note in notes.items():
         (folder / f"{name}.csv").touch()
         if note is not None:
-            write_json(folder / f"{name}.json", plain(note))
+            write_json(folder / f"{name}.json", plain_values(note))
     return human_drives(folder, SIMULATORS)
 
 

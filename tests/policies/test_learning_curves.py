@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from buggy_rl.policies.learning_curves import ShowLearningConfig, band, curves, read_log
+from buggy_rl.policies.training.seeds import ShowLearningConfig, band, curves, read_log
 
 
 def run(folder, training, validation):

@@ -9,9 +9,9 @@ from torch.testing import assert_close
 
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.controllers.tuning import SearchConfig, tune
-from buggy_rl.policies.ppo import PPO, PPOConfig
-from buggy_rl.policies.run import PolicyRunConfig, new_policy, validation_task
+from buggy_rl.policies.controllers.tuning import TuningConfig, tune
+from buggy_rl.policies.training.ppo import PPO, PPOConfig
+from buggy_rl.policies.training.run import PolicyRunConfig, new_policy, validation_task
 from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
 
@@ -58,7 +58,7 @@ def test_an_episode_has_the_scores_of_the_cpu():
 
 def test_a_controller_is_tuned_there():
     paths, env = paths_and_env("cuda", each=4)
-    search = replace(SearchConfig(), rounds=2, steps=50)
+    search = replace(TuningConfig(), rounds=2, steps=50)
     best, trials = tune(env, len(paths), PurePursuit, PurePursuitConfig(), search)
     assert isinstance(best, PurePursuitConfig)
     assert len(trials) == 8

@@ -11,13 +11,13 @@ from tensordict import TensorDict
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import CatFrames, Compose, EnvBase, StepCounter, Transform, TransformedEnv
 
-from buggy_rl.config import build
-from buggy_rl.files import save_torch
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig
-from buggy_rl.policies.checkpoint import load_checkpoint
-from buggy_rl.policies.collecting import Episodes
-from buggy_rl.policies.ppo import PPO, NonFiniteLossError, PPOConfig
-from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.core.config import build
+from buggy_rl.core.files import save_torch
+from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
+from buggy_rl.policies.training.checkpoint import load_checkpoint
+from buggy_rl.policies.training.collecting import Episodes
+from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.policies.training.run import PolicyRunConfig
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 

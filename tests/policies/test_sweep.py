@@ -10,14 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.config import build
+from buggy_rl.core.config import build
+from buggy_rl.figures.policies import sweep_figure
 from buggy_rl.jobs.job import Job
-from buggy_rl.policies.sweep import VALIDATED, Ended, Sweep, curve
-from buggy_rl.policies.sweep_config import Range, SweepConfig
-from buggy_rl.viz.sweep import sweep_figure
+from buggy_rl.policies.training.sweep import (
+    VALIDATED,
+    Ended,
+    OptionRange,
+    Sweep,
+    SweepConfig,
+    curve,
+)
 
 ROOT = Path(__file__).parents[2]
-SPACE = {"ppo.learning_rate": Range(1e-4, 1e-2, log=True), "ppo.epochs": Range(2, 5, integer=True)}
+SPACE = {
+    "ppo.learning_rate": OptionRange(1e-4, 1e-2, log=True),
+    "ppo.epochs": OptionRange(2, 5, integer=True),
+}
 SMALL = (
     "steps=2048", "trials=4", "together=2", "startup=1", "best=1",
     "seeds=[1,2]", "validations=2",
@@ -52,7 +61,7 @@ def test_a_sweep_of_nothing_or_confirmed_by_its_own_seed_is_refused(more, messag
         SweepConfig(**{"output": "out", "space": SPACE, **more})
 
 
-@pytest.mark.parametrize("space", [Range(2.0, 1.0), Range(0.0, 1.0, log=True)])
+@pytest.mark.parametrize("space", [OptionRange(2.0, 1.0), OptionRange(0.0, 1.0, log=True)])
 def test_an_empty_range_is_named(space):
     with pytest.raises(ValueError, match=r"space.ppo.clip: low=.*must be below high"):
         space.suggested(None, "ppo.clip")

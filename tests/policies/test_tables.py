@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from buggy_rl.policies.tables import ORIGINAL, mean_interval
+from buggy_rl.policies.evaluation.tables import ORIGINAL, mean_interval
 
 
 def test_the_interval_over_seeds_is_students():

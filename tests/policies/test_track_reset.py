@@ -1,9 +1,8 @@
 import pytest
 import torch
 
-from buggy_rl import keys
-from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.track_reset import TrackReset
+from buggy_rl.core import keys
+from buggy_rl.policies.closed_loop import TrackReset, drive
 from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig

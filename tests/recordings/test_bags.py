@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from buggy_rl.recordings import ColumnMap, RecordingError, load_recording, load_recordings
-from buggy_rl.recordings.columns import Steering, Throttle, Topics
+from buggy_rl.recordings.columns import SteeringRange, Throttle, Topics
 from buggy_rl.recordings.readers.bag_topics import DEFINITIONS, POSE_FIELDS, known_types
 
 START = 1_700_000_000 * 10**9  # [ns]
@@ -25,7 +25,9 @@ VECTOR = "geometry_msgs/msg/Vector3Stamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
-F1TENTH = ColumnMap(throttle=Throttle(rest=0.0, full=5.0), steering=Steering(right=-0.4, left=0.4))
+F1TENTH = ColumnMap(
+    throttle=Throttle(rest=0.0, full=5.0), steering=SteeringRange(right=-0.4, left=0.4)
+)
 
 
 def message_of(store, kind, row, stamp, ros1=False, frame="map", child="car"):

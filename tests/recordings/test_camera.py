@@ -4,7 +4,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.recordings.camera import Camera, CameraConfig, delayed
 
 QUIET = CameraConfig(0.0, 0.0, 0.0, 0.0)

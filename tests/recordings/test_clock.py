@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from buggy_rl.recordings import ColumnMap, RecordingError, load_recording
-from buggy_rl.recordings.notes import telling
+from buggy_rl.recordings.loading import telling
 from buggy_rl.recordings.stamps import unwound
 from tests.recordings.test_readers import npy_folder  # noqa: F401  (a fixture)
 

@@ -2,8 +2,8 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from buggy_rl import keys
-from buggy_rl.recordings.filters import filtered, local_parabola, past_mean
+from buggy_rl.core import keys
+from buggy_rl.recordings.resampling import filtered, local_parabola, past_mean
 from tests.drives import counting_drive
 
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from buggy_rl.recordings import ColumnMap, RecordingError, load_recording
-from buggy_rl.recordings.columns import Steering
-from buggy_rl.recordings.limits import Limits
+from buggy_rl.recordings.columns import SteeringRange
+from buggy_rl.recordings.recording import Limits
 
 POSE = ["x", "y", "yaw"]
 VELOCITY = ["vx", "vy", "yaw_rate"]
@@ -116,7 +116,7 @@ def test_stairs_too_slow_or_uneven_are_refused_with_what_to_do(make_drive, write
 def test_a_dead_zone_of_the_steering_maps_to_zero_and_both_locks_to_one(make_drive, write):
     frame = make_drive(seconds=6.0)
     raw = np.linspace(1000, 2100, len(frame))
-    columns = ColumnMap(steering=Steering(left=1000, centre=1500, right=2100, deadband=50))
+    columns = ColumnMap(steering=SteeringRange(left=1000, centre=1500, right=2100, deadband=50))
     action = load_recording(write(frame.assign(steering=raw)), columns).data["action"][:, 1].numpy()
     assert action[0] == 1
     assert action[-1] == -1
@@ -129,7 +129,7 @@ def test_a_dead_zone_of_the_steering_maps_to_zero_and_both_locks_to_one(make_dri
 @pytest.mark.parametrize("deadband", [-1.0, 500.0])
 def test_a_dead_zone_wider_than_the_lock_is_refused(deadband):
     with pytest.raises(ValueError, match="below 500"):
-        ColumnMap(steering=Steering(left=1000, centre=1500, right=2100, deadband=deadband))
+        ColumnMap(steering=SteeringRange(left=1000, centre=1500, right=2100, deadband=deadband))
 
 
 def test_a_switch_before_a_setting_of_the_checking_script_is_understood(

@@ -7,7 +7,7 @@ import pytest
 
 from buggy_rl.recordings import ColumnMap, RecordingError, load_recording
 from buggy_rl.recordings.columns import load_columns
-from buggy_rl.recordings.notes import telling
+from buggy_rl.recordings.loading import telling
 
 VELOCITY = ["vx", "vy", "yaw_rate"]
 DEGREE = 111_195.0  # [m] of a great circle

@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.diagnosis.other_sensors import other_sensors
+from buggy_rl.diagnosis.answer.other_sensors import other_sensors
 from buggy_rl.recordings import load_recordings
 
 SECONDS = {"DS1": 41.2, "DS2": 127.1, "DS3": 114.5, "DS4": 103.0, "DS5": 106.8}

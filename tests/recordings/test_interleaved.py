@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from buggy_rl.recordings import RecordingError, load_recording
-from buggy_rl.recordings.notes import telling
+from buggy_rl.recordings.loading import telling
 
 POSE = ["x", "y", "yaw"]
 COMMANDS = ["throttle", "steering"]

@@ -9,13 +9,13 @@ import time
 import numpy as np
 import pytest
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.recordings import load_recordings
-from buggy_rl.recordings.recorder import Recorder, next_free
+from buggy_rl.recordings.saving import Recorder, next_free
 
 DRIVING = """
 import sys, time
-from buggy_rl.recordings.recorder import Recorder
+from buggy_rl.recordings.saving import Recorder
 recorder, row = Recorder(sys.argv[1]), 0
 while True:
     t = 0.01 * row

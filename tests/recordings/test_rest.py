@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from buggy_rl.recordings import RecordingError, load_recording, load_recordings
-from buggy_rl.recordings.notes import telling
+from buggy_rl.recordings.loading import telling
 
 DT = 0.01  # [s]
 FORCE, DRAG, ROLL = 6.0, 1.0, 0.6  # full drive [m/s^2], drag [1/s], rolling resistance [m/s^2]

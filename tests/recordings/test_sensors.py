@@ -5,8 +5,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
-from buggy_rl.recordings.sensors import SENSORS, observed, sensor_errors
+from buggy_rl.core import keys
+from buggy_rl.recordings.sensors import SENSORS, sensor_columns, sensor_errors
 
 QUIET = {"position_noise": 0.0, "yaw_noise": 0.0, "velocity_noise": 0.0, "yaw_rate_noise": 0.0}
 DT = 0.01
@@ -28,7 +28,7 @@ def motion(seconds=20.0):
 
 
 def seen(seed=0, kind="motion_capture", **changes):
-    return observed(motion(), sensor_errors(kind, {"camera": QUIET, **changes}), DT, seed)
+    return sensor_columns(motion(), sensor_errors(kind, {"camera": QUIET, **changes}), DT, seed)
 
 
 def test_a_pose_is_that_of_its_stamp_and_a_command_the_last_one_given():
@@ -69,7 +69,7 @@ def test_rows_in_holes_are_missing_and_nothing_stands_in_their_place():
 
 
 def test_equal_seeds_give_equal_tables():
-    one, same, other = (observed(motion(2.0), SENSORS["gps"], DT, seed) for seed in (1, 1, 2))
+    one, same, other = (sensor_columns(motion(2.0), SENSORS["gps"], DT, seed) for seed in (1, 1, 2))
     assert (one["x"] == same["x"]).all()
     assert (one["x"] != other["x"]).any()
 

@@ -3,9 +3,9 @@
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.recordings import Recording
-from buggy_rl.recordings.session import place_in_session
+from buggy_rl.recordings.stamps import place_in_session
 
 
 def recording(begin, seconds=10.0):

@@ -1,6 +1,6 @@
 import pytest
 
-from buggy_rl.recordings.splits import split
+from buggy_rl.recordings.windows import split
 from tests.drives import counting_drive
 
 

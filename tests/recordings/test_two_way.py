@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from buggy_rl.car_file import load_car
-from buggy_rl.engines import make_engine
-from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.longitudinal import LongitudinalCommand
 from buggy_rl.recordings import RecordingError, load_recording
 from buggy_rl.recordings.checks.commands import speed_along
 from buggy_rl.recordings.columns import ColumnMap, Throttle
 from buggy_rl.recordings.raw_recording import RawRecording
 from buggy_rl.recordings.recording import refuse_another_rest
+from buggy_rl.simulators import make_engine
 from tests.recordings.test_foreign_cars import REVERSING, VELOCITY, retraced
 
 ESC = LongitudinalCommand("throttle_brake_reverse")

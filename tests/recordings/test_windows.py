@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.recordings.windows import mirror, model_inputs, relative_pose, windows
 from tests.drives import counting_drive, toy_drive
 

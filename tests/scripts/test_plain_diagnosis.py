@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from buggy_rl.diagnosis import pipeline
-from buggy_rl.diagnosis.joint import joint_search
-from buggy_rl.engines import make_engine
+from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.recordings import save_recording
+from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import planted_drives
 
 KEPT = (

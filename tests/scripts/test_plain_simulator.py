@@ -6,7 +6,7 @@ import sys
 import pytest
 import yaml
 
-from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.training.actor_critic import load_policy
 
 SMALL = (
     "configs/ppo.yaml", "task.paths.kind=circle", "ppo.cars=8", "ppo.batch_steps=8",

@@ -7,7 +7,7 @@ import pytest
 import torch
 import yaml
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.recordings import load_recordings
 
 ROOT = Path(__file__).parents[2]

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from buggy_rl.commands.demo import SETTINGS, follow
-from buggy_rl.config import build
-from buggy_rl.policies.learning_curves import read_log
-from buggy_rl.policies.run import PolicyRunConfig
+from buggy_rl.core.config import build
+from buggy_rl.policies.training.run import PolicyRunConfig
+from buggy_rl.policies.training.seeds import read_log
 from tests.running import Done, run_script
 
 ROOT = Path(__file__).parents[2]
@@ -225,7 +225,7 @@ def test_a_stopped_training_goes_on_with_the_same_question_alone(
 ):
     models = tmp_path / "out" / "models"
     with monkeypatch.context() as patched:
-        patched.setattr("buggy_rl.models.factory.save_model", interrupted)
+        patched.setattr("buggy_rl.simulators.learned.factory.save_model", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_here("train_models", *small)
     assert sorted(file.name for file in models.glob("*.*")) == ["mlp__raw.checkpoint"]

@@ -9,7 +9,7 @@ import pytest
 import torch
 import yaml
 
-from buggy_rl.policies.actor_critic import load_policy
+from buggy_rl.policies.training.actor_critic import load_policy
 
 SMALL = (
     "engine.simulator=kinematic", "task.paths.kind=circle", "ppo.cars=8", "ppo.batch_steps=16",
@@ -62,7 +62,7 @@ def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path)
 
 
 OWN = """
-from buggy_rl.engines.bicycle.single_track import KinematicEngine
+from buggy_rl.simulators.bicycle.single_track import KinematicEngine
 from helper import DELAY
 
 

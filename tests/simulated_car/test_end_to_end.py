@@ -11,8 +11,8 @@ import pytest
 
 from buggy_rl.recordings.loading import load_recording
 from buggy_rl.simulated_car.config import SimulatedCarConfig
-from buggy_rl.simulated_car.launcher import SimulatedCar
-from buggy_rl.simulated_car.session import (
+from buggy_rl.simulated_car.launcher import (
+    SimulatedCar,
     policy_section,
     simulated_config,
     start_runtime,

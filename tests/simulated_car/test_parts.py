@@ -10,11 +10,9 @@ from buggy_rl.car.path import load_path
 from buggy_rl.car.simulated import ANSWER, WRITE, SimulatedActuator
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulated_car.config import SimulatedCarConfig
-from buggy_rl.simulated_car.live_camera import LiveCamera
+from buggy_rl.simulated_car.launcher import write_course
 from buggy_rl.simulated_car.on_car import OnCarConfig
-from buggy_rl.simulated_car.physics import Physics
-from buggy_rl.simulated_car.session import write_course
-from buggy_rl.simulated_car.wheels import Wheels
+from buggy_rl.simulated_car.physics import LiveCamera, Physics, SimulatedBoard
 from buggy_rl.task.paths.making import PathConfig, make_paths
 
 SHARP = CameraConfig(position_noise=0, yaw_noise=0, velocity_noise=0, yaw_rate_noise=0)
@@ -29,14 +27,14 @@ class Clock:
 
 
 def test_the_wheels_hold_their_last_command_as_a_pwm_board_does():
-    wheels = Wheels(clock := Clock())
+    wheels = SimulatedBoard(clock := Clock())
     assert wheels.write(0.5, 0.1)
     clock.time = 100.0
     assert wheels.acting() == (0.5, 0.1)
 
 
 def test_a_failsafe_makes_neutral_after_its_time():
-    wheels = Wheels(clock := Clock(), failsafe=0.1)
+    wheels = SimulatedBoard(clock := Clock(), failsafe=0.1)
     wheels.write(0.5, 0.1)
     clock.time = 0.09
     assert wheels.acting() == (0.5, 0.1)
@@ -46,7 +44,7 @@ def test_a_failsafe_makes_neutral_after_its_time():
 
 
 def test_a_refusing_board_takes_nothing_until_its_time():
-    wheels = Wheels(clock := Clock())
+    wheels = SimulatedBoard(clock := Clock())
     wheels.refuse(1.0)
     assert not wheels.write(0.5, 0.1)
     clock.time = 1.0
@@ -54,7 +52,7 @@ def test_a_refusing_board_takes_nothing_until_its_time():
 
 
 def test_a_board_that_loses_writes_says_that_it_took_them():
-    wheels = Wheels(clock := Clock())
+    wheels = SimulatedBoard(clock := Clock())
     wheels.lose(1.0)
     assert wheels.write(0.5, 0.1)
     assert wheels.acting() == (-1.0, 0.0)
@@ -66,7 +64,7 @@ def test_a_board_that_loses_writes_says_that_it_took_them():
 def test_a_board_that_hangs_answers_at_its_end_and_did_nothing():
     clock = Clock()
     clock.sleep = lambda seconds: setattr(clock, "time", clock.time + seconds)
-    wheels = Wheels(clock)
+    wheels = SimulatedBoard(clock)
     wheels.hang(1.0)
     assert not wheels.write(0.5, 0.1)
     assert clock.time == 1.0
@@ -114,7 +112,7 @@ def test_a_board_that_has_ended_is_gone(tmp_path):
 
 
 def test_the_log_begins_with_what_acted():
-    wheels = Wheels(clock := Clock())
+    wheels = SimulatedBoard(clock := Clock())
     for k in range(1, 10):
         clock.time = float(k)
         wheels.write(0.1 * k, 0.0)

@@ -1,4 +1,4 @@
-"""Tasks as PyTorch runs them; `tests/test_kernels.py` compares kernels with that."""
+"""Tasks as PyTorch runs them; `tests/core/test_kernels.py` compares kernels with that."""
 
 import pytest
 

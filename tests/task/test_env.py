@@ -18,10 +18,15 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 import buggy_rl.task.env
-from buggy_rl import keys
-from buggy_rl import keys as task
-from buggy_rl.config import ConfigError, build
-from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms, in_order
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
+from buggy_rl.core.config import ConfigError, build
+from buggy_rl.task.config import (
+    TaskConfig,
+    TransformConfig,
+    default_transforms,
+    transforms_in_order,
+)
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 from buggy_rl.task.transforms import make_transform
@@ -365,7 +370,12 @@ def test_places_of_ones_own_go_where_they_say():
         "d": TransformConfig("last"),
         "e": TransformConfig(),
     }
-    assert [c.name for c in in_order(transforms)] == ["first", "between", "second", "last"]
+    assert [c.name for c in transforms_in_order(transforms)] == [
+        "first",
+        "between",
+        "second",
+        "last",
+    ]
 
 
 def test_a_file_without_the_class_is_refused(tmp_path):

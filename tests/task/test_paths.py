@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from buggy_rl.task.paths.making import PathConfig, make_paths
-from buggy_rl.task.paths.noise import simplex_noise
 from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
-from buggy_rl.task.paths.simplex import chase
+from buggy_rl.task.paths.simplex import pursue, simplex_noise
 
 SMALL = PathConfig(count=8, validation_count=4, waypoints=120)
 KINDS = ("simplex", "lap", "infinity", "circle", "tight")
@@ -131,7 +130,7 @@ def test_random_paths_turn_left_as_often_as_right():
 def test_a_chaser_follows_a_straight_target_straight():
     target = np.zeros((1, 500, 2))
     target[0, :, 0] = np.arange(500) * 0.05
-    track = chase(target, step=0.05, radius=0.6, rows=400)
+    track = pursue(target, step=0.05, radius=0.6, rows=400)
     np.testing.assert_allclose(track, target[:, :400], atol=1e-9)
 
 

@@ -5,8 +5,8 @@ import inspect
 import pytest
 import torch
 
-from buggy_rl.car_file import load_car
-from buggy_rl.config import build, load_named
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.config import build, load_named
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
@@ -65,7 +65,7 @@ def test_without_a_car_the_task_is_the_same_object():
 
 def test_a_full_size_car_closes_waypoints_of_its_own_size():
     task = TaskConfig(paths=PathConfig(kind="lap", car="full_size"))
-    from buggy_rl.engines import make_engine
+    from buggy_rl.simulators import make_engine
 
     env = make_env(make_engine("single_track", (1,), car="full_size"), task=task)
     state, closed = env.reset(), 0.0

@@ -4,9 +4,9 @@ import pytest
 import torch
 import yaml
 
-from buggy_rl import keys
-from buggy_rl.engines import make_engine, read_simulator
-from buggy_rl.policies.run import EngineConfig, new_engine
+from buggy_rl.core import keys
+from buggy_rl.policies.training.run import EngineConfig, new_engine
+from buggy_rl.simulators import make_engine, read_simulator
 from buggy_rl.task.env import make_env, make_simulator
 
 REPAIRED = {

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from buggy_rl import keys
-from buggy_rl.config import build
-from buggy_rl.engines import make_engine
+from buggy_rl.core import keys
+from buggy_rl.core.config import build
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 

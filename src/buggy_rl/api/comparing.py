@@ -9,14 +9,14 @@ import pandas as pd
 from tensordict import TensorDict
 
 from buggy_rl.api.drives import Drives, drives_of
-from buggy_rl.engines import Factory, simulator_name
-from buggy_rl.identification.table import (
-    Candidate,
+from buggy_rl.estimation.table import (
+    ComparedSimulator,
     HeldOut,
     held_out_segments,
-    judge,
+    rollout_errors,
     table_row,
 )
+from buggy_rl.simulators import Factory, simulator_name
 from buggy_rl.task.env import make_simulator
 
 Row = dict[str, float | str]
@@ -50,12 +50,12 @@ def evaluate(
         simulators = {simulator_name(simulators): simulators}
     drives = drives_of(recordings, warnings.warn, columns, car=car)
     test = held_out_segments(drives, windows)
-    named = [Candidate(name, partial(make_simulator, s)) for name, s in simulators.items()]
-    return pd.DataFrame([row for row, _ in judged(named, test)])
+    named = [ComparedSimulator(name, partial(make_simulator, s)) for name, s in simulators.items()]
+    return pd.DataFrame([row for row, _ in judged_simulators(named, test)])
 
 
-def judged(
-    candidates: Iterable[Candidate],
+def judged_simulators(
+    candidates: Iterable[ComparedSimulator],
     test: HeldOut,
     show: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[Row, TensorDict]]:
@@ -68,5 +68,5 @@ def judged(
     """
     for candidate in candidates:
         show(candidate.name)
-        made, error = judge(candidate, test)
+        made, error = rollout_errors(candidate, test)
         yield table_row(candidate.name, error, test.segments.length_blocks()), made

@@ -17,22 +17,22 @@ import yaml
 from torchrl.envs import EnvBase
 
 from buggy_rl.api.drives import Drives, drives_of, names_of
-from buggy_rl.config import from_python, save_run
+from buggy_rl.core.config import from_python, save_run
+from buggy_rl.core.files import write_atomically
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.diagnosis import pipeline
-from buggy_rl.diagnosis.answer import Verdict
+from buggy_rl.diagnosis.answer.answer import Verdict
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.repair import repaired
+from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.report import report, sheet_of
-from buggy_rl.diagnosis.report.page import drawn
-from buggy_rl.diagnosis.stages import FOLDER as STAGES
-from buggy_rl.diagnosis.stages import asked, begun_otherwise, clear
-from buggy_rl.diagnosis.step_bar import StepBar
+from buggy_rl.diagnosis.report.page import _drawn
+from buggy_rl.diagnosis.run.meter import StepBar
+from buggy_rl.diagnosis.run.stages import FOLDER as STAGES
+from buggy_rl.diagnosis.run.stages import begun_otherwise, clear, diagnosis_question
 from buggy_rl.effects import make_effects
-from buggy_rl.engines import Factory, simulator_name
 from buggy_rl.estimation.baseline import FILE
-from buggy_rl.files import write_atomically
+from buggy_rl.simulators import Factory, simulator_name
 from buggy_rl.task.env import make_simulator, with_effects
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 ANSWER, REPAIRED, REPORT = "diagnosis.json", "repaired.yaml", "report.html"
 IN_PYTHON = "buggy_rl.diagnose(...)"
@@ -47,7 +47,7 @@ class Diagnosis:
 
     config: DiagnosisConfig
     """The question."""
-    done: pipeline.Diagnosis
+    done: pipeline.Diagnosed
     """The answer with what it came from: segments, noise, all hypotheses that were fitted."""
     command: str = ""
     """That asked it; empty for that of this process."""
@@ -151,14 +151,14 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """For a notebook: sentences, effects, and the segment that the repair changes most."""
         said = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
-        caption, picture = drawn(self.done.case, self.done.found)[0]
+        caption, picture = _drawn(self.done.case, self.done.found)[0]
         table = self.effects.to_html(index=False) if len(self.effects) else ""
         legend = f"<figcaption>{html.escape(caption)}</figcaption>"
         return f"{said}{table}<figure>{picture}{legend}</figure>"
 
     def _repaired(self, folder: Path) -> dict[str, Any]:
         """Content of repaired.yaml, with paths from a folder."""
-        return repaired(simulator_name(self.config.simulator), self.done, folder)
+        return repaired_simulator(simulator_name(self.config.simulator), self.done, folder)
 
     def _page(self, content: Mapping[str, Any]) -> str:
         sheet = sheet_of(self.config, content)
@@ -228,10 +228,10 @@ def diagnosed(
     drives = drives_of(recordings, says, *read)
     before = drives_of(baseline, says, *read, what="baseline drive") if baseline else []
     kept = folder / STAGES if folder else None
-    if kept and (why := begun_otherwise(kept, asked(config, drives, before))):
+    if kept and (why := begun_otherwise(kept, diagnosis_question(config, drives, before))):
         says(f"note: begun anew, not gone on with what is in {kept}: {why}")
     with StepBar() as bar, _one_thread():
-        done = pipeline.diagnose(config, drives, bar.says, before, kept, bar.show)
+        done = pipeline.run_diagnosis(config, drives, bar.says, before, kept, bar.show)
         found = Diagnosis(config, done, command)
         if folder and kept:
             bar.says("drawing the report")

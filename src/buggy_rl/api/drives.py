@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.recordings import Recording, load_recordings
 from buggy_rl.recordings.columns import ColumnMap
-from buggy_rl.recordings.notes import doubtful
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.recordings.loading import doubtful
 
 Drives = str | Path | Sequence[str | Path] | Sequence[Recording]
 """Recordings, or files, folders and patterns of them."""

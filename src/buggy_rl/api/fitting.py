@@ -12,13 +12,13 @@ import yaml
 from torchrl.envs import EnvBase
 
 from buggy_rl.api.drives import Drives, drives_of
-from buggy_rl.config import from_python
-from buggy_rl.engines import ENGINES, as_car, make_engine
-from buggy_rl.files import write_atomically
-from buggy_rl.identification import least_squares
-from buggy_rl.identification.fit_result import Fit, as_simulator
-from buggy_rl.identification.least_squares import FitConfig
+from buggy_rl.core.config import from_python
+from buggy_rl.core.files import write_atomically
+from buggy_rl.estimation import least_squares
+from buggy_rl.estimation.fit_result import Fit, as_simulator
+from buggy_rl.estimation.least_squares import FitConfig
 from buggy_rl.recordings import Recording
+from buggy_rl.simulators import ENGINES, as_car, make_engine
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +107,12 @@ def fit(
     name, made = str(simulator), {"options": {}, "parameters": {}}
     if car and name in ENGINES:  # a file says itself what it is
         made = as_car(name, car)
-    return fitted(name, drives, config, {**made["options"], **(options or {})}, made["parameters"])
+    return fitted_simulator(
+        name, drives, config, {**made["options"], **(options or {})}, made["parameters"]
+    )
 
 
-def fitted(
+def fitted_simulator(
     simulator: str,
     drives: Sequence[Recording],
     config: FitConfig,
@@ -131,5 +133,5 @@ def fitted(
     make = cache(
         lambda count: make_engine(simulator, count, parameters=parameters or None, **options)
     )
-    found = least_squares.fit(make, drives, config, show)
+    found = least_squares.least_squares_fit(make, drives, config, show)
     return FittedSimulator(simulator, found, options, parameters)

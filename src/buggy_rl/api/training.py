@@ -9,16 +9,16 @@ from typing import Any
 import torch
 
 from buggy_rl.api.drives import Drives, drives_of
-from buggy_rl.config import from_python, made_by, plain, save_run
-from buggy_rl.files import load_torch, save_torch
-from buggy_rl.identification.study import ModelRunConfig
-from buggy_rl.models import training as model_training
-from buggy_rl.models.factory import ModelConfig, load_about, make_model, save_model
-from buggy_rl.models.training import Training
-from buggy_rl.policies.run import PolicyRun, PolicyRunConfig
-from buggy_rl.question import refuse_another, schema
+from buggy_rl.core.config import from_python, made_by, plain_values, save_run
+from buggy_rl.core.files import load_torch, save_torch
+from buggy_rl.core.question import refuse_another, schema
+from buggy_rl.core.run_log import RunLog
+from buggy_rl.estimation.fit_study import ModelRunConfig
+from buggy_rl.policies.training.run import PolicyRun, PolicyRunConfig
 from buggy_rl.recordings import Recording
-from buggy_rl.run_log import RunLog
+from buggy_rl.simulators.learned import training as model_training
+from buggy_rl.simulators.learned.factory import ModelConfig, load_about, make_model, save_model
+from buggy_rl.simulators.learned.training import Training
 
 AGAIN = "fresh=true trains it again"
 Draw = Callable[[Path, Mapping[str, float]], dict[str, Path]]
@@ -96,7 +96,9 @@ class ModelRun:
     ) -> None:
         self.config, self.file, self._fresh = config, file, fresh
         self._drives = (training, validation)
-        self._asked = model_training.asked(config.model, config.training, training, validation)
+        self._asked = model_training.model_question(
+            config.model, config.training, training, validation
+        )
         self._checkpoint = file.with_suffix(".checkpoint")
         self.done = file.exists() and not fresh
         if self.done:
@@ -125,7 +127,7 @@ class ModelRun:
             refuse_another(state.pop("question", None), half_done, str(self._checkpoint), AGAIN)
             run.load_state_dict(state)
         folder = self.file.with_suffix("")
-        logged = {**made_by(), **plain(self.config)}
+        logged = {**made_by(), **plain_values(self.config)}
         at = run.epoch if resume else None
         with closing(RunLog(folder, "epoch", logged, wandb, at)) as log:
             for metrics in run.run():
@@ -144,7 +146,7 @@ class ModelRun:
         training, validation = self._drives
         return {
             "dt": training[0].dt,
-            "training": plain(own),
+            "training": plain_values(own),
             "drives": [r.name for r in (*training, *validation)],
             "question": self._asked,
         }
@@ -189,7 +191,7 @@ def policy_metrics(
         draw: Draws the policy that was just validated.
     """
     config, folder = run.config, run.folder
-    about = {**made_by(), **plain(config)}
+    about = {**made_by(), **plain_values(config)}
     at = run.ppo.steps if config.resume else None
     log = RunLog(folder, "steps", about, config.wandb, at)
     if not (folder / "best.pt").exists():  # else it is written with the first policy

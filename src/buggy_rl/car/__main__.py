@@ -3,11 +3,11 @@
 import sys
 from typing import List
 
+from buggy_rl.car.clock import LOOP, take_priority
 from buggy_rl.car.config import load_config
-from buggy_rl.car.drive import drive
+from buggy_rl.car.drive import drive_car
 from buggy_rl.car.output import UnblockedOutput
-from buggy_rl.car.parent import Parent
-from buggy_rl.car.priority import LOOP, take_priority
+from buggy_rl.car.stopping import Parent
 
 
 def main(arguments: List[str]) -> int:
@@ -24,7 +24,7 @@ def main(arguments: List[str]) -> int:
         take_priority(LOOP)
         parent = Parent(int(arguments[1]) if arguments[1:] else 0)
         about = {"config": config._asdict()}
-        summary = drive(config, about, lambda line: print(line, flush=True), parent)
+        summary = drive_car(config, about, lambda line: print(line, flush=True), parent)
     except (ValueError, OSError, ImportError) as error:
         print(error, file=sys.stderr)
         return 2

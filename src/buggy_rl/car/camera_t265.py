@@ -10,7 +10,7 @@ import time
 from collections import deque
 from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Tuple
 
-from buggy_rl.car.device_clock import DeviceClock
+from buggy_rl.car.clock import DeviceClock
 from buggy_rl.car.interfaces import Reading, Sensor
 from buggy_rl.car.settings import section
 
@@ -22,7 +22,7 @@ FULL_CONFIDENCE = 3  # of the tracker: 0 failed, 1 low, 2 medium, 3 high
 KEPT = 400  # readings that wait to be recorded: 2 s at the camera's 200 Hz
 
 
-class Mount(NamedTuple):
+class CameraMount(NamedTuple):
     """Where the camera is on the car."""
 
     x: float = 0.0
@@ -41,7 +41,7 @@ def planar_motion(
     rotation: Quaternion,
     velocity: Triple,
     angular_velocity: Triple,
-    mount: Mount,
+    mount: CameraMount,
 ) -> Tuple[Triple, Triple]:
     """Pose and velocity of the reference point from those of the camera.
 
@@ -71,7 +71,7 @@ def planar_motion(
     return pose, (vx + yaw_rate * mount.y, vy - yaw_rate * mount.x, yaw_rate)
 
 
-def to_reading(data: Any, stamp: float, mount: Mount) -> Reading:
+def to_reading(data: Any, stamp: float, mount: CameraMount) -> Reading:
     """A reading of pyrealsense2's pose data."""
     pose, velocity = planar_motion(
         _triple(data.translation),
@@ -99,8 +99,8 @@ class T265(Sensor):
         OSError: There is no camera.
     """
 
-    def __init__(self, mount: Optional[Mount] = None, library: Any = None) -> None:
-        self._mount = mount or Mount()
+    def __init__(self, mount: Optional[CameraMount] = None, library: Any = None) -> None:
+        self._mount = mount or CameraMount()
         self._lock, self._clock = threading.Lock(), DeviceClock()
         self._last: Optional[Reading] = None
         self._waiting: Deque[Reading] = deque(maxlen=KEPT)
@@ -119,8 +119,8 @@ class T265(Sensor):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "T265":
-        """Of its settings, those of `Mount`."""
-        return cls(section(Mount, settings, "sensor", RANGES))
+        """Of its settings, those of `CameraMount`."""
+        return cls(section(CameraMount, settings, "sensor", RANGES))
 
     def latest(self) -> Optional[Reading]:
         with self._lock:

@@ -3,9 +3,8 @@
 import json
 from typing import Any, Mapping, NamedTuple, Union
 
-from buggy_rl.car.geofence import Geofence, make_geofence
 from buggy_rl.car.interfaces import Command, neutral_of
-from buggy_rl.car.safety import Safety
+from buggy_rl.car.safety import Geofence, Safety, make_geofence
 from buggy_rl.car.settings import section
 
 ASKING = ("pca9685", "buggy_rl.car.ros:AckermannActuator", "joystick", "keyboard")

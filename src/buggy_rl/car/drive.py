@@ -5,18 +5,16 @@ import json
 import os
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
-from buggy_rl.car.clock import Clock, wall_time
+from buggy_rl.car.clock import Clock, has_priority, wall_time
 from buggy_rl.car.config import CarConfig
-from buggy_rl.car.devices import PILOTS, SENSORS, make_device
-from buggy_rl.car.driver import make_driver
+from buggy_rl.car.driver import make_path_driver
 from buggy_rl.car.guard import GuardTimes
+from buggy_rl.car.interfaces import PILOTS, SENSORS, make_device
 from buggy_rl.car.loop import Loop, Parts
 from buggy_rl.car.messages import READ_BACK, REFUSED
 from buggy_rl.car.own_stop import OwnStop
-from buggy_rl.car.parent import Parent
-from buggy_rl.car.priority import has_priority
 from buggy_rl.car.recorder import DriveRecorder, new_recording
-from buggy_rl.car.stopping import StopSignals
+from buggy_rl.car.stopping import Parent, StopSignals
 from buggy_rl.car.supervisor import Supervisor
 from buggy_rl.car.watchdog_link import Watchdog
 
@@ -75,7 +73,7 @@ class Summary(NamedTuple):
         ]
 
 
-def drive(
+def drive_car(
     config: CarConfig,
     about: Dict[str, Any],
     say: Callable[[str], None],
@@ -94,7 +92,7 @@ def drive(
         OSError: A device, a file or the watchdog cannot be opened.
     """
     clock = Clock(config.speed)
-    driver, limits = make_driver(config.policy, config.two_way), config.limits
+    driver, limits = make_path_driver(config.policy, config.two_way), config.limits
     path, _ = new_recording(config.output)
     with contextlib.ExitStack() as stack:
         signals = stack.enter_context(StopSignals())

@@ -3,13 +3,12 @@
 from typing import Any, Mapping, NamedTuple, Optional
 
 from buggy_rl.car.interfaces import Command, Reading
-from buggy_rl.car.path import load_path
+from buggy_rl.car.path import Pursuit, load_path
 from buggy_rl.car.policy import Policy
-from buggy_rl.car.pursuit import Pursuit
 from buggy_rl.car.settings import section
 
 
-class Course(NamedTuple):
+class PlacedPath(NamedTuple):
     """The path, and how it lies."""
 
     path: str
@@ -18,7 +17,7 @@ class Course(NamedTuple):
     """The path begins where the car is armed; false: it lies in the tracker's frame."""
 
 
-class Driver:
+class PathDriver:
     """A policy on a path, begun anew at each arming.
 
     Args:
@@ -27,7 +26,7 @@ class Driver:
         course: Its path.
     """
 
-    def __init__(self, policy: Any, course: Course) -> None:
+    def __init__(self, policy: Any, course: PlacedPath) -> None:
         self.policy, self.course = policy, course
         self._path = load_path(course.path)
         self._begun = False
@@ -63,7 +62,7 @@ class Driver:
         return self.policy.ended if self._begun else ""
 
 
-def make_driver(about: Mapping[str, Any], two_way: bool = False) -> Optional[Driver]:
+def make_path_driver(about: Mapping[str, Any], two_way: bool = False) -> Optional[PathDriver]:
     """The driver that the section `policy` of a config names.
 
     Args:
@@ -78,8 +77,8 @@ def make_driver(about: Mapping[str, Any], two_way: bool = False) -> Optional[Dri
     kind = settings.pop("kind", None)
     if kind == "none" and not settings:
         return None
-    own = {name: settings.pop(name) for name in Course._fields if name in settings}
-    course = section(Course, own, "policy")
+    own = {name: settings.pop(name) for name in PlacedPath._fields if name in settings}
+    course = section(PlacedPath, own, "policy")
     if kind == "exported" and set(settings) == {"file"}:
         policy = Policy.load(settings["file"])
         if policy.two_way != two_way:
@@ -88,9 +87,9 @@ def make_driver(about: Mapping[str, Any], two_way: bool = False) -> Optional[Dri
                 f"policy {settings['file']} was trained on a car {trained} reverse, but "
                 f"car.two_way is {str(two_way).lower()}: make them equal"
             )
-        return Driver(policy, course)
+        return PathDriver(policy, course)
     if kind == "pursuit":
-        return Driver(Pursuit.from_dict(settings, two_way), course)
+        return PathDriver(Pursuit.from_dict(settings, two_way), course)
     raise ValueError(
         f'policy={dict(about)!r}: must be {{"kind": "exported", "file": F, "path": P}}, '
         '{"kind": "pursuit", "path": P} or {"kind": "none"}'

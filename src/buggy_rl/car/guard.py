@@ -3,9 +3,9 @@
 import math
 from typing import NamedTuple, Optional, Tuple
 
-from buggy_rl.car.command_limits import command_fault
+from buggy_rl.car.clock import Lateness
+from buggy_rl.car.commands import command_fault
 from buggy_rl.car.interfaces import NEUTRAL, Actuator, Command
-from buggy_rl.car.lateness import Lateness
 from buggy_rl.car.messages import (
     ENDING,
     FAILING,

@@ -7,9 +7,10 @@ import json
 import math
 import threading
 import time
-from typing import Any, Callable, NamedTuple, Union
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Union
 
-from buggy_rl.car.interfaces import NO_DRIVE, Command, neutral_of
+from buggy_rl.car.interfaces import NO_DRIVE, Command, Pilot, neutral_of
+from buggy_rl.car.settings import section
 
 
 class HumanConfig(NamedTuple):
@@ -159,16 +160,16 @@ class HumanInput:
             top = -c.top_throttle
         # A brake is let go as fast as the drive is.
         rise = c.throttle_rise if throttle >= rest else c.throttle_fall
-        throttle = moved(throttle, top, dt * rise, dt * c.throttle_fall)
+        throttle = toward(throttle, top, dt * rise, dt * c.throttle_fall)
         side = c.lock * controls.steering
         # On the way back to the middle, the wheels turn faster than away from it.
         fall = min(abs(steering), dt * c.steering_fall) if steering * side <= 0 else 0.0
         steering -= math.copysign(fall, steering)
         rate = c.steering_rise if side else c.steering_fall
-        return throttle, moved(steering, side, dt * rate, dt * rate)
+        return throttle, toward(steering, side, dt * rate, dt * rate)
 
 
-def moved(value: float, target: float, rise: float, fall: float) -> float:
+def toward(value: float, target: float, rise: float, fall: float) -> float:
     """`value` on its way to `target`, by at most `rise` upwards or `fall` downwards."""
     return min(value + rise, target) if target >= value else max(value - fall, target)
 
@@ -177,3 +178,57 @@ def without_dead_zone(value: float, dead_zone: float) -> float:
     """A stick's value in [-1, 1] that is 0 within the dead zone and continuous at its edge."""
     beyond = max(0.0, abs(value) - dead_zone) / (1 - dead_zone)
     return math.copysign(beyond, value)
+
+
+LONGEST_PRESS = 0.2  # [s] in which the button arms if it does
+
+
+class Schedule(NamedTuple):
+    """When the button is pressed."""
+
+    press_after: float = 0.5
+    """From the start, and from each disarming, until the button is pressed [s]."""
+    again: bool = False
+    """Arms the car again after it was disarmed; false: once only."""
+
+
+class ScriptedPilot(Pilot):
+    """Leaves the car to the policy and holds the button.
+
+    A press that did not arm for `LONGEST_PRESS` is repeated. After a disarming the button is
+    released, and pressed again if the schedule says so.
+
+    Args:
+        schedule: When.
+    """
+
+    def __init__(self, schedule: Optional[Schedule] = None) -> None:
+        self.schedule = schedule or Schedule()
+        self._wait = self.schedule.press_after
+        self._held, self._armed, self._done = False, False, False
+        self._driven = False
+
+    @classmethod
+    def from_dict(cls, settings: Mapping[str, Any]) -> "ScriptedPilot":
+        """Of its settings, those of `Schedule`."""
+        return cls(section(Schedule, settings, "pilot", {"press_after": (0.02, 60.0)}))
+
+    def command(self, dt: float) -> Optional[Command]:
+        self._wait -= dt
+        if self._held and not self._driven and self._wait < -LONGEST_PRESS:
+            self._held, self._wait = False, self.schedule.press_after
+        elif self._wait <= 0 and not self._done:
+            self._held = True
+        return None
+
+    @property
+    def hold_to_drive(self) -> bool:
+        return self._held
+
+    def show(self, armed: bool, message: str) -> None:
+        self._driven = armed
+        if armed:
+            self._armed = True
+            return
+        self._held, self._wait = False, self.schedule.press_after
+        self._done = self._armed and not self.schedule.again

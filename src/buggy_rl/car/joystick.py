@@ -14,7 +14,7 @@ HEADLESS = {"SDL_VIDEODRIVER": "dummy", "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": 
 PULLED = 0.1  # of the throttle away from no drive, from which a person takes over from the policy
 
 
-class Layout(NamedTuple):
+class PadLayout(NamedTuple):
     """Where things are on the pad, as SDL counts them; the defaults are an Xbox pad's."""
 
     steering_axis: int = 0
@@ -53,7 +53,7 @@ class JoystickInput:
         ValueError: pygame is not installed, or no joystick is plugged in.
     """
 
-    def __init__(self, config: Any = None, layout: Optional[Layout] = None) -> None:
+    def __init__(self, config: Any = None, layout: Optional[PadLayout] = None) -> None:
         for name, value in HEADLESS.items():
             os.environ.setdefault(name, value)  # without a screen SDL hears no events otherwise
         try:
@@ -63,7 +63,7 @@ class JoystickInput:
                 "a joystick needs pygame: pip install pygame (in the viewer, driver=gamepad goes "
                 "without)"
             ) from None
-        self.config, self.layout = config or HumanConfig(), layout or Layout()
+        self.config, self.layout = config or HumanConfig(), layout or PadLayout()
         self._pygame = pygame
         pygame.init()
         pygame.joystick.init()
@@ -126,12 +126,12 @@ class Joystick(Pilot):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "Joystick":
-        """Of its settings, those of `Layout`.
+        """Of its settings, those of `PadLayout`.
 
         Raises:
             ValueError: A setting is invalid, pygame is not installed, or no joystick is there.
         """
-        layout = section(Layout, settings, "pilot", RANGES)
+        layout = section(PadLayout, settings, "pilot", RANGES)
         return cls(JoystickInput(layout, layout))
 
     def command(self, dt: float) -> Optional[Command]:

@@ -1,20 +1,47 @@
 """The control loop: reads, decides, commands and records once a period, on absolute deadlines."""
 
 import gc
+import math
 from typing import Callable, List, NamedTuple, Optional
 
-from buggy_rl.car.clock import Clock
-from buggy_rl.car.command_history import CommandHistory
-from buggy_rl.car.deadlines import Deadlines
-from buggy_rl.car.driver import Driver
+from buggy_rl.car.clock import Clock, Deadlines
+from buggy_rl.car.driver import PathDriver
 from buggy_rl.car.interfaces import Command, Pilot, Reading, Sensor
-from buggy_rl.car.loop_times import LoopTimes
 from buggy_rl.car.own_stop import OwnStop
-from buggy_rl.car.parent import Parent
-from buggy_rl.car.recorder import DriveRecorder, Row
-from buggy_rl.car.stopping import StopSignals
+from buggy_rl.car.recorder import CommandHistory, DriveRecorder, RecorderRow
+from buggy_rl.car.stopping import Parent, StopSignals
 from buggy_rl.car.supervisor import Decision, Supervisor
 from buggy_rl.car.watchdog_link import Watchdog
+
+BIN = 1e-5  # [s] width of a bin: a tenth of a step of 0.1 ms
+BINS = 5000  # up to 50 ms, five control periods; longer steps share the last bin
+
+
+class LoopTimes:
+    """Counts durations [s]; memory and time of a count do not grow with the drive."""
+
+    def __init__(self) -> None:
+        self._counts: List[int] = [0] * (BINS + 1)
+        self.count = 0
+        self.longest = 0.0
+        """The longest duration [s]."""
+
+    def add(self, seconds: float) -> None:
+        """Counts one duration."""
+        self._counts[min(int(seconds / BIN), BINS)] += 1
+        self.count += 1
+        self.longest = max(self.longest, seconds)
+
+    def quantile(self, share: float) -> float:
+        """Least bin edge [s] that `share` of the durations do not exceed; NaN without any."""
+        if not self.count:
+            return math.nan
+        left = math.ceil(share * self.count)
+        for index, count in enumerate(self._counts):
+            left -= count
+            if left <= 0:
+                return min((index + 1) * BIN, self.longest) if index < BINS else self.longest
+        return self.longest
 
 
 class Parts(NamedTuple):
@@ -26,7 +53,7 @@ class Parts(NamedTuple):
     own: OwnStop
     recorder: DriveRecorder
     supervisor: Supervisor
-    driver: Optional[Driver]
+    driver: Optional[PathDriver]
     clock: Clock
 
 
@@ -110,7 +137,7 @@ class Loop:
             self._history.add(report)
         for reading in self._seen:
             acted, last = self._history.at(reading.stamp), self._before
-            self.parts.recorder.put(Row(reading, acted, last.armed, last.source), now)
+            self.parts.recorder.put(RecorderRow(reading, acted, last.armed, last.source), now)
 
     def _decide(self, now: float, drivable: bool) -> Decision:
         parts, supervisor = self.parts, self.parts.supervisor

@@ -3,19 +3,51 @@
 import contextlib
 import subprocess
 import time
-from typing import Any, Mapping, Optional
+from typing import Any, Callable, Mapping, Optional, Tuple
 
 from buggy_rl.car.board_lock import hold, release
 from buggy_rl.car.clock import Clock
-from buggy_rl.car.devices import ACTUATORS, device_class
 from buggy_rl.car.guard import Guard, GuardTimes
-from buggy_rl.car.interfaces import Actuator, Command
-from buggy_rl.car.leaving import LINGER, keep_neutral
+from buggy_rl.car.interfaces import ACTUATORS, Actuator, Command, device_class
 from buggy_rl.car.messages import REFUSED
+
+LINGER = 0.5  # [s] that neutral is written for after the other process died: a board may miss one
+GIVE_UP = 60.0  # [s] after which a board that takes no command is left to its hardware failsafe
+
+Tell = Callable[[Tuple[Command, int]], None]
+
+
+def keep_neutral(guard: Guard, clock: Clock, linger: float, tell: Tell, sequence: int = 0) -> int:
+    """Writes neutral until the board took it, and on for `linger` [s].
+
+    Args:
+        guard: Of the board.
+        clock: The time.
+        linger: Since the begin [s].
+        tell: Hears of each attempt.
+        sequence: Of the command that asked for it; 0 if none did.
+
+    Returns:
+        `TAKEN` or `READ_BACK`; `REFUSED` if it was given up, after `GIVE_UP`.
+    """
+    begin, best = clock.now(), REFUSED
+    guard.silence(sequence)
+    while True:
+        done = guard.act(clock.now())
+        if done is not None:
+            tell(done)
+            best = max(best, done[1])
+        since = clock.now() - begin
+        if best and since >= linger:
+            return best
+        if since > GIVE_UP or guard.gone:
+            return best
+        clock.sleep(guard.wait(clock.now()))
+
 
 LONGEST_END = 0.02  # [s] that a killed watchdog has to let go of a device which only one can open
 RETRY = 0.003  # [s] after a device that could not be opened
-GIVE_UP = 60.0  # [s] likewise
+GIVE_UP_AFTER = 60.0  # [s] likewise
 
 
 class OwnStop:
@@ -70,7 +102,7 @@ class OwnStop:
 
     def _opened(self) -> Optional[Actuator]:
         """The board, also one that only one process can open."""
-        end = time.monotonic() + GIVE_UP
+        end = time.monotonic() + GIVE_UP_AFTER
         while self._board is None and time.monotonic() < end:
             try:
                 self._board = self._kind.from_dict(self._settings)

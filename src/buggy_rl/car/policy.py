@@ -16,12 +16,9 @@ import numpy as np
 
 from buggy_rl.car.commands import bounded, make_command_filter
 from buggy_rl.car.interfaces import Command, neutral_of
-from buggy_rl.car.network import Network
-from buggy_rl.car.observation import Observation
-from buggy_rl.car.path import Path
-from buggy_rl.car.policy_file import PolicyFile, read_policy
-from buggy_rl.car.sensing import Velocity, make_sensing
-from buggy_rl.car.waypoints import Waypoints
+from buggy_rl.car.observation import Observation, Velocity, make_sensing
+from buggy_rl.car.path import Path, Waypoints
+from buggy_rl.car.policy_file import Network, PolicyFile, read_policy
 
 LEFT = "left the path"
 COMPLETED = "completed the path"

@@ -76,7 +76,7 @@ def prescale(frequency: float, oscillator: float) -> int:
     return round(oscillator / (COUNTS * frequency)) - 1
 
 
-def counts(servo: float, prescale: int, oscillator: float) -> int:
+def pulse_counts(servo: float, prescale: int, oscillator: float) -> int:
     """Counts for which a pulse is high: its length [us] over that of a count."""
     pulse = SHORTEST + servo * (LONGEST - SHORTEST)
     return round(1e-6 * pulse * oscillator / (prescale + 1))
@@ -207,7 +207,7 @@ class PCA9685(Actuator):
         self._bus.write_i2c_block_data(self.wiring.address, first, [0, 0, off & 0xFF, off >> 8])
 
     def _counts(self, servo: float) -> int:
-        return counts(servo, self._prescale, self.wiring.oscillator)
+        return pulse_counts(servo, self._prescale, self.wiring.oscillator)
 
     def _read(self, register: int) -> int:
         return self._bus.read_byte_data(self.wiring.address, register)

@@ -7,9 +7,40 @@ import os
 import threading
 from typing import Deque, NamedTuple, Tuple
 
-from buggy_rl.car.command_history import Written
-from buggy_rl.car.interfaces import Reading
+from buggy_rl.car.interfaces import NEUTRAL, Command, Reading
+from buggy_rl.car.messages import Report
 from buggy_rl.car.readings import FUTURE
+
+KEPT = 200  # commands; 2 s at 100 Hz, eight times the age at which a reading disarms
+
+
+class Written(NamedTuple):
+    """A command, and when the actuator took it [s]."""
+
+    stamp: float
+    throttle: float
+    steering: float
+
+
+class CommandHistory:
+    """The commands that the actuator took last; neutral before the first."""
+
+    def __init__(self, at_rest: Command = NEUTRAL) -> None:
+        self._written: Deque[Written] = collections.deque(maxlen=KEPT)
+        self._written.append(Written(-math.inf, *at_rest))
+
+    def add(self, report: Report) -> None:
+        """Takes a report; a write that failed changes nothing at the wheels."""
+        if report.taken:
+            self._written.append(Written(report.stamp, report.throttle, report.steering))
+
+    def at(self, stamp: float) -> Written:
+        """The command that acted at a time: the last one at or before it."""
+        for written in reversed(self._written):
+            if written.stamp <= stamp:
+                return written
+        return self._written[0]
+
 
 COLUMNS = (
     *("t", "x", "y", "yaw", "vx", "vy", "yaw_rate", "throttle", "steering"),
@@ -22,7 +53,7 @@ LONGEST_CLOSE = 10.0  # [s] that a disk has for the last rows
 MOST_WAITING = 6000  # rows, a minute at 100 Hz, that a slow disk may be behind
 
 
-class Row(NamedTuple):
+class RecorderRow(NamedTuple):
     """A reading, the command that acted at its stamp, and who commanded."""
 
     reading: Reading
@@ -69,14 +100,14 @@ class DriveRecorder:
         """Why no more can be recorded; empty if all is well."""
         self.last_stamp = -float("inf")
         """Of the row taken last [s]."""
-        self._waiting: Deque[Row] = collections.deque()
+        self._waiting: Deque[RecorderRow] = collections.deque()
         self._file = open(path, "x", newline="")  # noqa: SIM115  (closed by its thread)
         self._file.write(",".join(COLUMNS) + "\n")
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
-    def put(self, row: Row, now: float) -> None:
+    def put(self, row: RecorderRow, now: float) -> None:
         """Takes a row at the time `now` [s]; it never waits."""
         in_order = self.last_stamp < row.reading.stamp <= now + FUTURE
         if not in_order or not row.finite:

@@ -16,16 +16,13 @@ import traceback
 from typing import List, Tuple
 
 from buggy_rl.car.board_lock import inherit
-from buggy_rl.car.clock import Clock
-from buggy_rl.car.devices import ACTUATORS, make_device
+from buggy_rl.car.clock import WATCHDOG, Clock, take_priority
 from buggy_rl.car.guard import Guard, GuardTimes
-from buggy_rl.car.interfaces import Actuator, Command, neutral_of
-from buggy_rl.car.leaving import LINGER, keep_neutral
+from buggy_rl.car.interfaces import ACTUATORS, Actuator, Command, make_device, neutral_of
 from buggy_rl.car.messages import read_command
 from buggy_rl.car.output import UnblockedOutput
-from buggy_rl.car.parent import Parent
-from buggy_rl.car.priority import WATCHDOG, take_priority
-from buggy_rl.car.stopping import StopSignals
+from buggy_rl.car.own_stop import LINGER, keep_neutral
+from buggy_rl.car.stopping import Parent, StopSignals
 
 LONGEST_WAIT = 0.02  # [s] between two looks at the signals and at the parent
 LAST_TRIES = 5  # to write neutral with a driver that raises what no driver should

@@ -11,11 +11,9 @@ import time
 from typing import Any, List, Mapping, Optional
 
 from buggy_rl.car.board_lock import hold, release
-from buggy_rl.car.clock import Clock
-from buggy_rl.car.devices import ACTUATORS, device_class
+from buggy_rl.car.clock import Clock, Lateness
 from buggy_rl.car.guard import GuardTimes
-from buggy_rl.car.interfaces import Command, neutral_of
-from buggy_rl.car.lateness import Lateness
+from buggy_rl.car.interfaces import ACTUATORS, Command, device_class, neutral_of
 from buggy_rl.car.messages import (
     FAILING,
     REFUSED,

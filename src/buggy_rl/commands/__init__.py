@@ -68,7 +68,7 @@ def main(arguments: Sequence[str]) -> None:
     """
     verb, *options = arguments or HELP
     if verb in HELP:
-        print(listing())
+        print(verbs_listing())
     elif verb == "--version":
         from buggy_rl import __version__
 
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str]) -> None:
         _called(verb, options)
 
 
-def listing() -> str:
+def verbs_listing() -> str:
     """All verbs with what each does. Imports none of them."""
     lines = [f"{PROGRAM} VERB OPTIONS; {PROGRAM} VERB --help lists the options of a verb."]
     for subject, verbs in VERBS.items():

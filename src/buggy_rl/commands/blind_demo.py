@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 NAMELESS = {  # an answer without a name, by verdict
     "no_mismatch": "that nothing is missing",
@@ -25,14 +25,14 @@ NAMELESS = {  # an answer without a name, by verdict
 
 def main() -> None:
     """Seals a case, diagnoses it, shows both answers and a held-out drive."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.blind_demo:BlindDemoConfig")
+    config = from_command_line(__doc__, "buggy_rl.proof.blind_demo:BlindDemoConfig")
 
     import json
 
     import torch
 
-    from buggy_rl.blind_test.blind_demo import draw_case
-    from buggy_rl.blind_test.sealing import publish, seal
+    from buggy_rl.proof.blind_demo import draw_case
+    from buggy_rl.proof.cases.sealing import publish, seal
 
     torch.set_num_threads(1)
     store, case = config.store, draw_case(config)
@@ -44,16 +44,16 @@ def main() -> None:
     publish(store, [case])
     digest = store.digests()[case.id]
     print(f"sealed: {store.truth(case.id)}, SHA-256 {digest}", flush=True)
-    diagnose(store, case.id, config.more)
+    _diagnose(store, case.id, config.more)
     truth = store.cases()[0].concealed  # checks the hash
     print(f"\nThe sealed answer, unchanged ({digest[:12]}...):")
-    compare(truth, json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text()))
-    draw(store, case)
+    _compare(truth, json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text()))
+    _draw(store, case)
 
 
-def diagnose(store, id_: str, more: list[str]) -> None:
+def _diagnose(store, id_: str, more: list[str]) -> None:
     """Runs scripts/diagnose.py, unless that was done before."""
-    from buggy_rl.files import write_json
+    from buggy_rl.core.files import write_json
     from buggy_rl.jobs import OUTCOME
 
     if store.diagnosed(id_):
@@ -65,7 +65,7 @@ def diagnose(store, id_: str, more: list[str]) -> None:
     write_json(folder / OUTCOME, {"status": "done"})
 
 
-def compare(truth: dict[str, dict[str, float]], answer: dict) -> None:
+def _compare(truth: dict[str, dict[str, float]], answer: dict) -> None:
     """Prints what was concealed, and whether the diagnosis is right."""
     from buggy_rl.effects import effect_class
 
@@ -81,14 +81,16 @@ def compare(truth: dict[str, dict[str, float]], answer: dict) -> None:
     print(f"The diagnosis said {said}: {'right' if right else 'wrong'}.")
 
 
-def draw(store, case) -> None:
+def _draw(store, case) -> None:
     """Draws the held-out drive and the simulators' rollouts of it."""
-    from buggy_rl.blind_test.blind_demo import MEASURED, distance, rollouts
-    from buggy_rl.viz.rollouts import rollout_figure
+    from buggy_rl.figures.models import rollout_figure
+    from buggy_rl.proof.blind_demo import MEASURED, demo_rollouts, position_error
 
-    shown = rollouts(store, case)
+    shown = demo_rollouts(store, case)
     measured = shown.pop(MEASURED)
-    off = [f"{1000 * distance(made, measured):.0f} mm off {name}" for name, made in shown.items()]
+    off = [
+        f"{1000 * position_error(made, measured):.0f} mm off {name}" for name, made in shown.items()
+    ]
     print(f"A drive it was not given, after 1 s: {', '.join(off)}.")
     picture, page = store.output / "blind_demo.png", store.output / "report.html"
     rollout_figure(measured, shown).savefig(picture, dpi=110)

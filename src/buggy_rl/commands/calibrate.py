@@ -8,7 +8,8 @@
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the
-weights replace those that the package ships, `src/buggy_rl/diagnosis/calibration.yaml`, with the
+weights replace those that the package ships,
+`src/buggy_rl/diagnosis/search/calibration.yaml`, with the
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
 those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
 features get no weight.
@@ -17,28 +18,38 @@ features get no weight.
 from collections.abc import Sequence
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
-from buggy_rl.extras import needs
+from buggy_rl.core.config import from_command_line, run
+from buggy_rl.core.extras import needs
 
 
 def main() -> None:
     """Fits, counts, and writes."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.calibration:CalibrateConfig")
+    config = from_command_line(__doc__, "buggy_rl.proof.calibrate.calibration:CalibrateConfig")
 
-    from buggy_rl.blind_test.calibration import calibrated, content, left_out
-    from buggy_rl.blind_test.compared import mcnemar
-    from buggy_rl.blind_test.counts import counts
-    from buggy_rl.blind_test.development import entries
+    from buggy_rl.proof.calibrate.calibration import calibrated, content, left_out
+    from buggy_rl.proof.calibrate.development import entries
+    from buggy_rl.proof.calibrate.named import fitted_counts, mcnemar
 
     needs("sklearn", "proof", "telling right effects from unknown physics")
-    from buggy_rl.blind_test.discrimination import discrimination
-    from buggy_rl.blind_test.intervals import form_error, intervals, numbers
-    from buggy_rl.blind_test.named import Answered, best_single, counted, lowest_loss
-    from buggy_rl.blind_test.pairings import by_pairing
-    from buggy_rl.blind_test.step_intervals import step_error, step_intervals, steps
-    from buggy_rl.diagnosis.case_evidence import CaseEvidence
-    from buggy_rl.diagnosis.posterior import SHIPPED, load_calibration, posterior
-    from buggy_rl.files import write_atomically
+    from buggy_rl.core.files import write_atomically
+    from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
+    from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, posterior
+    from buggy_rl.proof.calibrate.discrimination import discrimination
+    from buggy_rl.proof.calibrate.intervals import (
+        form_error,
+        intervals,
+        scored_numbers,
+        step_error,
+        step_intervals,
+        steps,
+    )
+    from buggy_rl.proof.calibrate.named import (
+        Answered,
+        best_single,
+        by_pairing,
+        counted,
+        lowest_loss,
+    )
 
     if config.write and config.without:
         raise SystemExit("error: write=true is of all features: leave out without=")
@@ -53,7 +64,7 @@ def main() -> None:
         found, mean = left_out(cases, ridge, config.without)
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
-            form, of = form_error(numbers(cases)), steps(cases)
+            form, of = form_error(scored_numbers(cases)), steps(cases)
             step = step_error(of) if of else None
             made = content(calibration, form, files, len(cases), ridge, step)
             write_atomically(SHIPPED, made)
@@ -62,7 +73,7 @@ def main() -> None:
     methods["best single"] = [best_single(e) for e in cases]
     print(counted(cases, methods))
     print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
-    print(f"\n{by_pairing(cases, found)}\n\n{counts(cases)}\n\n{discrimination(cases)}")
+    print(f"\n{by_pairing(cases, found)}\n\n{fitted_counts(cases)}\n\n{discrimination(cases)}")
     print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
     print(f"\n{step_intervals(cases, shipped.step_error if config.apply else None)}")
 

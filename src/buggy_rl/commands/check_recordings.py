@@ -18,10 +18,10 @@ def main() -> int:
     arguments = _parse()
     import torch
 
-    from buggy_rl.diagnosis.other_sensors import other_sensors
+    from buggy_rl.diagnosis.answer.other_sensors import other_sensors
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings import load_recordings
-    from buggy_rl.recordings.notes import telling
+    from buggy_rl.recordings.loading import telling
 
     torch.set_num_threads(1)
     try:

@@ -9,18 +9,18 @@ run of its group ends; final and best values are those of each whole run.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Reads the runs, prints the tables and writes them with the curves."""
-    config = from_command_line(__doc__, "buggy_rl.policies.comparison:CompareConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.evaluation.comparison:CompareConfig")
 
-    from buggy_rl.policies.comparison import compare
-    from buggy_rl.viz.comparison import comparison_figure
-    from buggy_rl.viz.style import save_figure
+    from buggy_rl.figures.models import comparison_figure
+    from buggy_rl.figures.style import save_figure
+    from buggy_rl.policies.evaluation.comparison import compare_runs
 
-    found, folder = compare(config), Path(config.output)
+    found, folder = compare_runs(config), Path(config.output)
     folder.mkdir(parents=True, exist_ok=True)
     found.table.to_csv(folder / "table.csv", index=False)
     found.differences.to_csv(folder / "differences.csv", index_label="option")

@@ -9,16 +9,15 @@ package of other source is not used, and not made twice.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Compiles what is not there."""
-    config = from_command_line(__doc__, "buggy_rl.kernels.registry:CompileConfig")
+    config = from_command_line(__doc__, "buggy_rl.core.kernels:CompileConfig")
 
+    from buggy_rl.core.kernels import CACHE, FOLDER, kernels
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.kernels.kernel import CACHE, FOLDER
-    from buggy_rl.kernels.registry import kernels
 
     folder = Path(config.output or CACHE)
     for kernel in (bar := tqdm(kernels())):

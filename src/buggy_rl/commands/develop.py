@@ -12,26 +12,26 @@ effects are told from physics that no effect describes, one sort left out at a t
 import json
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
-from buggy_rl.extras import needs
+from buggy_rl.core.config import from_command_line, run, save_run
+from buggy_rl.core.extras import needs
 
 PART = 8  # cases of a job: a start costs it some 4 s, a case 20 to 200 s
 
 
 def main() -> None:
     """Runs the cases that are missing."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.development:DevelopmentConfig")
+    config = from_command_line(__doc__, "buggy_rl.proof.calibrate.development:DevelopmentConfig")
 
-    from buggy_rl.blind_test.case import Case
-    from buggy_rl.blind_test.counts import counts
-    from buggy_rl.blind_test.development import cases_left, developed, entries, line_file
+    from buggy_rl.proof.calibrate.development import cases_left, developed, entries, line_file
+    from buggy_rl.proof.calibrate.named import fitted_counts
+    from buggy_rl.proof.cases.case import Case
 
     needs("sklearn", "proof", "telling right effects from unknown physics")
-    from buggy_rl.blind_test.discrimination import discrimination
-    from buggy_rl.blind_test.sealing import groups
-    from buggy_rl.blind_test.simulators import prepare, prepared_name, unprepared
     from buggy_rl.jobs import results
     from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.proof.calibrate.discrimination import discrimination
+    from buggy_rl.proof.cases.sealing import groups
+    from buggy_rl.proof.cases.simulators import prepare, prepared_name, unprepared
 
     store, left = config.store, cases_left(config)
     store.prepared.mkdir(parents=True, exist_ok=True)
@@ -64,7 +64,7 @@ def main() -> None:
     done = entries(config.file)
     failed = sum("failed" in entry for entry in done)
     print(f"{config.file}: {len(done)} cases, {failed} of them failed")
-    print(counts(done))
+    print(fitted_counts(done))
     print(discrimination(done))
 
 

@@ -11,12 +11,12 @@ recordings, every folder in it is one car's recordings: each is diagnosed by its
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Diagnoses and writes."""
-    config = from_command_line(__doc__, "buggy_rl.diagnosis.fleet:FleetConfig")
+    config = from_command_line(__doc__, "buggy_rl.diagnosis.run.fleet:FleetConfig")
     if config.cars:
         return each_car(config)
     config = config.single
@@ -37,15 +37,15 @@ def each_car(config) -> None:
     """Diagnoses every car of a folder and writes one table."""
     import pandas as pd
 
-    from buggy_rl.diagnosis.fleet import diagnoses, rows
-    from buggy_rl.jobs import cores
+    from buggy_rl.diagnosis.run.fleet import fleet_jobs, fleet_rows
+    from buggy_rl.jobs import process as cores
     from buggy_rl.jobs.bar import run_with_bar
 
-    jobs, file = diagnoses(config, Path(__file__)), Path(config.output) / "fleet.csv"
+    jobs, file = fleet_jobs(config, Path(__file__)), Path(config.output) / "fleet.csv"
     try:
         run_with_bar("diagnosing", jobs, "car", config.workers or cores(), config)
     finally:
-        table = pd.DataFrame(rows(jobs))
+        table = pd.DataFrame(fleet_rows(jobs))
         table.to_csv(file, index=False)
         print(f"{table.to_string(index=False)}\nwritten: {file}")
 

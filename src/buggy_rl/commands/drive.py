@@ -21,7 +21,7 @@ With car= the car's own runtime drives, watched by its safety rules (docs/car.md
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, run
+from buggy_rl.core.config import from_command_line, plain_values, run
 
 
 def main() -> None:
@@ -43,25 +43,25 @@ def on_car() -> None:
 
 def in_browser() -> None:
     """Waits for the driver, counts down, drives, records."""
-    config = from_command_line(__doc__, "buggy_rl.policies.live_drive:DriveConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.people:DriveConfig")
 
     from contextlib import ExitStack
 
     import torch
 
-    from buggy_rl.car.deadlines import Deadlines
-    from buggy_rl.extras import needs
-    from buggy_rl.files import write_json
+    from buggy_rl.car.clock import Deadlines
+    from buggy_rl.core.extras import needs
+    from buggy_rl.core.files import write_json
+    from buggy_rl.core.longitudinal import ONE_WAY, declared_by
+    from buggy_rl.core.vehicle import CONTROL_PERIOD
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.longitudinal import ONE_WAY, declared_by
-    from buggy_rl.policies import live_drive
-    from buggy_rl.policies.drive_note import DriveNote, note_file
+    from buggy_rl.policies import people as live_drive
+    from buggy_rl.policies.human_table import DriveNote, note_file
     from buggy_rl.recordings import save_command
-    from buggy_rl.recordings.recorder import Recorder
-    from buggy_rl.vehicle import CONTROL_PERIOD
+    from buggy_rl.recordings.saving import Recorder
 
     needs("websockets", "visual", "driving in the browser")
-    from buggy_rl.viz.viewer.cockpit import Cockpit
+    from buggy_rl.visual.viewer.cockpit import Cockpit
 
     if config.view:
         needs("viser", "visual", "the view of the car (view=true)")
@@ -72,16 +72,16 @@ def in_browser() -> None:
         cockpit = stack.enter_context(Cockpit(config, env))
         cockpit.wait_for_start(tqdm.write)
         note = DriveNote.of(config)
-        write_json(note_file(config.output), plain(note))
+        write_json(note_file(config.output), plain_values(note))
         state, last = live_drive.start(env), None
         deadlines = Deadlines(CONTROL_PERIOD)
-        driven = live_drive.rows(env, state, cockpit.input, config.steps, deadlines)
+        driven = live_drive.live_steps(env, state, cockpit.input, config.steps, deadlines)
         for last in tqdm(driven, "driving", config.steps, unit="step", mininterval=0.5):
             recorder.write(last.time, last.values)
             cockpit.show(last)
         assert last is not None
         note = note.ended(last, deadlines)
-        write_json(note_file(config.output), plain(note))
+        write_json(note_file(config.output), plain_values(note))
         cockpit.end(note)
     if declared_by(env) != ONE_WAY:
         save_command(declared_by(env), Path(config.output).with_suffix(".columns.yaml"))

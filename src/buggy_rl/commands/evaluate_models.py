@@ -10,36 +10,36 @@ rollouts.png and rollouts.npz.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Judges every simulator of a study and writes the table."""
-    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
+    config = from_command_line(
+        __doc__, "buggy_rl.visual.study.stages:WholeStudyConfig"
+    ).of_simulators
 
     import pandas as pd
     import torch
 
-    from buggy_rl.api.comparing import judged
-    from buggy_rl.identification.open_loop import measured
-    from buggy_rl.identification.rollouts import save_rollouts
-    from buggy_rl.identification.study import (
-        candidates,
+    from buggy_rl.api.comparing import judged_simulators
+    from buggy_rl.estimation.fit_study import (
+        compared_simulators,
         fit_file,
         load_drives,
         refuse_other_drives,
     )
-    from buggy_rl.identification.table import held_out_segments, markdown
+    from buggy_rl.estimation.open_loop import measured_motion, save_rollouts
+    from buggy_rl.estimation.table import held_out_segments, markdown
+    from buggy_rl.figures.models import rollout_figure, table_figure
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.viz.rollouts import rollout_figure
-    from buggy_rl.viz.tables import table_figure
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     drives = load_drives(config.data, tqdm.write, config.car)
     test = held_out_segments(drives.held_out, config.windows)
     rows, rollouts = [], {}
-    found = list(candidates(config, [r.name for r in drives.held_out]))
+    found = list(compared_simulators(config, [r.name for r in drives.held_out]))
     refuse_other_drives(config, drives)
     unknown = sorted(set(config.shown) - {candidate.name for candidate in found})
     if unknown:
@@ -48,7 +48,7 @@ def main() -> None:
         print(f"no {fit_file(config)} in {folder}: scripts/fit_mujoco.py adds it to the table")
         found = [c for c in found if c.name != f"{config.fit_simulator}, fitted"]
     with tqdm(total=len(found), desc="judging", unit="simulator") as bar:
-        for row, made in judged(found, test, bar.set_postfix_str):
+        for row, made in judged_simulators(found, test, bar.set_postfix_str):
             rows.append(row)
             rollouts[str(row["simulator"])] = made
             bar.update()
@@ -59,10 +59,10 @@ def main() -> None:
     pd.DataFrame(rows).to_csv(folder / "table.csv", index=False)
     names = [drives.held_out[index].name for index in test.segments.recording.tolist()]
     file, dt = folder / "rollouts.npz", test.segments.dt
-    save_rollouts(file, names, dt, measured(test.segments), rollouts)
+    save_rollouts(file, names, dt, measured_motion(test.segments), rollouts)
     best = [str(r["simulator"]) for r in sorted(rows, key=lambda r: r["position_mse_1s"])]
     shown = {name: rollouts[name] for name in config.shown or best[:3]}
-    rollout_figure(measured(test.segments), shown).savefig(folder / "rollouts.png", dpi=110)
+    rollout_figure(measured_motion(test.segments), shown).savefig(folder / "rollouts.png", dpi=110)
     table_figure(rows).savefig(folder / "table.png", dpi=130)
     print(f"written: {folder}/table.md, table.csv, table.png, rollouts.png, rollouts.npz")
 

@@ -7,23 +7,23 @@ The original study's printed numbers stand beside ours. Writes OUTPUT/policies.m
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Drives, prints and saves."""
-    config = from_command_line(__doc__, "buggy_rl.policies.tables:PolicyTablesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.evaluation.tables:PolicyTablesConfig")
 
     import pandas as pd
     import torch
 
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.drives import car_name
+    from buggy_rl.policies.evaluation.drives import car_name
+    from buggy_rl.policies.evaluation.tables import mean_interval, policy_results, tables
     from buggy_rl.policies.human_table import human_drives
-    from buggy_rl.policies.tables import mean_interval, results, tables
 
     torch.set_num_threads(config.threads)
-    found = list(results(config, lambda todo: tqdm(todo, "driving", unit="course")))
+    found = list(policy_results(config, lambda todo: tqdm(todo, "driving", unit="course")))
     human = human_drives(Path(config.human), config.simulators) if config.human else None
     text = tables(found, car_name(config.car), human)
     print(text)

@@ -11,18 +11,18 @@ written.
 
 import os
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Compares, writes, and says how far apart runtime and training were."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    config = from_command_line(__doc__, "buggy_rl.policies.export.config:ExportConfig")
+    config = from_command_line(__doc__, "buggy_rl.export.export:ExportConfig")
 
     import torch
 
+    from buggy_rl.export.export import export
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.export.export import export
 
     torch.set_num_threads(config.threads)
     files = []

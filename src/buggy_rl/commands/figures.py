@@ -12,18 +12,18 @@ command that makes them is printed.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Draws one figure after the other."""
-    config = from_command_line(__doc__, "buggy_rl.study.figures:FiguresConfig")
+    config = from_command_line(__doc__, "buggy_rl.visual.study.figures:FiguresConfig")
 
     import torch
 
+    from buggy_rl.figures.style import write_figure
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.study.figures import FIGURES, MissingError
-    from buggy_rl.viz.style import write_figure
+    from buggy_rl.visual.study.figures import FIGURES, MissingError
 
     torch.set_num_threads(config.threads)
     unknown = sorted(set(config.draw) - set(FIGURES))

@@ -14,18 +14,20 @@ than holding the velocity.
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Fits and writes the simulator file."""
-    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
+    config = from_command_line(
+        __doc__, "buggy_rl.visual.study.stages:WholeStudyConfig"
+    ).of_simulators
 
     import torch
 
-    from buggy_rl.api.fitting import fitted
-    from buggy_rl.identification.least_squares import second_pass
-    from buggy_rl.identification.study import fit_file, fit_question, fit_setup, load_drives
+    from buggy_rl.api.fitting import fitted_simulator
+    from buggy_rl.estimation.fit_study import fit_file, fit_question, fit_setup, load_drives
+    from buggy_rl.estimation.least_squares import second_pass
     from buggy_rl.jobs.bar import tqdm
 
     torch.set_num_threads(config.threads)
@@ -40,7 +42,9 @@ def main() -> None:
             bar.set_postfix_str(f"cost {metrics['cost']:.0f}")
 
         setup = fit_setup(config)
-        made = fitted(config.fit_simulator, drives.training, config.fit, **setup, show=show)
+        made = fitted_simulator(
+            config.fit_simulator, drives.training, config.fit, **setup, show=show
+        )
 
     print(f"{'parameter':24} {'fitted':>9} {'95 % interval':>21} {'from':>8}  unit")
     for e in made.fit.estimates:

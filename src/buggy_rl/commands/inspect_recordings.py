@@ -11,7 +11,7 @@ itself: check it, edit it, then scripts/check_recordings.py FOLDER columns=THE_M
 import sys
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 DEFAULT = "runs/inspection"
 
@@ -25,21 +25,20 @@ def main() -> None:
     if len(folders) != 1:
         raise ValueError(f"name one folder of recordings, not {len(folders)} (--help says more)")
 
-    from buggy_rl.files import write_atomically
+    from buggy_rl.core.files import write_atomically
+    from buggy_rl.figures.inspection import inspection_figure
+    from buggy_rl.figures.style import save_figure
     from buggy_rl.inspection.folder import inspect_folder
-    from buggy_rl.inspection.page import page
-    from buggy_rl.inspection.panels import panels
+    from buggy_rl.inspection.page import inspection_page, inspection_panels
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.viz.inspection import inspection_figure
-    from buggy_rl.viz.style import save_figure
 
     def bar(found):
         return tqdm(found, unit="drive", disable=len(found) < 5)
 
     found = inspect_folder(Path(folders[0]), config.most, bar)
-    output, drawn = Path(config.output or DEFAULT), panels(found)
+    output, drawn = Path(config.output or DEFAULT), inspection_panels(found)
     output.mkdir(parents=True, exist_ok=True)
-    write_atomically(output / "inspection.html", page(found, drawn))
+    write_atomically(output / "inspection.html", inspection_page(found, drawn))
     write_atomically(output / "columns.yaml", found.proposal)
     save_figure(inspection_figure(drawn), output / "inspection.png")
     for line in found.first:

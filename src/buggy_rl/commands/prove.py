@@ -17,18 +17,17 @@ run again on any machine: with the same ledger, draw.cases=50 today and draw.cas
 from pathlib import Path
 
 from buggy_rl.commands import command_line
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Runs the stages of the config."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.proof:ProofConfig")
+    config = from_command_line(__doc__, "buggy_rl.proof.proof:ProofConfig")
 
-    from buggy_rl.blind_test.ledger import Ledger, open_once, openings
-    from buggy_rl.blind_test.outcome import OURS
-    from buggy_rl.blind_test.proof import cases_of, steps
-    from buggy_rl.blind_test.score import score
     from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.proof.proof import cases_of, steps
+    from buggy_rl.proof.score.outcome import OURS, Ledger, open_once, openings
+    from buggy_rl.proof.score.score import score
 
     store, ledger = config.store, Ledger(config.ledger_file)
     for folder in (store.output, store.sealed, store.prepared):
@@ -53,7 +52,7 @@ def main() -> None:
             open_once(config.counter)
         print("\n".join(scores[OURS].lines()))
     if "page" in config.stages:
-        from buggy_rl.blind_test.page import write_page
+        from buggy_rl.proof.page import write_page
 
         command = command_line(without="stages=")
         print(f"written: {write_page(config, scores, command, openings(config.counter))}")

@@ -12,13 +12,13 @@ r"""Drives a simulator about a room and writes the recordings of a simulated tra
 Writes OUTPUT/PREFIX_00.csv and so on, one recording a drive, and the config beside them, or to
 SEALED for a blind test; for a command other than a one-way throttle also OUTPUT/columns.yaml, the
 column map to read them with. The room is 8 m wide, for another `car` as much wider.
-src/buggy_rl/engines/reference/faults.py lists the faults of the reference car.
+src/buggy_rl/simulators/reference/faults.py lists the faults of the reference car.
 """
 
 from pathlib import Path
 from typing import cast
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
@@ -28,14 +28,14 @@ def main() -> None:
     import torch
     from tensordict import TensorDict
 
-    from buggy_rl import keys
+    from buggy_rl.core import keys
+    from buggy_rl.core.longitudinal import ONE_WAY, declared_by
+    from buggy_rl.core.vehicle import CONTROL_PERIOD
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.longitudinal import ONE_WAY, declared_by
-    from buggy_rl.policies.controllers.recording import driven, make_driver
+    from buggy_rl.policies.controllers.recording import make_driver, recorded_steps
     from buggy_rl.recordings import Recording, save_command, save_recording
     from buggy_rl.recordings.camera import Camera
     from buggy_rl.task.env import make_simulator
-    from buggy_rl.vehicle import CONTROL_PERIOD
 
     torch.set_num_threads(1)
     folder = Path(config.output)
@@ -45,7 +45,7 @@ def main() -> None:
     engine = make_simulator(config.simulator, config.drives, **config.of_engine)
     camera = Camera(config.camera, config.seed)
     steps = round(config.seconds / CONTROL_PERIOD)
-    rows = driven(engine, make_driver(config, engine), steps)
+    rows = recorded_steps(engine, make_driver(config, engine), steps)
     rows = list(tqdm(rows, "driving", steps, unit="step"))
     drives = cast(TensorDict, TensorDict.stack(rows, 1))
 

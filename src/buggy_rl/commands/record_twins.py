@@ -11,17 +11,17 @@ of them.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Drives and writes."""
-    config = from_command_line(__doc__, "buggy_rl.blind_test.twin:TwinConfig")
+    config = from_command_line(__doc__, "buggy_rl.proof.cases.twin:TwinConfig")
 
     import torch
 
-    from buggy_rl.blind_test.twin import ANSWER, recorded
     from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.proof.cases.twin import ANSWER, recorded
 
     torch.set_num_threads(1)
     folder = Path(config.output)

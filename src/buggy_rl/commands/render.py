@@ -14,25 +14,25 @@ named, and else pure pursuit drives it round the course. Without OpenGL it is dr
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Makes the tracks, then the film."""
-    config = from_command_line(__doc__, "buggy_rl.viz.film.options:RenderConfig")
+    config = from_command_line(__doc__, "buggy_rl.visual.film.options:RenderConfig")
 
     import torch
 
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.viz.film.film import director, frames
-    from buggy_rl.viz.film.source import Source
-    from buggy_rl.viz.film.video import check_ending, write_video
+    from buggy_rl.visual.film.film import director, frames
+    from buggy_rl.visual.film.source import RenderSource
+    from buggy_rl.visual.film.video import check_ending, write_video
 
     torch.set_num_threads(config.threads)
     check_ending(config.output)
-    says = director(Source(config).tracks(), config.picture)
+    says = director(RenderSource(config).tracks(), config.picture)
     if config.live:
-        from buggy_rl.viz.viewer.choice import play
+        from buggy_rl.visual.viewer.control_page import play
 
         return play(says, config.playback, config.live)
     times = says.times(config.fps, config.playback).tolist()

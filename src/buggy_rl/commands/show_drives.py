@@ -8,21 +8,23 @@ is missing here: record it.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Draws the training recordings of a study."""
-    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig").of_simulators
+    config = from_command_line(
+        __doc__, "buggy_rl.visual.study.stages:WholeStudyConfig"
+    ).of_simulators
 
     from tensordict import TensorDict
 
-    from buggy_rl import keys
-    from buggy_rl.identification.study import load_drives
+    from buggy_rl.core import keys
+    from buggy_rl.estimation.fit_study import load_drives
+    from buggy_rl.figures.drives import histogram_figure
+    from buggy_rl.figures.style import save_figure
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.recordings.windows import mirror
-    from buggy_rl.viz.histograms import histogram_figure
-    from buggy_rl.viz.style import save_figure
 
     drives = load_drives(config.data, tqdm.write, config.car)
     keep = (keys.POSE, keys.VELOCITY, keys.ACTION)

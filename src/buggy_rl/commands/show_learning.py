@@ -7,16 +7,16 @@ r"""Draws learning curves: mean and range of the seeds of each policy.
 Waypoints closed on the training paths with exploration, and on the validation paths without.
 """
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Reads the logs and draws the curves."""
-    config = from_command_line(__doc__, "buggy_rl.policies.learning_curves:ShowLearningConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.training.seeds:ShowLearningConfig")
 
-    from buggy_rl.policies.learning_curves import curves
-    from buggy_rl.viz.learning import learning_figure
-    from buggy_rl.viz.style import save_figure
+    from buggy_rl.figures.policies import learning_figure
+    from buggy_rl.figures.style import save_figure
+    from buggy_rl.policies.training.seeds import curves
 
     found = curves(config)
     for curve in found:

@@ -6,16 +6,16 @@
 Prints the number of paths of each set, their spacing and their smallest turning radius.
 """
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Makes and draws every kind of path."""
     config = from_command_line(__doc__, "buggy_rl.task.paths.making:ShowPathsConfig")
 
+    from buggy_rl.figures.policies import paths_figure
+    from buggy_rl.figures.style import save_figure
     from buggy_rl.task.paths.making import path_sets
-    from buggy_rl.viz.paths import paths_figure
-    from buggy_rl.viz.style import save_figure
 
     sets = path_sets(config)
     print(f"{'paths':12} {'number':>6} {'waypoints':>9} {'spacing':>8} {'tightest turn':>14}")

@@ -7,22 +7,22 @@ Trajectories are coloured by speed; that of pure pursuit is thin and grey. Print
 closed and the mean distance from the path of both.
 """
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Runs the policies and draws their trajectories."""
-    config = from_command_line(__doc__, "buggy_rl.policies.drives:ShowPoliciesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.evaluation.drives:ShowPoliciesConfig")
 
     import torch
 
+    from buggy_rl.figures.policies import policies_figure
+    from buggy_rl.figures.style import save_figure
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.drives import panels
-    from buggy_rl.viz.policies import policies_figure
-    from buggy_rl.viz.style import save_figure
+    from buggy_rl.policies.evaluation.drives import policy_panels
 
     torch.set_num_threads(config.threads)
-    found = list(panels(config, lambda todo: tqdm(todo, "driving", unit="place")))
+    found = list(policy_panels(config, lambda todo: tqdm(todo, "driving", unit="place")))
     print(f"{'policy':16} {'driven':22} {'path':9} {'waypoints':>9} {'off path':>9}  pure pursuit")
     for p in found:
         own, other = (f"{t.waypoints:9.0f} {t.lateral_mean:7.3f} m" for t in (p.track, p.compared))

@@ -13,21 +13,21 @@ run by hand; its log lies in OUTPUT/stages/NAME. Started again, it does not run 
 from pathlib import Path
 
 from buggy_rl.commands import command_line
-from buggy_rl.config import from_command_line, made_by, run, save_run
+from buggy_rl.core.config import from_command_line, made_by, run, save_run
 
 
 def main() -> None:
     """Runs the stages, then writes the page."""
-    config = from_command_line(__doc__, "buggy_rl.study.config:WholeStudyConfig")
+    config = from_command_line(__doc__, "buggy_rl.visual.study.stages:WholeStudyConfig")
 
     from datetime import date
 
-    from buggy_rl.files import write_atomically
-    from buggy_rl.identification.study import load_drives
+    from buggy_rl.core.files import write_atomically
+    from buggy_rl.core.question import contents
+    from buggy_rl.estimation.fit_study import load_drives
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.question import contents
-    from buggy_rl.study.page import Made, page
-    from buggy_rl.study.stages import Plan
+    from buggy_rl.visual.study.page import Made, study_page
+    from buggy_rl.visual.study.stages import StudyPlan
 
     folder = Path(config.output)
     drives = load_drives(config.data, tqdm.write, config.car)
@@ -37,7 +37,7 @@ def main() -> None:
         | contents(drives.validation, "validation recording")
         | contents(drives.held_out, "held-out recording")
     )
-    plan = Plan(config, [r.source for r in compared], Path(__file__).parent, read)
+    plan = StudyPlan(config, [r.source for r in compared], Path(__file__).parent, read)
     stages = []
     for number, wave in enumerate(plan.waves()):
         if number == 0:
@@ -48,7 +48,7 @@ def main() -> None:
         follow(wave, config)
     made = Made(command_line(), made_by()["commit"], date.today().isoformat())
     save_run(config, folder)
-    write_atomically(folder / "study.html", page(plan, drives, stages, made))
+    write_atomically(folder / "study.html", study_page(plan, drives, stages, made))
     print(f"written: {folder / 'study.html'}")
 
 

@@ -10,18 +10,18 @@ sweep.png. Started again, it goes on where it stopped. docs/policies.md says how
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
 
 def main() -> None:
     """Runs the trials that are missing, then the confirmations."""
-    config = from_command_line(__doc__, "buggy_rl.policies.sweep_config:SweepConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.training.sweep:SweepConfig")
 
     import pandas as pd
 
+    from buggy_rl.figures.policies import sweep_figure
     from buggy_rl.jobs.bar import run_with_bar, tqdm
-    from buggy_rl.policies.sweep import Sweep, confirmed
-    from buggy_rl.viz.sweep import sweep_figure
+    from buggy_rl.policies.training.sweep import Sweep, confirmed
 
     sweep = Sweep(config, Path(__file__).with_name("train_policy.py"))
     with tqdm(desc="trials", total=config.trials, initial=len(sweep.ended()), unit="trial") as bar:

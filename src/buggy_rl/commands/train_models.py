@@ -13,9 +13,9 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run, save_run
+from buggy_rl.core.config import from_command_line, run, save_run
 
-SCHEMA = "buggy_rl.study.config:WholeStudyConfig"
+SCHEMA = "buggy_rl.visual.study.stages:WholeStudyConfig"
 
 
 def main() -> None:
@@ -27,9 +27,9 @@ def main() -> None:
     import torch
 
     from buggy_rl.api.training import ModelRun
-    from buggy_rl.identification.study import ModelRunConfig, load_drives, model_file, model_runs
+    from buggy_rl.estimation.fit_study import ModelRunConfig, load_drives, model_file, model_runs
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.study.model_media import model_bundles
+    from buggy_rl.visual.study.figures import model_bundles
 
     torch.set_num_threads(config.threads)
     drives = load_drives(config.data, tqdm.write, config.car)

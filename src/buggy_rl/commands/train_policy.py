@@ -14,13 +14,13 @@ import os
 from contextlib import closing
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, run
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
     """Trains until the steps are used up."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: busy waiting ruins 2 cores
-    config = from_command_line(__doc__, "buggy_rl.policies.seeds:TrainingConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.training.seeds:PolicyTrainingConfig")
     if config.seeds:
         return each_seed(config)
     config = config.single
@@ -29,8 +29,8 @@ def main() -> None:
 
     from buggy_rl.api.training import policy_metrics
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.ppo import NonFiniteLossError
-    from buggy_rl.policies.run import PolicyRun
+    from buggy_rl.policies.training.ppo import NonFiniteLossError
+    from buggy_rl.policies.training.run import PolicyRun
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
@@ -58,9 +58,9 @@ def each_seed(config) -> None:
     import pandas as pd
 
     from buggy_rl.jobs.bar import run_with_bar
-    from buggy_rl.policies.seeds import trainings, validations
+    from buggy_rl.policies.training.seeds import seed_jobs, validations
 
-    jobs = trainings(config, Path(__file__))
+    jobs = seed_jobs(config, Path(__file__))
     run_with_bar(Path(config.output).name, jobs, "step", config.workers, config)
     table = pd.DataFrame(validations([job.folder for job in jobs]))
     file = Path(config.output) / "seeds.csv"
@@ -71,7 +71,7 @@ def each_seed(config) -> None:
 
 def media(folder: Path, metrics) -> dict[str, Path]:
     """Pictures and films of the policy just validated."""
-    from buggy_rl.viz.policy_media import policy_media
+    from buggy_rl.visual.policy_media import policy_media
 
     return policy_media(folder / "last.pt", folder / "media", int(metrics["steps"]))
 

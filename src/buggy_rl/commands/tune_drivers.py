@@ -9,19 +9,19 @@ stanley.yaml, which other scripts read.
 
 from pathlib import Path
 
-from buggy_rl.config import from_command_line, plain, run, save_run
+from buggy_rl.core.config import from_command_line, plain_values, run, save_run
 
 
 def main() -> None:
     """Tunes the controllers, evaluates them, prints and saves the tables."""
-    config = from_command_line(__doc__, "buggy_rl.policies.controller_tables:DriverTablesConfig")
+    config = from_command_line(__doc__, "buggy_rl.policies.evaluation.tables:DriverTablesConfig")
 
     import pandas as pd
     import torch
     import yaml
 
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.controller_tables import results, table, tuned
+    from buggy_rl.policies.evaluation.tables import driver_results, driver_table, tuned_driver
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
@@ -29,11 +29,13 @@ def main() -> None:
     found, best = {}, {}
     for name in config.drivers:
         with tqdm(total=config.rounds * config.steps, desc=f"tuning {name}", unit="step") as bar:
-            found[name], trials = tuned(config, name, bar.update)
+            found[name], trials = tuned_driver(config, name, bar.update)
         best[name] = trials[0]
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(plain(found[name]), sort_keys=False))
-    rows = list(results(config, found, lambda todo: tqdm(todo, "driving", unit="course")))
-    text = table(rows, best, config)
+        (folder / f"{name}.yaml").write_text(
+            yaml.safe_dump(plain_values(found[name]), sort_keys=False)
+        )
+    rows = list(driver_results(config, found, lambda todo: tqdm(todo, "driving", unit="course")))
+    text = driver_table(rows, best, config)
     print(f"\n{text}")
     save_run(config, folder)
     (folder / "drivers.md").write_text(text)

@@ -5,7 +5,7 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from buggy_rl.effects import refuse_unknown
+from buggy_rl.effects import refuse_unknown_effects
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class DiagnosisConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.effects)
+        refuse_unknown_effects(self.effects)
 
     @property
     def dt(self) -> float:

@@ -7,44 +7,44 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.car_file import load_car
-from buggy_rl.diagnosis.answer import Answer
-from buggy_rl.diagnosis.candidate import Effects
-from buggy_rl.diagnosis.case import Case, prepared
+from buggy_rl.core.car_file import load_car
+from buggy_rl.diagnosis.answer.answer import Answer
+from buggy_rl.diagnosis.answer.experiments import decided
+from buggy_rl.diagnosis.answer.other_sensors import other_sensors
+from buggy_rl.diagnosis.answer.retuning import retuned
+from buggy_rl.diagnosis.answer.sections import answered
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.drives import Drives
-from buggy_rl.diagnosis.excitation import weak
-from buggy_rl.diagnosis.experiments import decided
-from buggy_rl.diagnosis.integration import Step, fine_enough
-from buggy_rl.diagnosis.joint import Keep, joint_search
-from buggy_rl.diagnosis.limits import same_sets
-from buggy_rl.diagnosis.maker import Maker, engine_of, own_options
-from buggy_rl.diagnosis.meter import Meter, Reading
-from buggy_rl.diagnosis.observed import concluded
-from buggy_rl.diagnosis.opening import measured, measured_again
-from buggy_rl.diagnosis.other_sensors import other_sensors
-from buggy_rl.diagnosis.planning import plan_of
-from buggy_rl.diagnosis.posterior import Posterior
-from buggy_rl.diagnosis.preflight_commands import CommandCheck, check_commands
-from buggy_rl.diagnosis.preflight_recordings import (
+from buggy_rl.diagnosis.preflight.commands import CommandCheck, check_commands
+from buggy_rl.diagnosis.preflight.integration import IntegrationStep, fine_enough
+from buggy_rl.diagnosis.preflight.recordings import (
     check_blocks,
     check_clock,
     check_drives,
     check_latency,
     check_residuals,
+    weak,
 )
-from buggy_rl.diagnosis.preflight_simulator import blaming, check_simulator
-from buggy_rl.diagnosis.proof import Proof
-from buggy_rl.diagnosis.retuning import retuned
-from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.diagnosis.sections import answered
-from buggy_rl.diagnosis.stages import Stages
-from buggy_rl.engines import ENGINES, simulator_name
+from buggy_rl.diagnosis.preflight.simulator import blaming, check_simulator
+from buggy_rl.diagnosis.repair.proof import Proof
+from buggy_rl.diagnosis.run.case import DiagnosisCase, prepare_case
+from buggy_rl.diagnosis.run.drives import Drives
+from buggy_rl.diagnosis.run.maker import Maker, engine_of, own_options
+from buggy_rl.diagnosis.run.meter import Meter, MeterReading
+from buggy_rl.diagnosis.run.opening import measured, measured_again
+from buggy_rl.diagnosis.run.plan import plan_of
+from buggy_rl.diagnosis.run.stages import Stages
+from buggy_rl.diagnosis.search.candidate import Effects
+from buggy_rl.diagnosis.search.joint import Keep, joint_search
+from buggy_rl.diagnosis.search.limits import same_sets
+from buggy_rl.diagnosis.search.observed import concluded
+from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.baseline import Correction, correct
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.recording import refuse_another_rest
+from buggy_rl.simulators import ENGINES, simulator_name
 from buggy_rl.task.augment import effects_of
 
 Progress = Callable[[str], None]
@@ -55,10 +55,10 @@ SHORT = (
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosed:
     """The answer, and what it came from."""
 
-    case: Case
+    case: DiagnosisCase
     found: SearchResult
     answer: Answer
     step: dict[str, Any] = field(default_factory=dict)
@@ -75,14 +75,14 @@ class Diagnosis:
         return None if self.case.tuned is None else self.case.tuned.values
 
 
-def diagnose(
+def run_diagnosis(
     config: DiagnosisConfig,
     recordings: Sequence[Recording],
     progress: Progress = lambda _: None,
     baseline: Sequence[Recording] = (),
     kept: Path | None = None,
-    show: Callable[[Reading], None] = lambda _: None,
-) -> Diagnosis:
+    show: Callable[[MeterReading], None] = lambda _: None,
+) -> Diagnosed:
     """Compares a simulator with recordings.
 
     With baseline recordings, on which it counts as right, its standing errors are closed on them
@@ -124,7 +124,7 @@ def diagnose(
         meter.begin(plan, deadline=begun + (60 * config.minutes or math.inf))
         drives = drives.within(plan.budget)
         correction = _corrected(simulation, drives, stages, progress)
-        case = prepared(simulation, drives, library, config, correction, plan.budget)
+        case = prepare_case(simulation, drives, library, config, correction, plan.budget)
         left = _checked(case, name)
         done = _diagnosed(case, stages, "", meter)
         done = replace(done, step={**own_options(config), **step.options})
@@ -160,17 +160,17 @@ def diagnose(
     return replace(done, answer=answer)
 
 
-def opened(
+def open_case(
     config: DiagnosisConfig,
     recordings: Sequence[Recording],
     baseline: Sequence[Recording] = (),
-) -> Case:
-    """Recordings and simulator, ready to be searched; the arguments are those of `diagnose`."""
+) -> DiagnosisCase:
+    """Recordings and simulator, ready to be searched; arguments as of `run_diagnosis`."""
     drives = Drives.cut(config, recordings, baseline)
     make = Maker.of(config, options=_step(config, drives).options)
     ready = measured(config, Simulation(make), drives)
     correction = _corrected(ready.simulation, drives, Stages(None, config), lambda _: None)
-    return prepared(ready.simulation, drives, ready.library, config, correction)
+    return prepare_case(ready.simulation, drives, ready.library, config, correction)
 
 
 def _preflight(
@@ -191,10 +191,10 @@ def _preflight(
     return CommandCheck(first, notes)
 
 
-def _step(config: DiagnosisConfig, drives: Drives) -> Step:
+def _step(config: DiagnosisConfig, drives: Drives) -> IntegrationStep:
     """That the simulator needs for these drives; a user's own factory takes no options."""
     if engine_of(config.simulator) not in ENGINES:
-        return Step()
+        return IntegrationStep()
     return fine_enough(
         lambda options: Simulation(Maker.of(config, options=options)),
         drives.segments,
@@ -212,14 +212,14 @@ def _corrected(
     return stages.done("correction", lambda: correct(simulation, before, 0, progress))
 
 
-def _checked(case: Case, name: str) -> list[str]:
+def _checked(case: DiagnosisCase, name: str) -> list[str]:
     problem, residuals = case.problem, case.problem.noise.about
     assert residuals is not None  # nothing has been searched: they are of the simulator as given
     instants = problem.simulation.instants(problem.segments)
     return check_residuals(residuals, problem.segments, instants, case.names, name)
 
 
-def _searched(case: Case, meter: Meter, kept: Keep) -> SearchResult:
+def _searched(case: DiagnosisCase, meter: Meter, kept: Keep) -> SearchResult:
     found = joint_search(
         case.problem,
         case.criteria,
@@ -232,7 +232,7 @@ def _searched(case: Case, meter: Meter, kept: Keep) -> SearchResult:
     return concluded(case.criteria, found, same_sets(tried, found.problem.segments))
 
 
-def _diagnosed(case: Case, stages: Stages, stage: str, meter: Meter) -> Diagnosis:
+def _diagnosed(case: DiagnosisCase, stages: Stages, stage: str, meter: Meter) -> Diagnosed:
     """Searches and answers, or takes what was kept under the stage's name."""
     meter.stage("search")
 
@@ -243,7 +243,7 @@ def _diagnosed(case: Case, stages: Stages, stage: str, meter: Meter) -> Diagnosi
     case = replace(case, problem=found.problem(case.problem))
     meter.stage("answer")
     said = kept("answer", lambda: answered(case, found, meter.says, meter.admits))
-    return Diagnosis(case, found, said)
+    return Diagnosed(case, found, said)
 
 
 def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
@@ -253,8 +253,8 @@ def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
 
 
 def _retuned_first(
-    config: DiagnosisConfig, done: Diagnosis, stages: Stages, meter: Meter
-) -> Diagnosis:
+    config: DiagnosisConfig, done: Diagnosed, stages: Stages, meter: Meter
+) -> Diagnosed:
     """Looks again with all parameters of the simulator fitted; the better answer of both.
 
     A few effects explain a simulator that is right but for them. One that was never fitted to this
@@ -266,7 +266,7 @@ def _retuned_first(
     make = Maker.of(config, tuned.values, done.step)
     ready = measured_again(config, given, make, done.case.problem.library)
     drives, budget = done.case.drives, done.case.budget
-    case = prepared(ready.simulation, drives, ready.library, config, budget=budget)
+    case = prepare_case(ready.simulation, drives, ready.library, config, budget=budget)
     again = _diagnosed(replace(case, retuned_from=given, tuned=tuned), stages, "second_", meter)
     if not again.answer.proof.better_than(done.answer.proof):
         return done

@@ -3,10 +3,10 @@
 from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from buggy_rl import trust
-from buggy_rl.config import load_named
-from buggy_rl.longitudinal import LongitudinalCommand
-from buggy_rl.option_values import nearest
+from buggy_rl.core import trust
+from buggy_rl.core.config import load_named
+from buggy_rl.core.longitudinal import LongitudinalCommand
+from buggy_rl.core.option_values import nearest
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from buggy_rl.effects.base import Effect
@@ -23,17 +23,17 @@ EFFECTS = {
     "throttle_lag": "buggy_rl.effects.actuation.timing:ThrottleLag",
     "throttle_offset": "buggy_rl.effects.actuation.throttle:ThrottleOffset",
     "throttle_dead_time": "buggy_rl.effects.actuation.timing:ThrottleDeadTime",
-    "steering_end_stop": "buggy_rl.effects.actuation.steering_map:SteeringEndStop",
+    "steering_end_stop": "buggy_rl.effects.actuation.steering:SteeringEndStop",
     "steering_offset": "buggy_rl.effects.actuation.steering:SteeringOffset",
     "steering_gain": "buggy_rl.effects.actuation.steering:SteeringGain",
     "steering_asymmetry": "buggy_rl.effects.actuation.steering:SteeringAsymmetry",
-    "steering_curve": "buggy_rl.effects.actuation.steering_map:SteeringCurve",
+    "steering_curve": "buggy_rl.effects.actuation.steering:SteeringCurve",
     "steering_play": "buggy_rl.effects.actuation.servo:SteeringPlay",
     "steering_backlash": "buggy_rl.effects.actuation.servo:SteeringBacklash",
     "steering_lag": "buggy_rl.effects.actuation.timing:SteeringLag",
     "steering_rate_limit": "buggy_rl.effects.actuation.servo:SteeringRateLimit",
     "servo_stiction": "buggy_rl.effects.actuation.servo:ServoStiction",
-    "steering_dead_zone": "buggy_rl.effects.actuation.steering_map:SteeringDeadZone",
+    "steering_dead_zone": "buggy_rl.effects.actuation.steering:SteeringDeadZone",
     "steering_dead_time": "buggy_rl.effects.actuation.timing:SteeringDeadTime",
     "understeer": "buggy_rl.effects.tyre.stiffness:Understeer",
     "cornering_stiffness": "buggy_rl.effects.tyre.stiffness:CorneringStiffness",
@@ -61,7 +61,7 @@ EFFECTS = {
     "sensor_lag": "buggy_rl.effects.sensing.timing:SensorLag",
     "sensor_lever_arm": "buggy_rl.effects.sensing.mounting:SensorLeverArm",
     "sensor_yaw": "buggy_rl.effects.sensing.mounting:SensorYaw",
-    "heading_drift": "buggy_rl.effects.sensing.drift:HeadingDrift",
+    "heading_drift": "buggy_rl.effects.sensing.mounting:HeadingDrift",
     "pose_scale": "buggy_rl.effects.sensing.mounting:PoseScale",
     "speed_scale": "buggy_rl.effects.sensing.mounting:SpeedScale",
     "gyro_bias": "buggy_rl.effects.sensing.mounting:GyroBias",
@@ -85,27 +85,27 @@ OF_A_COMMAND = {
         "grip_patch",
     ),
     "speed_integral": (
-        "buggy_rl.effects.actuation.setpoint:SpeedIntegral",
+        "buggy_rl.effects.actuation.of_a_command:SpeedIntegral",
         "speed",
         "throttle_gain",
     ),
     "least_speed": (
-        "buggy_rl.effects.actuation.setpoint:LeastSpeed",
+        "buggy_rl.effects.actuation.of_a_command:LeastSpeed",
         "speed",
         "throttle_lag",
     ),
     "speed_ramp": (
-        "buggy_rl.effects.actuation.setpoint:SpeedRamp",
+        "buggy_rl.effects.actuation.of_a_command:SpeedRamp",
         "speed",
         "throttle_lag",
     ),
     "speed_controller_lag": (
-        "buggy_rl.effects.motion.controller:SpeedControllerLag",
+        "buggy_rl.effects.motion.of_a_command:SpeedControllerLag",
         "speed",
         "motor_power_limit",
     ),
     "driven_axle_slip": (
-        "buggy_rl.effects.motion.controller:DrivenAxleSlip",
+        "buggy_rl.effects.motion.of_a_command:DrivenAxleSlip",
         "speed",
         "motor_power_limit",
     ),
@@ -153,14 +153,14 @@ def effect_class(name: str) -> type["Effect"]:
     """
     from buggy_rl.effects.base import Effect
 
-    refuse_unknown([name])
+    refuse_unknown_effects([name])
     named = {**EFFECTS, **{n: place for n, (place, _, _) in OF_A_COMMAND.items()}, **CORRECTIONS}
     found = load_named(named.get(name, name))
     trust.refuse_other_class(found, Effect, name)
     return found
 
 
-def refuse_unknown(names: Iterable[str]) -> None:
+def refuse_unknown_effects(names: Iterable[str]) -> None:
     """Refuses names of no effect, without importing one.
 
     Raises:

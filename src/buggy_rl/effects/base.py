@@ -20,10 +20,10 @@ from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
-from buggy_rl.keys import MEMORY
-from buggy_rl.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
-from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import CONTROL_PERIOD, VehicleDimensions
+from buggy_rl.core.keys import MEMORY
+from buggy_rl.core.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
+from buggy_rl.core.parameters import Parameter
+from buggy_rl.core.vehicle import CONTROL_PERIOD, VehicleDimensions
 
 Number = TypeVar("Number", float, Tensor)
 

@@ -7,9 +7,9 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
+from buggy_rl.core.files import load_torch
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
-from buggy_rl.files import load_torch
 
 INPUTS = 8  # vx, vy, yaw_rate, throttle, steering, and the engine's ax, ay, yaw acceleration
 FORMAT = "buggy_rl residual acceleration 1"

@@ -8,9 +8,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from buggy_rl.car_file import BUGGY_SPEED
-from buggy_rl.parameters import Parameter
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.core.car_file import BUGGY_SPEED
+from buggy_rl.core.parameters import Parameter
+from buggy_rl.core.vehicle import VehicleDimensions
 
 SLAB = 1.3  # [-] most yaw inertia over that of a uniform slab of the car's outline: masses outboard
 GYRATION = (0.6, 1.2)  # [-] k^2 / (a b), radius of gyration and axle distances; of road cars

@@ -12,7 +12,7 @@ from buggy_rl.estimation.rollout import (
     ALONE,
     AS_GIVEN,
     MOST_ENVIRONMENTS,
-    Settings,
+    ParameterSets,
     Simulation,
     tell_nobody,
 )
@@ -84,7 +84,7 @@ def measured_cost(simulation: Simulation, segments: Segments, effects: Sequence[
     for sets in SETS:
         if each * FEW * sets * rows > LONGEST + 2 * first:
             break
-        many = _timed(alone, few, Settings(clock_offset=torch.zeros(sets)))
+        many = _timed(alone, few, ParameterSets(clock_offset=torch.zeros(sets)))
         each = max(0.0, many - first) / (FEW * (sets - 1)) / rows
     fixed = max((first - reset) / rows - each * FEW, 1e-7)
     cost = Cost(fixed, each, reset=reset)
@@ -95,7 +95,7 @@ def measured_cost(simulation: Simulation, segments: Segments, effects: Sequence[
     return replace(cost, workers=simulation.workers.count)
 
 
-def _timed(simulation: Simulation, segments: Segments, settings: Settings) -> float:
+def _timed(simulation: Simulation, segments: Segments, settings: ParameterSets) -> float:
     """Seconds of a rollout: the least of some, where they are quick, since a stall only adds."""
     taken: list[float] = []
     while len(taken) < OFTEN and sum(taken) < QUICK:
@@ -112,7 +112,7 @@ def _reset(simulation: Simulation, environments: int) -> float:
     return time.perf_counter() - begun
 
 
-def _one_each(effects: Sequence[str]) -> Settings:
+def _one_each(effects: Sequence[str]) -> ParameterSets:
     """As many sets as effects, each with one of them, so that all stand in the stack."""
     values: dict[str, dict[str, torch.Tensor]] = {}
     for index, effect in enumerate(effects):
@@ -120,4 +120,4 @@ def _one_each(effects: Sequence[str]) -> Settings:
         for p in effect_class(effect).declared:
             own[p.name][index] = min(max(p.value + p.probe, p.lower), p.upper)
         values[effect] = own
-    return Settings(values)
+    return ParameterSets(values)

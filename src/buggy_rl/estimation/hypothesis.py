@@ -7,15 +7,45 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from buggy_rl.core.parameters import Parameter, Realisations
+from buggy_rl.core.vehicle import EXPONENTS, Similarity
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.inside import Inside
-from buggy_rl.estimation.prior_scale import scaled
-from buggy_rl.estimation.rollout import Settings
+from buggy_rl.estimation.rollout import ParameterSets
 from buggy_rl.estimation.segments import Segments
-from buggy_rl.parameters import Parameter
-from buggy_rl.realisation import Realisations
-from buggy_rl.similarity import Similarity
+
+
+def scaled_prior(parameter: EffectParameter, similarity: Similarity) -> EffectParameter:
+    """A parameter of an effect with the prior scale that it has in a similar car.
+
+    The neutral value stays, and bounds are widened where the car's are wider. A unit without a
+    scaling law stays as it is.
+
+    Args:
+        parameter: As the effect declares it, for the buggy.
+        similarity: Ratios of the car to the buggy.
+    """
+    p, factor = parameter, similarity.of(parameter.unit) if parameter.unit in EXPONENTS else 1.0
+    if factor == 1.0:
+        return p
+    return replace(
+        p,
+        size=factor * p.size,
+        probe=p.probe if p.reciprocal else factor * p.probe,
+        lower=min(p.lower, factor * p.lower),
+        upper=p.upper if p.reciprocal else max(p.upper, factor * p.upper),
+        usual=_usual(p, factor),
+    )
+
+
+def _usual(p: EffectParameter, factor: float) -> tuple[float, float] | None:
+    """The usual values of the car; the neutral one, which stays, is among them."""
+    if p.usual is None:
+        return None
+    low, high = factor * p.usual[0], factor * p.usual[1]
+    return (low, high) if p.reciprocal else (min(low, p.value), max(high, p.value))
+
 
 PRIOR = 3.0  # [prior scales] standard deviation of a parameter: wide, so that data decide
 # Later by a sample and a half at most: beyond, a clock is no other than a sensor that is late.
@@ -148,7 +178,9 @@ class Library:
             return (self.parameters[effect.removeprefix(OWN)],)
         kind = effect_class(effect)
         free = tuple(
-            scaled(p, self.similarity) for p in kind.declared if p.name not in kind.alternatives
+            scaled_prior(p, self.similarity)
+            for p in kind.declared
+            if p.name not in kind.alternatives
         )
         if effect in self.inside:
             return tuple(self.inside.bounded(effect, p) for p in free)
@@ -167,7 +199,7 @@ class Library:
         keys = [(c.effect, c.parameter.name) for c in start.coordinates]
         return self.hypothesis(effects, [known.get(key, 0.0) for key in keys])
 
-    def settings(self, rows: Sequence[tuple[Hypothesis, Tensor]]) -> Settings:
+    def settings(self, rows: Sequence[tuple[Hypothesis, Tensor]]) -> ParameterSets:
         """Values of C hypotheses for a rollout.
 
         Args:
@@ -191,7 +223,7 @@ class Library:
                         declared = effect_class(c.effect).declared
                         effects[c.effect] = {p.name: torch.full(shape, p.value) for p in declared}
                     effects[c.effect][name][row] = value
-        return Settings(*self.inside.moved(effects, parameters), offset)
+        return ParameterSets(*self.inside.moved(effects, parameters), offset)
 
     def trials(
         self, effect: str, segments: Segments, at: Sequence[float] = TRIAL_SIZES

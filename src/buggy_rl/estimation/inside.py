@@ -6,10 +6,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from buggy_rl.core.parameters import Change, Parameter, Realisations
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.parameters import Parameter
-from buggy_rl.realisation import Change, Realisations
 
 
 class Inside:

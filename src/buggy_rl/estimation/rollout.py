@@ -12,21 +12,21 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.actuation.supply import ThermalFoldback
 from buggy_rl.effects.base import Effect
 from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
-from buggy_rl.stepping import trajectory
 from buggy_rl.task.augment import Options, Values, augmented
-from buggy_rl.vehicle import rotate
 
 MOST_ENVIRONMENTS = 12_000  # stepped at once, to bound memory
 
 
 @dataclass(frozen=True)
-class Settings:
+class ParameterSets:
     """Numbers of C parameter sets, of shape [C], or [C, N] with one for each segment."""
 
     effects: Values = field(default_factory=dict)
@@ -41,9 +41,9 @@ class Settings:
         values = [v for parameters in self.effects.values() for v in parameters.values()]
         return len(next(iter((*values, *self.parameters.values(), self.clock_offset))))
 
-    def map(self, change: Callable[[Tensor], Tensor]) -> "Settings":
+    def map(self, change: Callable[[Tensor], Tensor]) -> "ParameterSets":
         """The same with every tensor changed."""
-        return Settings(
+        return ParameterSets(
             {e: {p: change(v) for p, v in values.items()} for e, values in self.effects.items()},
             {name: change(v) for name, v in self.parameters.items()},
             change(self.clock_offset),
@@ -51,7 +51,7 @@ class Settings:
 
 
 EVERY = 0.1  # [s] between two readings
-AS_GIVEN = Settings()
+AS_GIVEN = ParameterSets()
 ALONE = Workers(1)
 
 
@@ -111,7 +111,10 @@ class Simulation:
         return torch.arange(every, segments.horizon + 1, every)
 
     def residuals(
-        self, segments: Segments, settings: Settings = AS_GIVEN, start_error: Tensor | None = None
+        self,
+        segments: Segments,
+        settings: ParameterSets = AS_GIVEN,
+        start_error: Tensor | None = None,
     ) -> Tensor:
         """Readings minus measurements, positions along and across the heading at the start.
 
@@ -130,7 +133,10 @@ class Simulation:
         return torch.cat([position, residual[..., 2:]], -1)
 
     def readings(
-        self, segments: Segments, settings: Settings = AS_GIVEN, start_error: Tensor | None = None
+        self,
+        segments: Segments,
+        settings: ParameterSets = AS_GIVEN,
+        start_error: Tensor | None = None,
     ) -> Tensor:
         """What the sensor shows at the instants, [C, N, K, 6] pose (world) and velocity."""
         sets = len(settings) if start_error is None else len(start_error)
@@ -149,7 +155,7 @@ class Simulation:
         return [slice(first, first + per) for first in range(0, sets, per)]
 
     @torch.no_grad()
-    def _readings(self, segments, settings: Settings, start_error: Tensor | None) -> Tensor:
+    def _readings(self, segments, settings: ParameterSets, start_error: Tensor | None) -> Tensor:
         sets, count = len(settings), len(segments)
         env, stack = self._environment(settings, count)
         pose, velocity = _start(segments, stack, sets, start_error)
@@ -167,7 +173,7 @@ class Simulation:
         return torch.stack(seen, 1).view(sets, count, len(seen), 6)
 
     def single_steps(
-        self, segments: Segments, settings: Settings = AS_GIVEN
+        self, segments: Segments, settings: ParameterSets = AS_GIVEN
     ) -> Iterator[tuple[int, Tensor, Tensor]]:
         """Steps from the measured motion, imposed at every row, so that latent states follow it.
 
@@ -195,7 +201,7 @@ class Simulation:
                 yield row, torch.cat([pose[:, row], velocity[:, row]], -1), _motion(after)
 
     def drive(
-        self, actions: Tensor, settings: Settings, start: TensorDictBase
+        self, actions: Tensor, settings: ParameterSets, start: TensorDictBase
     ) -> Iterator[TensorDictBase]:
         """Yields the states [B] of B environments under actions [B, T, 2], T of them.
 
@@ -213,7 +219,7 @@ class Simulation:
         )
         yield from states
 
-    def _environment(self, settings: Settings, count: int):
+    def _environment(self, settings: ParameterSets, count: int):
         """One environment for each set and segment."""
         each = settings.map(lambda v: _each(v, count))
         simulator = self.make(len(settings) * count)
@@ -245,8 +251,8 @@ def _counted(
 
 
 def _part(
-    settings: Settings, start_error: Tensor | None, rows: slice
-) -> tuple[Settings, Tensor | None]:
+    settings: ParameterSets, start_error: Tensor | None, rows: slice
+) -> tuple[ParameterSets, Tensor | None]:
     return settings.map(lambda v: v[rows]), None if start_error is None else start_error[rows]
 
 

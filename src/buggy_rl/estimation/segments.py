@@ -8,12 +8,12 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.longitudinal import drive_of
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import drive_of
+from buggy_rl.core.vehicle import CONTROL_PERIOD, rotate
 from buggy_rl.recordings import Recording
-from buggy_rl.recordings.filters import filtered, local_parabola
+from buggy_rl.recordings.resampling import filtered, local_parabola
 from buggy_rl.recordings.windows import windows
-from buggy_rl.vehicle import CONTROL_PERIOD, rotate
 
 WARM_UP = 0.3  # [s] of measured motion imposed before a rollout: latent states settle
 HORIZONS = (0.3, 1.0, 3.0)  # [s] at which rollouts are judged

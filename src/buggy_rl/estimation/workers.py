@@ -6,11 +6,13 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, Self, TypeVar
 
-from buggy_rl.jobs import ONE_THREAD, cores, end
+from buggy_rl.jobs import ONE_THREAD, end
+from buggy_rl.jobs import process as cores
 
 ROLL_OUT, SETTING, FAILED = "roll out", "setting", "failed"
 LEAST = 3000  # [environments] the reference car: 7040 take 1.2 s, 3520 0.9 s, 88 0.5 s of one core
@@ -201,7 +203,7 @@ def _result(function: Callable[..., Any] | Exception, arguments: tuple[Any, ...]
 if __name__ == "__main__":
     import torch
 
-    import buggy_rl.estimation.rollout  # noqa: F401  what it will need, before it says that it is ready
+    import_module("buggy_rl.estimation.rollout")  # needed later; imported before it is ready
 
     torch.set_num_threads(1)
     try:

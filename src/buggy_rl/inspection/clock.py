@@ -20,7 +20,7 @@ ORDERED = 0.5  # share of the steps that go up, from which a column may be a clo
 
 
 @dataclass(frozen=True)
-class Clock:
+class RowStamps:
     """Stamps of T rows."""
 
     columns: dict[str, str]
@@ -53,7 +53,7 @@ class Clock:
         return float(self.t[-1] - self.t[0])
 
 
-def find_clock(columns: Mapping[str, ndarray]) -> Clock | None:
+def find_clock(columns: Mapping[str, ndarray]) -> RowStamps | None:
     """The most plausible stamps among the numeric columns [T] of a table; None if there are none.
 
     Seconds and nanoseconds in two columns add up. Otherwise it is a column that increases strictly,
@@ -80,7 +80,7 @@ def find_clock(columns: Mapping[str, ndarray]) -> Clock | None:
     _, _, name, unit, rate = max(found)
     t, jumps = unwound(UNITS["t"][unit] * columns[name])
     evidence = f"strictly increasing{_but(jumps)}; in {unit} the rows come at {rate:.4g} Hz"
-    return Clock({name: unit}, t, evidence, jumps)
+    return RowStamps({name: unit}, t, evidence, jumps)
 
 
 def _but(jumps: list[Jump]) -> str:
@@ -106,7 +106,7 @@ def why_no_clock(columns: Mapping[str, ndarray]) -> str:
     return f"{text}; {name} comes nearest, {share}"
 
 
-def _seconds_and_nanoseconds(columns: Mapping[str, ndarray]) -> Clock | None:
+def _seconds_and_nanoseconds(columns: Mapping[str, ndarray]) -> RowStamps | None:
     whole = [n for n, v in columns.items() if (v == np.floor(v)).all()]
     for seconds in whole:
         step = np.diff(columns[seconds])
@@ -120,5 +120,5 @@ def _seconds_and_nanoseconds(columns: Mapping[str, ndarray]) -> Clock | None:
             t, jumps = unwound(columns[seconds] + values / BILLION)
             if (np.diff(t) > 0).all():
                 evidence = f"{parts} runs through 0 to 1e9 while {seconds} goes up by ones"
-                return Clock({seconds: "s", parts: "ns"}, t, evidence + _but(jumps), jumps)
+                return RowStamps({seconds: "s", parts: "ns"}, t, evidence + _but(jumps), jumps)
     return None

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.inspection.signals import EARLIEST, Response, Signals, response, responses
+from buggy_rl.inspection.signals import (
+    EARLIEST,
+    ColumnResponse,
+    DriveSignals,
+    column_response,
+    responses,
+)
 from buggy_rl.recordings.columns import UNITS
 
 STEERING = re.compile(r"steer|servo|delta|(^|[^a-z])turn|ackermann|angle.?cmd", re.IGNORECASE)
@@ -53,7 +59,7 @@ class Guess:
         return self.centre if len(values) and np.abs(values).min() > 0 else 0.0
 
 
-def find_steering(signals: Signals) -> Guess | None:
+def find_steering(signals: DriveSignals) -> Guess | None:
     """The column that the curvature follows.
 
     A telling name comes first; where the path does not bend with it, but with the column that is
@@ -79,7 +85,7 @@ def find_steering(signals: Signals) -> Guess | None:
     return None
 
 
-def why_no_steering(signals: Signals) -> str:
+def why_no_steering(signals: DriveSignals) -> str:
     """Which column comes nearest to one that the curvature follows."""
     found = responses(signals, signals.curvature, signals.moving, 0.0)
     named = _named(found, STEERING)
@@ -95,7 +101,7 @@ def why_no_steering(signals: Signals) -> str:
     )
 
 
-def _named(found: Sequence[Response], words: re.Pattern[str]) -> list[Response]:
+def _named(found: Sequence[ColumnResponse], words: re.Pattern[str]) -> list[ColumnResponse]:
     """Responses of columns, by the last part of their names: `drive.csv` says nothing."""
     return [r for r in found if words.search(own_name(r.column))]
 
@@ -117,7 +123,7 @@ def exchanged(commands: Mapping[str, Guess]) -> bool:
     )
 
 
-def find_throttle(signals: Signals, steering: Guess | None) -> Guess | None:
+def find_throttle(signals: DriveSignals, steering: Guess | None) -> Guess | None:
     """The column that speed or acceleration follow; `unit` is `m/s` for a speed setpoint."""
     used = steering.column if steering else ""
     table = used.rpartition(".")[0]
@@ -138,7 +144,7 @@ def find_throttle(signals: Signals, steering: Guess | None) -> Guess | None:
     return None if best is None else best[1]
 
 
-def why_no_throttle(signals: Signals, steering: Guess | None) -> str:
+def why_no_throttle(signals: DriveSignals, steering: Guess | None) -> str:
     """Which column comes nearest to one that speed or acceleration follow."""
     used = steering.column if steering else ""
     pulls = responses(signals, signals.acceleration, signals.known, 0.0)
@@ -154,9 +160,9 @@ def why_no_throttle(signals: Signals, steering: Guess | None) -> str:
     )
 
 
-def _throttle(signals: Signals, name: str) -> tuple[float, Guess] | None:
-    speed = response(signals, name, signals.speed, signals.known)
-    pull = response(signals, name, signals.acceleration, signals.known)
+def _throttle(signals: DriveSignals, name: str) -> tuple[float, Guess] | None:
+    speed = column_response(signals, name, signals.speed, signals.known)
+    pull = column_response(signals, name, signals.acceleration, signals.known)
     if speed is None or pull is None:
         return None
     values = signals.columns[name]
@@ -178,7 +184,7 @@ def _throttle(signals: Signals, name: str) -> tuple[float, Guess] | None:
     return strength, Guess(name, text, "", 1.0, values, pull.lag, abs(pull.correlation))
 
 
-def find_rates(signals: Signals, commands: set[str]) -> dict[str, list[Guess]]:
+def find_rates(signals: DriveSignals, commands: set[str]) -> dict[str, list[Guess]]:
     """Columns that measure the speed and the yaw rate, with unit and sign."""
     kinds = {"vx": (signals.speed, "speed"), "yaw_rate": (signals.yaw_rate, "rate")}
     best: dict[str, tuple[float, str, Guess]] = {}  # of each column its best channel
@@ -193,7 +199,7 @@ def find_rates(signals: Signals, commands: set[str]) -> dict[str, list[Guess]]:
     return {c: [g for _, channel, g in ordered if channel == c] for c in kinds}
 
 
-def _unit(r: Response, factors: Mapping[str, float]) -> str | None:
+def _unit(r: ColumnResponse, factors: Mapping[str, float]) -> str | None:
     """The unit whose factor the slope of a column over its SI signal is nearest to."""
     for unit, factor in factors.items():
         if abs(abs(r.slope) * factor - 1) < UNIT_SLACK:
@@ -201,7 +207,7 @@ def _unit(r: Response, factors: Mapping[str, float]) -> str | None:
     return None
 
 
-def _rate(r: Response, unit: str, channel: str) -> Guess:
+def _rate(r: ColumnResponse, unit: str, channel: str) -> Guess:
     what = "speed" if channel == "vx" else "yaw rate"
     text = (
         f"correlation {r.correlation:+.3f} with the {what} of the pose, {abs(r.slope):.3g} of its "

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.inspection.clock import Clock, find_clock, why_no_clock
+from buggy_rl.inspection.clock import RowStamps, find_clock, why_no_clock
 from buggy_rl.inspection.columns import (
     Guess,
     find_gravity,
@@ -17,16 +17,17 @@ from buggy_rl.inspection.columns import (
     why_no_throttle,
 )
 from buggy_rl.inspection.motion import Pose, best_pose, find_poses, why_no_pose
-from buggy_rl.inspection.raw_drive import (
+from buggy_rl.inspection.signals import (
+    DriveSignals,
     RawDrive,
     filled,
-    numbers,
+    make_signals,
+    number_columns,
     numeric_columns,
     qualified,
     read_drive,
 )
-from buggy_rl.inspection.signals import Signals, make_signals
-from buggy_rl.recordings.errors import RecordingError
+from buggy_rl.recordings.recording import RecordingError
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,12 @@ class DriveFacts:
 
     name: str
     raw: RawDrive | None = None
-    clocks: dict[str, Clock] = field(default_factory=dict)
+    clocks: dict[str, RowStamps] = field(default_factory=dict)
     """By table."""
     pose: Pose | None = None
     others: list[Pose] = field(default_factory=list)
     """Further plausible poses."""
-    signals: Signals | None = None
+    signals: DriveSignals | None = None
     steering: Guess | None = None
     throttle: Guess | None = None
     rates: dict[str, list[Guess]] = field(default_factory=dict)
@@ -109,11 +110,11 @@ def _numbered(raw: RawDrive, key: str) -> dict[str, ndarray]:
     table = raw.tables[key]
     if not all(name.isdigit() for name in table.columns):
         return {}
-    return {name: v for name, v in numbers(table).items() if np.isfinite(v).all()}
+    return {name: v for name, v in number_columns(table).items() if np.isfinite(v).all()}
 
 
 def _notes(
-    raw: RawDrive, columns: dict[str, dict[str, ndarray]], clocks: dict[str, Clock]
+    raw: RawDrive, columns: dict[str, dict[str, ndarray]], clocks: dict[str, RowStamps]
 ) -> list[str]:
     """What tables lack: a line of names, stamps, or stamps of one clock."""
     notes = []

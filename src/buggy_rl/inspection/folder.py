@@ -1,15 +1,113 @@
 """A folder of recordings: facts of every drive, what they share, what they lack."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy import ndarray
+
 from buggy_rl.inspection.columns import Guess, exchanged
-from buggy_rl.inspection.coverage import Coverage, coverage, missing, suggestions
+from buggy_rl.inspection.coverage import (
+    Coverage,
+    command_coverage,
+    drive_suggestions,
+    missing_in_files,
+)
 from buggy_rl.inspection.drive import DriveFacts, inspect_drive
-from buggy_rl.inspection.listing import ColumnFacts, listing
 from buggy_rl.inspection.proposal import EXCHANGED, chosen_commands, proposal
-from buggy_rl.inspection.raw_drive import find_drives
+from buggy_rl.inspection.signals import changes, find_drives, number_columns, qualified
+
+WRAP = 0.8  # of a turn, by which a heading leaps where it is wrapped
+PULSE = 800.0, 2300.0  # [us] of servos and speed controllers
+MOST = 100  # columns that are listed of a drive
+
+
+@dataclass(frozen=True)
+class ColumnFacts:
+    """One column, T rows."""
+
+    name: str
+    """`table.column`."""
+    low: float
+    high: float
+    rate: float
+    """[Hz] at which its value changes, or of a table without stamps its changes a row."""
+    blank: float
+    """Share of rows without a number."""
+    guess: str
+    """What it is, or may be; empty where nothing is known."""
+
+    def line(self) -> str:
+        """All of it in words."""
+        blank = f", {self.blank:.0%} blank" if self.blank else ""
+        guess = f": {self.guess}" if self.guess else ""
+        return f"{self.name}: {self.low:.5g} to {self.high:.5g}, {self.rate:.3g} Hz{blank}{guess}"
+
+
+def listing(drive: DriveFacts) -> list[ColumnFacts]:
+    """Facts of the numeric columns of a drive, in the order of its files."""
+    if drive.raw is None:
+        return []
+    known = dict(_known(drive))
+    found = []
+    for key, table in drive.raw.tables.items():
+        clock = drive.clocks.get(key)
+        seconds = clock.seconds if clock is not None else float(len(table))
+        for column, values in number_columns(table).items():
+            finite = values[np.isfinite(values)]
+            name = qualified(key, column)
+            changed = int((np.diff(finite) != 0).sum())
+            found.append(
+                ColumnFacts(
+                    name,
+                    float(finite.min()),
+                    float(finite.max()),
+                    changed / max(seconds, 1e-9),
+                    1 - len(finite) / len(values),
+                    known.get(name) or _guess(finite),
+                )
+            )
+    return found[:MOST]
+
+
+def _known(drive: DriveFacts) -> Iterator[tuple[str, str]]:
+    """What was found, by column; the less certain first."""
+    for rate, guesses in drive.rates.items():
+        for guess in guesses:
+            yield guess.column, f"{rate} [{guess.unit}]"
+    for key, clock in drive.clocks.items():
+        for column, unit in clock.columns.items():
+            yield qualified(key, column), f"time [{unit}]"
+    for channel in ("steering", "throttle"):
+        guess = getattr(drive, channel)
+        if guess is not None:
+            yield guess.column, channel
+    if drive.pose is not None:
+        for channel, column in drive.pose.names.items():
+            yield qualified(drive.pose.table, column), channel
+
+
+def _guess(values: ndarray) -> str:
+    """What a column's numbers [n], finite, may be by themselves."""
+    if not changes(values):
+        return "constant"
+    low, high, different = float(values.min()), float(values.max()), len(np.unique(values))
+    if different == 2:
+        return "a switch"
+    step = np.diff(values)
+    if (step >= 0).all():
+        return "a clock or a counter"
+    leap = float(np.abs(step).max())
+    for turn, unit in ((2 * np.pi, "rad"), (360.0, "deg")):
+        if leap > WRAP * turn and high - low <= 1.05 * turn:
+            return f"a heading in {unit}, wrapped"
+    if PULSE[0] <= low and high <= PULSE[1] and (values == np.round(values)).mean() > 0.5:
+        return "a pulse of a servo or speed controller [us]"
+    if np.abs(values).max() <= 1:
+        return "within -1 and 1: a command, or part of a quaternion"
+    return ""
+
 
 Found = tuple[str, list[Path]]
 
@@ -33,9 +131,9 @@ class Inspection:
     commands: dict[str, Guess]
     """Channel -> the column that most drives agree on."""
     seen: Coverage
-    missing: list[str]
+    missing_in_files: list[str]
     """What the files lack, one line each."""
-    suggestions: list[str]
+    drive_suggestions: list[str]
     """What to drive next, one line each."""
     proposal: str
     """A column map to be edited."""
@@ -65,14 +163,14 @@ def inspect_folder(
         found = [found[round(i * (len(found) - 1) / max(most - 1, 1))] for i in range(most)]
     drives = [inspect_drive(name, files) for name, files in progress(found)]
     commands = chosen_commands(drives)
-    seen = coverage(drives, commands)
+    seen = command_coverage(drives, commands)
     return Inspection(
         str(folder),
         drives,
         commands,
         seen,
-        missing(drives, commands),
-        list(suggestions(seen, len(drives))),
+        missing_in_files(drives, commands),
+        list(drive_suggestions(seen, len(drives))),
         proposal(drives, commands),
         [EXCHANGED] if exchanged(commands) else [],
         listing(_longest(drives)),

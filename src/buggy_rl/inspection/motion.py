@@ -8,9 +8,9 @@ import numpy as np
 from numpy import ndarray
 from scipy.signal import savgol_filter
 
-from buggy_rl.inspection.clock import Clock
+from buggy_rl.inspection.clock import RowStamps
 from buggy_rl.recordings.columns import DEGREE, UNITS
-from buggy_rl.recordings.raw_recording import wrap_angle
+from buggy_rl.recordings.raw_recording import wrap_angles
 
 SMOOTHING = 0.3  # [s] of the derivative; a particle filter's 2 cm of noise needs it
 MOVING = 0.3  # [m/s] speed above which a course is taken
@@ -47,7 +47,7 @@ class Pose:
     """[T, 2] m."""
     yaw: ndarray
     """[T] rad, unwrapped."""
-    clock: Clock
+    clock: RowStamps
     cosine: float
     """Mean of course minus yaw while moving; of its magnitude where the car reverses."""
     unit: str = "m"
@@ -87,7 +87,7 @@ class Pose:
 def find_poses(
     table: str,
     columns: Mapping[str, ndarray],
-    clock: Clock,
+    clock: RowStamps,
     constant: Mapping[str, ndarray] | None = None,
 ) -> list[Pose]:
     """Plausible poses of a table, the best one first.
@@ -114,14 +114,14 @@ def find_poses(
             along = np.cos(course - yaw)[moving]
             cosine = _agreement(along)
             if cosine is not None:
-                unwrapped = np.unwrap(wrap_angle(yaw))
+                unwrapped = np.unwrap(wrap_angles(yaw))
                 all_names = {"x": x, "y": y, **names}
                 pose = Pose(table, all_names, degrees, sign, xy, unwrapped, clock, cosine, unit)
                 found.append(replace(pose, backward=float((along < -LEAST_AGREEMENT).mean())))
     return sorted(found, key=lambda pose: -_rank(pose))
 
 
-def why_no_pose(columns: Mapping[str, ndarray], clock: Clock) -> str:
+def why_no_pose(columns: Mapping[str, ndarray], clock: RowStamps) -> str:
     """Why no columns of a table are a position and a heading."""
     pairs = list(_pairs(columns))
     if not pairs:
@@ -184,7 +184,7 @@ def _agreement(along: ndarray) -> float | None:
     return either if either > BOTH_WAYS and forward > 0 else None
 
 
-def _length(xy: ndarray, clock: Clock) -> str:
+def _length(xy: ndarray, clock: RowStamps) -> str:
     """Unit of a position [T, 2]: m, or mm where nothing moves as fast as it would."""
     speed = np.linalg.norm(_derivative(xy, clock), axis=-1)
     return "m" if np.quantile(speed, 0.9) <= FASTEST else "mm"
@@ -269,7 +269,7 @@ def _quaternions(columns: Mapping[str, ndarray]) -> Iterator[Heading]:
         yield names, -yaw, False, -1.0
 
 
-def _derivative(values: ndarray, clock: Clock) -> ndarray:
+def _derivative(values: ndarray, clock: RowStamps) -> ndarray:
     """Rate of change [T, C] by a Savitzky-Golay filter over `SMOOTHING`, rows taken as even."""
     rows = max(round(SMOOTHING / clock.period) | 1, 5)
     if len(values) <= rows:

@@ -5,9 +5,9 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
 from buggy_rl.inspection.columns import Guess, exchanged, own_name
+from buggy_rl.inspection.coverage import UNKNOWN, seen, seen_at_rest, steering_ends, throttle_ends
 from buggy_rl.inspection.drive import DriveFacts
-from buggy_rl.inspection.ends import UNKNOWN, seen, stands, steering_ends, throttle_ends
-from buggy_rl.inspection.raw_drive import qualified
+from buggy_rl.inspection.signals import qualified
 from buggy_rl.recordings.mapping import CLOCK_ORIGIN
 
 HEAD = (
@@ -42,7 +42,7 @@ def chosen_commands(drives: Sequence[DriveFacts]) -> dict[str, Guess]:
     return result
 
 
-def typical(drives: Sequence[DriveFacts]) -> DriveFacts | None:
+def _typical(drives: Sequence[DriveFacts]) -> DriveFacts | None:
     """The longest drive with a pose: its columns stand for all."""
     posed = [d for d in drives if d.pose is not None]
     return max(posed, key=lambda d: d.pose.clock.seconds if d.pose else 0.0, default=None)
@@ -51,7 +51,7 @@ def typical(drives: Sequence[DriveFacts]) -> DriveFacts | None:
 def proposal(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> str:
     """The column map as YAML."""
     lines = [line.format(count=len(drives)) for line in HEAD]
-    drive = typical(drives)
+    drive = _typical(drives)
     if drive is None or drive.pose is None or drive.raw is None:
         return "\n".join([*lines, "# No drive has a position that moves along a heading."]) + "\n"
     if exchanged(commands):
@@ -154,7 +154,7 @@ def _ranges(drives: Sequence[DriveFacts], commands: dict[str, Guess]) -> list[st
         guess = commands["throttle"]
         ends = throttle_ends(drives, guess)
         what = " a speed setpoint in m/s;" if guess.unit == "m/s" else ""
-        rest = "while standing" if stands(drives, guess) else "a guess, the car never stands"
+        rest = "while standing" if seen_at_rest(drives, guess) else "a guess, the car never stands"
         why = f"rest: {rest};{what} {_ends_words(ends)}{seen(drives, 'throttle', guess)}"
         lines.append(f"throttle: {_flow(ends)}  # {why}")
         lines += _command(drives, guess, ends)

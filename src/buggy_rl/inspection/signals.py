@@ -1,14 +1,129 @@
 """All columns of a drive beside its motion, on one even grid, and how they go with it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.inspection.clock import Clock
+from buggy_rl.inspection.clock import RowStamps
 from buggy_rl.inspection.motion import MOVING, Pose
-from buggy_rl.inspection.raw_drive import qualified
+from buggy_rl.recordings.columns import ColumnMap
+from buggy_rl.recordings.readers import Table, is_recording, read
+from buggy_rl.recordings.recording import RecordingError
+
+TABLES = (".csv", ".parquet")
+FULL = 0.9  # share of numbers in a column that is read as it is
+LEAST = 50  # numbers of a column with blanks, for anything to be seen in it
+
+
+@dataclass(frozen=True)
+class RawDrive:
+    """One drive as its files have it."""
+
+    name: str
+    tables: dict[str, Table]
+    """By the file's name without its ending; an only table by "", so that drives compare."""
+    files: dict[str, str]
+    """The same names -> names of the files."""
+
+    @property
+    def several(self) -> bool:
+        """Whether the drive is spread over several tables."""
+        return len(self.tables) > 1
+
+
+def number_columns(table: Table) -> dict[str, ndarray]:
+    """Columns [T] of numbers, as float64; blanks are NaN. Text is left out: a frame's name."""
+    found = {}
+    for name in table.columns:
+        try:
+            values = table.numbers(name)
+        except RecordingError:
+            continue
+        if np.isfinite(values).any():
+            found[name] = values
+    return found
+
+
+def numeric_columns(table: Table) -> dict[str, ndarray]:
+    """Columns [T] of numbers that change and are finite in nine rows of ten, as float64."""
+    return {
+        name: values
+        for name, values in number_columns(table).items()
+        if np.isfinite(values).mean() >= FULL and changes(values)
+    }
+
+
+def filled(table: Table, t: ndarray) -> dict[str, ndarray]:
+    """Columns [T] that change and have blanks, interpolated over the stamps [T].
+
+    Rows of several sources in one table, such as a pose and the commands, leave one another blank.
+    """
+    found = {}
+    for name, values in number_columns(table).items():
+        known = np.isfinite(values)
+        if LEAST <= known.sum() < FULL * len(values) and changes(values):
+            found[name] = np.interp(t, t[known], values[known])
+    return found
+
+
+def changes(values: ndarray) -> bool:
+    """Whether a column [T] has different numbers."""
+    finite = values[np.isfinite(values)]
+    return len(finite) > 2 and bool(finite.min() < finite.max())
+
+
+def find_drives(folder: Path) -> Iterator[tuple[str, list[Path]]]:
+    """Name and files of every drive in a folder and below.
+
+    Tables of one folder with different headers are those of one drive.
+
+    Raises:
+        ValueError: There is no such folder.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder; name one with recordings in it")
+    if is_recording(folder):  # arrays, or a ROS 2 bag
+        yield folder.name, [folder]
+        return
+    entries = [e for e in sorted(folder.iterdir()) if not e.name.startswith(".")]
+    tables = [e for e in entries if e.is_file() and e.suffix.lower() in TABLES]
+    if len({_header(file) for file in tables}) > 1:
+        yield folder.name, tables
+        tables = []
+    others = [e for e in entries if e.is_file() and e.suffix.lower() not in TABLES]
+    for file in (*tables, *(e for e in others if is_recording(e))):
+        yield file.stem, [file]
+    for entry in entries:
+        if entry.is_dir():
+            yield from find_drives(entry)
+
+
+def read_drive(name: str, files: list[Path]) -> RawDrive:
+    """Reads the tables of a drive.
+
+    Raises:
+        RecordingError: One cannot be read.
+    """
+    keys = [""] if len(files) == 1 else [file.stem for file in files]
+    tables = {key: read(file, ColumnMap()) for key, file in zip(keys, files, strict=True)}
+    return RawDrive(name, tables, dict(zip(keys, (file.name for file in files), strict=True)))
+
+
+def qualified(table: str, column: str) -> str:
+    """A column's name in a column map: `table.column`, or the column of an only table."""
+    return f"{table}.{column}" if table else column
+
+
+def _header(file: Path) -> bytes:
+    """First line of a CSV file; the whole name for others, whose columns need a library to read."""
+    if file.suffix.lower() != ".csv":
+        return str(file).encode()
+    with file.open("rb") as stream:
+        return stream.readline().strip()
+
 
 STEP = 0.02  # [s] of the grid; delays are seen to half of it
 HOLE = 0.3  # [s] without a pose above which the grid's rows are left out
@@ -20,7 +135,7 @@ CREEP = 0.5  # [m/s] added to a speed that a yaw rate is divided by
 
 
 @dataclass(frozen=True)
-class Signals:
+class DriveSignals:
     """Motion and columns of a drive at N instants, `STEP` apart."""
 
     t: ndarray
@@ -53,7 +168,7 @@ class Signals:
 
 
 @dataclass(frozen=True)
-class Response:
+class ColumnResponse:
     """How a column goes with a signal of the motion."""
 
     column: str
@@ -67,8 +182,8 @@ class Response:
 
 
 def make_signals(
-    pose: Pose, tables: Mapping[str, Mapping[str, ndarray]], clocks: Mapping[str, Clock]
-) -> Signals:
+    pose: Pose, tables: Mapping[str, Mapping[str, ndarray]], clocks: Mapping[str, RowStamps]
+) -> DriveSignals:
     """Puts a pose and all other numeric columns on one grid.
 
     Args:
@@ -93,10 +208,12 @@ def make_signals(
 
     xy = np.stack([even(pose.xy[:, 0]), even(pose.xy[:, 1])], -1)
     speed, rate = even(pose.speed), even(pose.yaw_rate)
-    return Signals(at - at[0], ~hole, xy, speed, rate, columns)
+    return DriveSignals(at - at[0], ~hole, xy, speed, rate, columns)
 
 
-def responses(signals: Signals, signal: ndarray, rows: ndarray, earliest: float) -> list[Response]:
+def responses(
+    signals: DriveSignals, signal: ndarray, rows: ndarray, earliest: float
+) -> list[ColumnResponse]:
     """How each column goes with a signal [N] over some rows [N], the best correlation first.
 
     Args:
@@ -105,23 +222,25 @@ def responses(signals: Signals, signal: ndarray, rows: ndarray, earliest: float)
         rows: Which instants count.
         earliest: Least lag tried [s].
     """
-    found = [response(signals, name, signal, rows, earliest) for name in signals.columns]
+    found = [column_response(signals, name, signal, rows, earliest) for name in signals.columns]
     known = [r for r in found if r is not None]
     return sorted(known, key=lambda r: -abs(r.correlation))
 
 
-def response(
-    signals: Signals, column: str, signal: ndarray, rows: ndarray, earliest: float = 0.0
-) -> Response | None:
+def column_response(
+    signals: DriveSignals, column: str, signal: ndarray, rows: ndarray, earliest: float = 0.0
+) -> ColumnResponse | None:
     """How one column goes with a signal [N]; None where too little of it changes."""
     values, signal = signals.columns[column], clipped(signal, rows)
-    lags, found = correlations(values, signal, rows, earliest)
+    lags, found = lagged_correlations(values, signal, rows, earliest)
     if not np.isfinite(found).any():
         return None
     at = int(np.nanargmax(np.abs(found)))
     earlier, good = _earlier(values, int(lags[at]), rows)
     slope, offset = np.polyfit(signal[good], earlier[good], 1)
-    return Response(column, float(found[at]), float(lags[at]) * STEP, float(slope), float(offset))
+    return ColumnResponse(
+        column, float(found[at]), float(lags[at]) * STEP, float(slope), float(offset)
+    )
 
 
 def clipped(signal: ndarray, rows: ndarray) -> ndarray:
@@ -129,7 +248,7 @@ def clipped(signal: ndarray, rows: ndarray) -> ndarray:
     return np.clip(signal, *np.quantile(signal[rows], OUTLIERS)) if rows.any() else signal
 
 
-def correlations(
+def lagged_correlations(
     values: ndarray, signal: ndarray, rows: ndarray, earliest: float = 0.0
 ) -> tuple[ndarray, ndarray]:
     """Lags [L] in steps, and the correlation [L] of values [N] with a signal [N] that much later.

@@ -7,11 +7,9 @@ every launcher starts the same command in the same way (`process`).
 """
 
 from buggy_rl.jobs.calls import results
-from buggy_rl.jobs.cores import CORES, cores
 from buggy_rl.jobs.job import Job, digest
-from buggy_rl.jobs.launching import Launching
-from buggy_rl.jobs.process import LOG, ONE_THREAD, OUTCOME, Outcome, end, read_outcome
-from buggy_rl.jobs.running import Progress, Running, run_jobs
+from buggy_rl.jobs.launching import Launching, Progress, Running, run_jobs
+from buggy_rl.jobs.process import CORES, LOG, ONE_THREAD, OUTCOME, Outcome, cores, end, read_outcome
 
 __all__ = [
     "CORES",

@@ -9,8 +9,7 @@ from typing import Any
 from tqdm import std
 
 from buggy_rl.jobs.job import Job
-from buggy_rl.jobs.launching import Launching
-from buggy_rl.jobs.running import run_jobs
+from buggy_rl.jobs.launching import Launching, run_jobs
 
 POLL = 1.0  # [s] between two looks; the bar itself writes ten times a second at most
 PERIOD = "TQDM_MININTERVAL"  # environment variable, as tqdm's own: [s] between two plain lines

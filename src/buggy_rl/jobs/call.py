@@ -6,7 +6,7 @@ import pickle
 import sys
 from pathlib import Path
 
-from buggy_rl.files import write_atomically
+from buggy_rl.core.files import write_atomically
 from buggy_rl.jobs.calls import CALL, RESULT
 
 

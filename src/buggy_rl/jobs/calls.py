@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.files import remove_folder, write_atomically
+from buggy_rl.core.files import remove_folder, write_atomically
 from buggy_rl.jobs.job import RECORD, Job
-from buggy_rl.jobs.launching import Launching
+from buggy_rl.jobs.launching import LOCAL, Launching, run_jobs
 from buggy_rl.jobs.process import DONE, LOCK, LOG, OUTCOME, STOP
-from buggy_rl.jobs.running import LOCAL, run_jobs
 
 CALL, RESULT = "call.pkl", "result.json"
 # Files of a call's folder; earlier versions wrote a result that ran code when it was read.

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.files import write_atomically, write_json
+from buggy_rl.core.files import write_atomically, write_json
+from buggy_rl.core.question import refuse_another
+from buggy_rl.core.reads import files_read
 from buggy_rl.jobs.process import OUTCOME, Command, read_outcome
-from buggy_rl.question import refuse_another
-from buggy_rl.reads import files_read
 
 RECORD = "job.json"
 REMEDY = "use another output, or move the folder away"
@@ -35,7 +35,7 @@ class Job:
     inputs: tuple[str, ...] = ()
     """Files that the result depends on, with those that they name or import in turn."""
     question: Mapping[str, Any] = field(default_factory=dict)
-    """What it depends on beside its command, by name (`buggy_rl.question`)."""
+    """What it depends on beside its command, by name (`buggy_rl.core.question`)."""
     texts: Mapping[Path, str] = field(default_factory=dict)
     """Files that it reads and that are written when it begins, not before it is known whether it
     is refused."""

@@ -1,13 +1,27 @@
 """Where jobs run: in processes of this machine, on a Ray cluster, or by Slurm."""
 
 import importlib
-from collections.abc import Mapping
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
-from buggy_rl.extras import needs
-from buggy_rl.jobs.cores import cores
-from buggy_rl.jobs.process import Command, Process
+from buggy_rl.core.extras import needs
+from buggy_rl.jobs.job import Job
+from buggy_rl.jobs.process import (
+    DONE,
+    LOST,
+    POLL,
+    STOPPED,
+    Command,
+    Outcome,
+    Process,
+    cores,
+    last_words,
+    read_outcome,
+)
 
 LAUNCHERS = ("local", "ray", "submitit")
 
@@ -99,7 +113,7 @@ def required(package: str, what: str) -> Any:
     return needs(package, "scale", what)
 
 
-def refuse_unknown(options: Mapping[str, Any], known: set[str], what: str) -> None:
+def refuse_unknown_options(options: Mapping[str, Any], known: set[str], what: str) -> None:
     """Compares the names of options with those that a launcher takes.
 
     Raises:
@@ -109,3 +123,142 @@ def refuse_unknown(options: Mapping[str, Any], known: set[str], what: str) -> No
         raise ValueError(
             f"cluster has no options {unknown} for {what}; available: {', '.join(sorted(known))}"
         )
+
+
+LOCAL = Launching()
+
+
+class Progress(NamedTuple):
+    """A job, the share of it that is done, and its outcome once it has ended."""
+
+    job: Job
+    share: float
+    outcome: Outcome | None = None
+
+
+class _Started:
+    """A job that runs, and how often it had to be started."""
+
+    def __init__(self, job: Job, handle: Handle) -> None:
+        self.job, self.handle, self.begun, self.losses = job, handle, time.monotonic(), 0
+
+
+class Running:
+    """Jobs that run somewhere; left by any way, it ends them and whatever was started for them.
+
+    Args:
+        workers: Jobs that run at the same time.
+        launching: Where.
+
+    Raises:
+        ValueError: There is no such launcher, or its package or cluster is missing.
+    """
+
+    def __init__(self, workers: int, launching: Launching = LOCAL) -> None:
+        if workers < 1:
+            raise ValueError(f"workers={workers}: must be 1 at least")
+        self.workers, self._launching = workers, launching
+        self._cores = launching.share(workers)
+        self._launcher = make_launcher(launching, workers)
+        self._started: dict[Path, _Started] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            for started in self._started.values():
+                started.handle.end()
+        finally:
+            self._launcher.close()
+
+    @property
+    def free(self) -> int:
+        """Jobs that can be started now."""
+        return self.workers - len(self._started)
+
+    def start(self, job: Job) -> None:
+        """Starts a job, from its checkpoint where there is one."""
+        command = job.prepared(self._cores)
+        self._started[job.folder] = _Started(job, self._launcher.start(command))
+
+    def stop(self, job: Job) -> Outcome:
+        """Ends a job that runs; it has no outcome on the disk."""
+        started = self._started.pop(job.folder)
+        started.handle.end()
+        return _ended(started, STOPPED)
+
+    def poll(self) -> Iterator[Progress]:
+        """Progress of every job that runs; of one that has ended, with its outcome, once."""
+        for started in list(self._started.values()):
+            job, status = started.job, started.handle.poll()
+            if status == LOST and started.losses < self._launching.retries:
+                started.losses += 1
+                started.handle = self._launcher.start(job.prepared(self._cores))
+                status = None
+            if status is None:
+                yield Progress(job, job.share())
+                continue
+            del self._started[job.folder]
+            yield Progress(job, 1.0, _ended(started, status))
+
+
+def run_jobs(
+    jobs: Sequence[Job], workers: int, launching: Launching = LOCAL, poll: float = POLL
+) -> Generator[Progress, None, None]:
+    """Runs the jobs that are not done, `workers` at a time.
+
+    A job whose worker is lost (killed, its machine gone) is started again, from its checkpoint,
+    up to `launching.retries` times. Closed or interrupted, it ends the running processes with all
+    that they have started; these jobs have no outcome and are run again the next time.
+
+    Yields:
+        The progress of every running job once a poll; the outcome once, at its end.
+
+    Raises:
+        ValueError: Jobs that are not `final` have failed, or jobs were lost too often; raised when
+            all have ended.
+    """
+    waiting = [job for job in jobs if not job.done]
+    if not waiting:
+        return
+    failed = []
+    with Running(workers, launching) as running:
+        while waiting or running.free < running.workers:
+            while waiting and running.free:
+                running.start(waiting.pop(0))
+            time.sleep(poll)
+            for progress in running.poll():
+                outcome = progress.outcome
+                if outcome and _failed(progress.job, outcome):
+                    failed.append(_complaint(progress.job, outcome))
+                yield progress
+    if failed:
+        raise ValueError(f"{len(failed)} of {len(jobs)} failed\n" + "\n".join(failed))
+
+
+def _ended(started: _Started, status: str) -> Outcome:
+    """The outcome, read from the disk where there is one."""
+    if found := read_outcome(started.job.folder):
+        return Outcome(**found)
+    seconds, said = time.monotonic() - started.begun, last_words(started.job.folder)
+    if status == LOST:
+        said += (
+            f"\nits worker was killed {started.losses + 1} times: was memory short? Use fewer "
+            "workers, or raise retries"
+        )
+    return Outcome(status, round(seconds, 1), said)
+
+
+def _failed(job: Job, outcome: Outcome) -> bool:
+    """Whether the run is to end with an error: what was lost has no outcome that counts."""
+    return outcome.status == LOST or (outcome.status != DONE and not job.final)
+
+
+def _complaint(job: Job, outcome: Outcome) -> str:
+    return f"{job.name}: {outcome.status}: {' '.join(outcome.last_words.split())[-300:]}"

@@ -23,7 +23,7 @@ BUSY = 75  # exit code: EX_TEMPFAIL of sysexits.h
 def main() -> None:
     """Holds the lock and runs the script as if it had been called by its own command."""
     threading.Thread(target=_follow, args=(_starter(),), daemon=True).start()
-    hold(sys.argv[1])
+    hold_leash(sys.argv[1])
     sys.argv = sys.argv[2:]
     if sys.argv[0] == "-m":
         sys.argv = sys.argv[1:]
@@ -49,7 +49,7 @@ def _follow(pipe: int) -> None:
     os.killpg(0, signal.SIGKILL)
 
 
-def hold(file: str) -> None:
+def hold_leash(file: str) -> None:
     """Takes the lock, which this process keeps to its end.
 
     Raises:

@@ -13,7 +13,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from buggy_rl.jobs.launching import refuse_unknown, required
+from buggy_rl.jobs.launching import refuse_unknown_options, required
 from buggy_rl.jobs.process import GRACE, LOST, STOP, STOPPED, Command, attend
 
 PATIENCE = 5.0  # [s] for a cluster to take a connection; on loopback it takes under 1 ms
@@ -38,7 +38,7 @@ class OnRay:
 
     def __init__(self, ray: Any, options: dict[str, Any], total: int, cores: int) -> None:
         known = {n for n in inspect.signature(ray.init).parameters if n != "kwargs"}
-        refuse_unknown(options, known, "launcher=ray")
+        refuse_unknown_options(options, known, "launcher=ray")
         self._ray = ray
         address = options.pop("address", None) or os.environ.get("RAY_ADDRESS", "local")
         if address == "local":

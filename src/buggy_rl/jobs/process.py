@@ -11,9 +11,24 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.files import write_json
+from buggy_rl.core.files import write_json
 from buggy_rl.jobs import leash
-from buggy_rl.jobs.cores import CORES
+
+CORES = "BUGGY_RL_CORES"
+"""Environment variable: the share of a job."""
+
+
+def cores() -> int:
+    """Cores that this process may keep busy: its share where it is a job, else its affinity.
+
+    Raises:
+        ValueError: The environment variable is no number above 0.
+    """
+    given = os.environ.get(CORES, "")
+    if given and not (given.isdecimal() and int(given)):
+        raise ValueError(f"{CORES}={given}: must be a number of cores above 0, or not set")
+    return int(given) if given else len(os.sched_getaffinity(0))
+
 
 OUTCOME = "outcome.json"
 LOG = "log.txt"

@@ -3,15 +3,89 @@
 Where nobody has driven a path, a scripted driver stands in, and its row says so.
 """
 
+import datetime
+import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import mean, pstdev
 
-from buggy_rl.policies.drive_note import DriveNote, read_note
-from buggy_rl.policies.live_drive import LIMITS
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.car.clock import Deadlines
+from buggy_rl.core.config import from_plain
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.policies.people import LIMITS, DriveConfig, LiveStep
+
+
+@dataclass(frozen=True)
+class DriveNote:
+    """One drive."""
+
+    driver: str
+    """human or scripted."""
+    input: str
+    """keyboard, gamepad, joystick or pure_pursuit."""
+    simulator: str
+    """As it was named."""
+    course: str
+    """Likewise."""
+    seed: int
+    """Of the simulator's noise."""
+    date: str
+    """Begin, ISO 8601."""
+    limit: float
+    """Longest drive [s]."""
+    finished: bool = False
+    """The drive ended by its own rules; false while it goes on and if it was broken off."""
+    seconds: float = 0.0
+    """Driven [s]."""
+    waypoints: int = 0
+    """Closed."""
+    overruns: int = 0
+    """Steps that came more than a period late."""
+    slipped: float = 0.0
+    """By which real time ran ahead of the drive [s]; above 0 it was driven slower than real."""
+
+    @classmethod
+    def of(cls, config: DriveConfig) -> "DriveNote":
+        """At the begin of a drive."""
+        scripted = config.driver == "scripted"
+        who, what = ("scripted", "pure_pursuit") if scripted else ("human", config.driver)
+        date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+        limit = config.steps * CONTROL_PERIOD
+        return cls(who, what, config.simulator, config.course, config.seed, date, limit)
+
+    def ended(self, last: LiveStep, deadlines: Deadlines) -> "DriveNote":
+        """At the end of the drive that `last` is the last row of."""
+        return replace(
+            self,
+            finished=True,
+            seconds=round(last.time + deadlines.dt, 6),
+            waypoints=last.waypoints,
+            overruns=deadlines.overruns,
+            slipped=round(deadlines.slipped, 3),
+        )
+
+
+def note_file(recording: str | Path) -> Path:
+    """The note beside a recording."""
+    return Path(recording).with_suffix(".json")
+
+
+def read_note(file: Path) -> DriveNote:
+    """The note in a file.
+
+    Raises:
+        ValueError: It is no note.
+    """
+    try:
+        content = json.loads(file.read_text())
+    except ValueError as error:
+        raise ValueError(f"{file} is not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{file} is no note of a drive: it is a {type(content).__name__}")
+    return from_plain(DriveNote, content, str(file))
+
 
 COURSES = ("lap", "infinity", "random")
 SLOWEST = 0.02  # of a drive that may be lost to a slow simulator: beyond, it was slow motion

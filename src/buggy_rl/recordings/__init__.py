@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from buggy_rl.recordings.columns import ColumnMap as ColumnMap
-    from buggy_rl.recordings.errors import RecordingError as RecordingError
     from buggy_rl.recordings.loading import load_recording as load_recording
     from buggy_rl.recordings.loading import load_recordings as load_recordings
     from buggy_rl.recordings.recording import Recording as Recording
+    from buggy_rl.recordings.recording import RecordingError as RecordingError
     from buggy_rl.recordings.saving import save_command as save_command
     from buggy_rl.recordings.saving import save_recording as save_recording
 

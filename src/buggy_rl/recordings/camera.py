@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.vehicle import CONTROL_PERIOD, rotate, shift_pose, shift_velocity
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import CONTROL_PERIOD, rotate, shift_pose, shift_velocity
 
 DECIMALS = 5  # of every recorded number: 10 micrometres, a seventieth of the position noise
 
@@ -103,7 +103,7 @@ class Camera:
         pose = shift_pose(pose, config.lever_arm_x, config.lever_arm_y)
         velocity = shift_velocity(velocity, config.lever_arm_x, config.lever_arm_y)
         if config.yaw:
-            pose, velocity = turned(pose, velocity, config.yaw)
+            pose, velocity = _turned(pose, velocity, config.yaw)
         if config.lag:
             pose, velocity = (lagging(signal, config.lag / dt) for signal in (pose, velocity))
         if config.heading_drift:
@@ -157,7 +157,7 @@ def delayed(signal: Tensor, rows: float) -> Tensor:
     return newer if share == 0 else newer + share * (older - newer)
 
 
-def turned(pose: Tensor, velocity: Tensor, angle: float) -> tuple[Tensor, Tensor]:
+def _turned(pose: Tensor, velocity: Tensor, angle: float) -> tuple[Tensor, Tensor]:
     """Pose and velocity [*, 3] measured by a camera rotated to the left by `angle` [rad]."""
     yaw = pose[..., 2:] + angle
     course = rotate(velocity[..., :2], torch.full_like(velocity[..., 2], -angle))

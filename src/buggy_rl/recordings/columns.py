@@ -9,9 +9,9 @@ from typing import Any, Literal
 import yaml
 from omegaconf import MISSING
 
-from buggy_rl.config import config_file, from_plain
-from buggy_rl.longitudinal import LongitudinalCommand
-from buggy_rl.recordings.limits import Limits
+from buggy_rl.core.config import config_file, from_plain
+from buggy_rl.core.longitudinal import LongitudinalCommand
+from buggy_rl.recordings.recording import Limits
 
 CHANNELS = (
     *("t", "x", "y", "yaw", "qw", "qx", "qy", "qz"),
@@ -63,7 +63,7 @@ class Throttle:
 
 
 @dataclass(frozen=True)
-class Steering:
+class SteeringRange:
     """Raw steering: `right` maps to -1, `centre` to 0, `left` to +1, linear in between."""
 
     right: float = -1.0
@@ -89,7 +89,7 @@ class DropLeading:
 
 
 @dataclass(frozen=True)
-class Mount:
+class TrackerMount:
     """Pose of the tracker in the body frame.
 
     yaw = measured - mount.yaw,  position = measured - R(yaw) (mount.x, mount.y).
@@ -144,11 +144,11 @@ class ColumnMap:
     command: LongitudinalCommand = field(default_factory=LongitudinalCommand)
     """What the first command is; that of the car's file where the map does not say."""
     throttle: Throttle = field(default_factory=Throttle)
-    steering: Steering = field(default_factory=Steering)
+    steering: SteeringRange = field(default_factory=SteeringRange)
     command_offset: float = 0.0
     """[s] Added to the stamps of the commands: -0.1 when they are stamped 0.1 s late."""
     drop_leading: DropLeading = field(default_factory=DropLeading)
-    mount: Mount = field(default_factory=Mount)
+    mount: TrackerMount = field(default_factory=TrackerMount)
     velocity_frame: Literal["body", "world"] = "body"
     derive_velocity: bool = False
     """Derive the velocities from the pose even where the file has them."""

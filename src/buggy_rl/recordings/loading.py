@@ -10,18 +10,17 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
-from buggy_rl.car_file import load_car
-from buggy_rl.longitudinal import ONE_WAY
+from buggy_rl.core import keys
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.longitudinal import ONE_WAY
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.recordings.checks import CHECKS
 from buggy_rl.recordings.columns import BESIDE, ColumnMap, load_columns
-from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.mapping import map_columns
 from buggy_rl.recordings.readers import is_recording, read, recordings_below
-from buggy_rl.recordings.recording import Recording
+from buggy_rl.recordings.recording import Recording, RecordingError
 from buggy_rl.recordings.resampling import resample
-from buggy_rl.recordings.session import place_in_session
-from buggy_rl.vehicle import CONTROL_PERIOD
+from buggy_rl.recordings.stamps import place_in_session
 
 LONGEST_PERIOD = 0.1  # [s] of the control; a steering lag of 0.1 s is not resolved above it
 DEEPEST = 10  # folders that a name may take to be unique; chosen
@@ -172,3 +171,25 @@ def _make_unique(recordings: list[Recording]) -> None:
         for recording in [r for r in recordings if count[r.name] > 1]:
             path = Path(recording.source).resolve()
             recording.name = "/".join([*path.parts[-1 - depth : -1], _name(path)])
+
+
+QUIET = (
+    "derived from the pose",
+    "positions count from",
+    ": counted from",
+    ": dropped",
+    "are read as",
+)
+"""Parts of the notes that say how a sound recording was read; all others say what to look at."""
+DOUBTFUL = (" if ", " assumed", "the clock was set", "held for up to", "the commands stop", "s old")
+"""Parts of the notes that say that the recording may not be what it seems."""
+
+
+def telling(notes: Iterable[str]) -> list[str]:
+    """The notes that say what was cut, held, assumed or looks wrong: for a check of recordings."""
+    return [note for note in notes if not any(part in note for part in QUIET)]
+
+
+def doubtful(notes: Iterable[str]) -> list[str]:
+    """The notes that say what may be wrong with the whole recording: for all that use it."""
+    return [note for note in telling(notes) if any(part in note for part in DOUBTFUL)]

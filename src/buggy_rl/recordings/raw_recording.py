@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.errors import RecordingError
+from buggy_rl.recordings.recording import RecordingError
 
 
 @dataclass
@@ -121,12 +121,12 @@ class RawRecording:
         return np.split(kept, np.flatnonzero(late | (np.diff(part) > 0)) + 1)
 
 
-def wrap_angle(angle: ndarray) -> ndarray:
+def wrap_angles(angle: ndarray) -> ndarray:
     """Wraps an angle [rad] of any shape to [-pi, pi)."""
     return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
 
 
-def rotate(xy: ndarray, angle: ndarray | float) -> ndarray:
+def rotate_rows(xy: ndarray, angle: ndarray | float) -> ndarray:
     """Rotates vectors [*, 2] to the left by `angle` [*] rad."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = xy[..., 0], xy[..., 1]

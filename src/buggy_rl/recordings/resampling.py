@@ -1,15 +1,21 @@
 """From checked rows at the file's rate to a uniform grid."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+import torch
 from numpy import ndarray
 from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
+from torch import Tensor
 
+from buggy_rl.core import keys
 from buggy_rl.recordings.columns import ColumnMap
-from buggy_rl.recordings.raw_recording import RawRecording, rotate
+from buggy_rl.recordings.raw_recording import RawRecording, rotate_rows
+from buggy_rl.recordings.recording import Recording
 
 SNAP = 1e-6  # [s] a stamp this close to the grid is on it; CSV files round to microseconds
 BRIDGED = 0.1  # [s] longest gap over which a sensor beside the tracker is read: 10 Hz; chosen
@@ -120,7 +126,7 @@ def _derived(pose: ndarray, grid: _Grid) -> ndarray:
     order = min(ORDER, rows - 1)
     rate = np.asarray(savgol_filter(pose, rows, order, deriv=1, delta=grid.dt, axis=0))
     yaw = np.asarray(savgol_filter(pose[:, 2], rows, order))
-    return np.column_stack([rotate(rate[:, :2], -yaw), rate[:, 2]])
+    return np.column_stack([rotate_rows(rate[:, :2], -yaw), rate[:, 2]])
 
 
 def _below_top_speed(
@@ -190,3 +196,46 @@ def _note_dropped(raw: RawRecording, dropped: list[ndarray], dt: float) -> None:
             f"{len(dropped)} segments too short to use, {sum(map(len, dropped)) * dt:.2f} s in "
             f"all, dropped: from t = {starts}{more} s"
         )
+
+
+Preparation = Literal["raw", "filtered", "mirrored"]
+"""`filtered`: causal mean of the velocities; `mirrored`: filtered, plus the left/right mirror."""
+
+
+def past_mean(signal: Tensor, width: int) -> Tensor:
+    """Causal mean of the last `width` rows of a signal [T, C], the present one included.
+
+    y_t = (x_{t-width+1} + ... + x_t) / width; the first rows average the rows there are.
+    """
+    total = torch.cumsum(signal.double(), 0)
+    shifted = torch.zeros_like(total)
+    shifted[width:] = total[:-width]
+    count = torch.arange(1, len(signal) + 1, device=signal.device).clamp_max(width)
+    return ((total - shifted) / count[:, None]).to(signal.dtype)
+
+
+def local_parabola(signal: Tensor, width: int) -> Tensor:
+    """Savitzky-Golay filter of second order: preserves slope and curvature. Not causal.
+
+    A signal [T, C] of fewer than `width` rows is returned unchanged.
+
+    Raises:
+        ValueError: The width is even.
+    """
+    if width % 2 == 0:
+        raise ValueError(f"local_parabola: width is {width} rows; use an odd number")
+    if len(signal) < width:
+        return signal.clone()
+    return torch.as_tensor(savgol_filter(signal.numpy(), width, 2, axis=0), dtype=signal.dtype)
+
+
+def filtered(
+    recording: Recording, width: int, smoother: Callable[[Tensor, int], Tensor] = past_mean
+) -> Recording:
+    """Returns a copy of the recording with its velocities filtered segment by segment."""
+    data = recording.data.clone()
+    for segment in data[keys.SEGMENT].unique():
+        rows = data[keys.SEGMENT] == segment
+        data[keys.VELOCITY][rows] = smoother(data[keys.VELOCITY][rows], width)
+    notes = [*recording.notes, f"velocities: {smoother.__name__} over {width} rows"]
+    return replace(recording, data=data, notes=notes)

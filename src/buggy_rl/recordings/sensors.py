@@ -10,8 +10,8 @@ from numpy import ndarray
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.config import from_plain
+from buggy_rl.core import keys
+from buggy_rl.core.config import from_plain
 from buggy_rl.recordings.camera import Camera, CameraConfig
 
 MINUTE = 60.0  # [s]
@@ -83,7 +83,7 @@ def sensor_errors(kind: str, changes: Mapping[str, Any] | None = None) -> Sensor
     return from_plain(SensorErrors, changed, f"sensor {kind}")
 
 
-def observed(
+def sensor_columns(
     motion: TensorDictBase, errors: SensorErrors, dt: float, seed: int
 ) -> dict[str, ndarray]:
     """Columns of a table of what a sensor shows of a motion; rows in holes are left out.

@@ -1,5 +1,6 @@
 """Windows: sections of equal length cut from the gap-free segments of recordings."""
 
+import zlib
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -7,9 +8,9 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import rotate
 from buggy_rl.recordings.recording import Recording
-from buggy_rl.vehicle import rotate
 
 
 def windows(recordings: Sequence[Recording], length: int, stride: int) -> TensorDict:
@@ -78,3 +79,34 @@ def mirror(data: TensorDictBase) -> TensorDictBase:
     flipped[keys.VELOCITY] = data[keys.VELOCITY] * flip
     flipped[keys.ACTION] = data[keys.ACTION] * flip[:2]
     return flipped
+
+
+def split(
+    recordings: Sequence[Recording], held_out: Sequence[str] | float, seed: int = 0
+) -> tuple[list[Recording], list[Recording]]:
+    """Splits by whole recordings into (training, held out).
+
+    Args:
+        recordings: All recordings.
+        held_out: Names of the recordings to hold out, or their share (at least one recording).
+        seed: Selects the recordings of a share; the choice depends on the names, not their order.
+
+    Raises:
+        ValueError: A name does not exist, or one side would be empty.
+    """
+    names = [r.name for r in recordings]
+    if isinstance(held_out, (int, float)):
+        order = sorted(names, key=lambda name: zlib.crc32(f"{seed}:{name}".encode()))
+        chosen = set(order[: max(1, round(held_out * len(names)))])
+    else:
+        chosen = set(held_out)
+        missing = sorted(chosen - set(names))
+        if missing:
+            raise ValueError(f"cannot hold out {missing}; available recordings: {sorted(names)}")
+    training = [r for r in recordings if r.name not in chosen]
+    held = [r for r in recordings if r.name in chosen]
+    if not training or not held:
+        raise ValueError(
+            f"{len(names)} recording(s) cannot be split into training and held out: record more"
+        )
+    return training, held

@@ -33,7 +33,7 @@ class OnCarConfig:
     seconds: float = 10.0
     """Of driving [s]."""
     pursuit: dict[str, float] = field(default_factory=dict)
-    """Settings of the pursuit, as pursuit.speed=1.5; src/buggy_rl/car/pursuit.py lists them."""
+    """Settings of the pursuit, as pursuit.speed=1.5; src/buggy_rl/car/path.py lists them."""
     safety: dict[str, float] = field(default_factory=dict)
     """Limits that differ, as safety.throttle_cap=1; src/buggy_rl/car/safety.py lists them."""
     simulated: SimulatedCarConfig = field(default_factory=SimulatedCarConfig)
@@ -63,7 +63,7 @@ def drive_on_car(config: OnCarConfig) -> int:
     if config.car != SIMULATED:
         command = [sys.executable, "-m", "buggy_rl.car", config.car, str(os.getpid())]
         return _finished(subprocess.Popen(command))
-    from buggy_rl.simulated_car import session
+    from buggy_rl.simulated_car import launcher as session
     from buggy_rl.simulated_car.launcher import SimulatedCar
 
     with tempfile.TemporaryDirectory(prefix="buggy_rl_") as scratch:

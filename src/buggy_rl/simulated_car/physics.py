@@ -1,16 +1,49 @@
 """The simulator and its camera, one control period at a time."""
 
+import math
+import threading
+from collections import deque
 from typing import Any
 
 import torch
 from tensordict import TensorDict
+from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.car.interfaces import Command, neutral_of
-from buggy_rl.longitudinal import declared_by
+from buggy_rl.car.clock import Clock
+from buggy_rl.car.interfaces import NEUTRAL, Command, neutral_of
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulated_car.config import SimulatedCarConfig
-from buggy_rl.simulated_car.live_camera import LiveCamera, Triple
 from buggy_rl.task.env import make_simulator
+
+Triple = tuple[float, float, float]
+
+
+class LiveCamera:
+    """Measures motion as it happens; keeps only as many rows as its latency needs.
+
+    Args:
+        config: Errors of the camera, without a lag.
+        seed: Of its noise.
+    """
+
+    def __init__(self, config: CameraConfig, seed: int) -> None:
+        self._camera = Camera(config, seed)
+        rows = 2 + math.ceil(config.latency / CONTROL_PERIOD)
+        self._rows: deque[tuple[Tensor, Tensor]] = deque(maxlen=rows)
+
+    def see(self, pose: Tensor, velocity: Tensor) -> tuple[Triple, Triple] | None:
+        """Pose and velocity as measured of the true ones [3], or None for a dropped frame."""
+        self._rows.append((pose, velocity))
+        poses, velocities = (torch.stack(rows) for rows in zip(*self._rows, strict=True))
+        measured = self._camera.measure(poses, velocities, CONTROL_PERIOD)
+        x, y, yaw = measured[0][-1].tolist()
+        vx, vy, yaw_rate = measured[1][-1].tolist()
+        dropped = not self._camera.arrived(2)[1]
+        return None if dropped else ((x, y, yaw), (vx, vy, yaw_rate))
+
 
 WARM_UP = 3  # steps before the clock starts: the first ones of PyTorch take longer
 
@@ -61,3 +94,71 @@ class Physics:
     def measured(self) -> tuple[Triple, Triple] | None:
         """Pose and velocity as the camera sees them now, or None for a dropped frame."""
         return self._camera.see(self._state[keys.POSE][0], self._state[keys.VELOCITY][0])
+
+
+KEPT = 30_000  # writes; five minutes at 100 Hz
+
+Entry = tuple[float, float, float]
+"""Stamp [s], throttle, steering."""
+
+
+class SimulatedBoard:
+    """The simulated PWM board: holds the last command, as a real one does, and logs all of them.
+
+    Args:
+        clock: Of the simulated car.
+        failsafe: Without a write for so long its hardware makes neutral [s]; 0 has none.
+        at_rest: Neutral.
+    """
+
+    def __init__(self, clock: Clock, failsafe: float = 0.0, at_rest: Command = NEUTRAL) -> None:
+        self._clock, self._failsafe, self._at_rest = clock, failsafe, at_rest
+        self._lock = threading.Lock()
+        self._log: deque[Entry] = deque([(clock.now(), *at_rest)], maxlen=KEPT)
+        self._refusing_until = self._hanging_until = self._losing_until = -math.inf
+
+    def refuse(self, until: float) -> None:
+        """Takes no write before a time [s]."""
+        self._refusing_until = until
+
+    def hang(self, until: float) -> None:
+        """Answers no write before a time [s], and does none of them."""
+        self._hanging_until = until
+
+    def lose(self, until: float) -> None:
+        """Says that it takes each write before a time [s], and does none of them."""
+        self._losing_until = until
+
+    def write(self, throttle: float, steering: float) -> bool:
+        """Takes a command; returns whether it did."""
+        now = self._clock.now()
+        if now < self._hanging_until:
+            self._clock.sleep(self._hanging_until - now)
+            return False
+        if now < self._refusing_until:
+            return False
+        if now < self._losing_until:
+            return True
+        with self._lock:
+            self._log.append((now, throttle, steering))
+        return True
+
+    def acting(self) -> Command:
+        """What acts now."""
+        with self._lock:
+            last = self._log[-1]
+            silent = self._clock.now() - last[0]
+            if self._failsafe and silent > self._failsafe and last[1:] != self._at_rest:
+                last = (self._clock.now(), *self._at_rest)
+                self._log.append(last)
+        return last[1:]
+
+    def since(self, stamp: float) -> list[Entry]:
+        """The commands that came after a time, oldest first, and the one that acted at it."""
+        with self._lock:
+            found: list[Entry] = []
+            for entry in reversed(self._log):
+                found.append(entry)
+                if entry[0] <= stamp:
+                    break
+        return found[::-1]

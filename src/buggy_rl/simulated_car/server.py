@@ -15,17 +15,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from buggy_rl.car.clock import Clock
-from buggy_rl.car.deadlines import Deadlines
+from buggy_rl.car.clock import SIMULATION, Clock, Deadlines, take_priority
 from buggy_rl.car.interfaces import Reading, neutral_of
-from buggy_rl.car.parent import Parent
-from buggy_rl.car.priority import SIMULATION, take_priority
 from buggy_rl.car.simulated import ACTUATOR, ANSWER, CONTROL, LOOK, SENSOR, WRITE, packed
-from buggy_rl.config import from_plain
+from buggy_rl.car.stopping import Parent
+from buggy_rl.core.config import from_plain
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.simulated_car.config import SimulatedCarConfig
+from buggy_rl.simulated_car.physics import SimulatedBoard
 from buggy_rl.simulated_car.sensor_faults import SensorChannel
-from buggy_rl.simulated_car.wheels import Wheels
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 SENT_KEPT = 12_000  # stamps of readings that arrived as measured; two minutes
 
@@ -46,7 +44,7 @@ class Server:
 
         self.clock = Clock(config.speed)
         self.physics = Physics(config)
-        self.wheels = Wheels(self.clock, config.failsafe, neutral_of(config.two_way))
+        self.wheels = SimulatedBoard(self.clock, config.failsafe, neutral_of(config.two_way))
         self.channel = SensorChannel()
         self._sent: deque[float] = deque(maxlen=SENT_KEPT)
         self._sensors: list[socket.socket] = []

@@ -7,9 +7,9 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.effects import make_effect, position
 from buggy_rl.effects.base import Effect
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 Values = Mapping[str, Mapping[str, Tensor]]
 """Effect -> parameter -> values."""

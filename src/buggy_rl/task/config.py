@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from buggy_rl.config import belongs_to
+from buggy_rl.core.config import belongs_to
 from buggy_rl.task.paths.making import PathConfig
 
 
@@ -67,7 +67,7 @@ def evaluation_transforms(transforms: dict[str, TransformConfig]) -> dict[str, T
     return {**transforms, "waypoints": replace(waypoints, options=options)}
 
 
-def in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:
+def transforms_in_order(transforms: dict[str, TransformConfig]) -> list[TransformConfig]:
     """The transforms that are there, from the engine outwards.
 
     Raises:

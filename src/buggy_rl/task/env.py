@@ -2,7 +2,7 @@
 
 One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
 
-    from buggy_rl.config import build
+    from buggy_rl.core.config import build
     from buggy_rl.task.env import TaskConfig, make_env
 
     task = build(TaskConfig, ["configs/task_waypoints.yaml", "transforms.command.name=none"])
@@ -18,20 +18,20 @@ import torch
 from tensordict import NestedKey
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
-from buggy_rl import keys
-from buggy_rl.config import one_line
+from buggy_rl.core import keys
+from buggy_rl.core.config import one_line
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.effects import make_effects
-from buggy_rl.engines import Factory, make_engine, read_simulator
-from buggy_rl.engines.single_precision import in_single_precision
-from buggy_rl.longitudinal import declared_by
-from buggy_rl.task.config import TaskConfig, in_order
+from buggy_rl.simulators import Factory, make_engine, read_simulator
+from buggy_rl.simulators.serial import in_single_precision
+from buggy_rl.task.config import TaskConfig, transforms_in_order
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.scale import scaled_task
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.rewards import Rewards
-from buggy_rl.vehicle import CONTROL_PERIOD
 
 
 class TaskEnv(TransformedEnv):
@@ -131,7 +131,9 @@ def make_env(
         "dt": getattr(base, "dt", CONTROL_PERIOD),
         "rest": declared_by(base).rest,
     }
-    stack = [make_transform(c.name, c.options, **context) for c in in_order(task.transforms)]
+    stack = [
+        make_transform(c.name, c.options, **context) for c in transforms_in_order(task.transforms)
+    ]
     for transform in (*beneath, *effects):
         env.append_transform(transform)
     for index, transform in enumerate(stack):

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, Transform
 
-from buggy_rl import keys
-from buggy_rl.config import load_named
+from buggy_rl.core import keys
+from buggy_rl.core.config import load_named
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.path_set import PathSet
 
 NAME = "buggy_rl/Waypoints-v0"
-RENDERER = "buggy_rl.viz.film.pixels:Pixels"  # by name: no task needs to know how it is drawn
+RENDERER = "buggy_rl.visual.film.film:Pixels"  # by name: no task needs to know how it is drawn
 TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)
 
 
@@ -41,7 +41,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: What to do; None is the default task.
         paths: To follow instead of `task.paths`.
         render_mode: `rgb_array` for `render`, or None.
-        picture: How `render` shows it, a `buggy_rl.viz.film.options.PictureConfig`.
+        picture: How `render` shows it, a `buggy_rl.visual.film.options.PictureConfig`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 100}

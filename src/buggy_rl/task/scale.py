@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from buggy_rl.car_file import load_car
-from buggy_rl.similarity import Similarity
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.vehicle import Similarity
 from buggy_rl.task.config import TaskConfig, TransformConfig
 from buggy_rl.task.transforms.observation import TRAINED_HIGH, TRAINED_LOW
 

@@ -4,15 +4,20 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.engines import make_engine
-from buggy_rl.policies.benchmark_paths import evaluation_task
+from buggy_rl.core.vehicle import Similarity
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.at_scale import AtScale, RoomAtScale, for_car, taken_by
-from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
+from buggy_rl.policies.controllers.at_scale import (
+    AtScale,
+    ManoeuvringDriver,
+    RoomAtScale,
+    for_car,
+    taken_by,
+)
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
 from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.policies.controllers.stanley import Stanley
-from buggy_rl.similarity import Similarity
+from buggy_rl.policies.evaluation.drives import evaluation_task
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig

@@ -7,7 +7,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
@@ -15,7 +16,6 @@ from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import joined_paths
-from buggy_rl.vehicle import VehicleDimensions
 from tests.policies.controllers.test_preview import circle, straight
 
 DRIVERS = [PurePursuit, Stanley]

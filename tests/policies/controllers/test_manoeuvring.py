@@ -4,12 +4,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.blind_test.hands import TimidDriver, WildDriver
-from buggy_rl.blind_test.steady_driver import SteadyDriver
-from buggy_rl.engines import make_engine
-from buggy_rl.longitudinal import LongitudinalCommand
-from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
-from buggy_rl.policies.controllers.recording import RecordConfig, driven, make_driver
+from buggy_rl.core.longitudinal import LongitudinalCommand
+from buggy_rl.policies.controllers.at_scale import ManoeuvringDriver
+from buggy_rl.policies.controllers.recording import RecordConfig, make_driver, recorded_steps
+from buggy_rl.proof.cases.drives import SteadyDriver, TimidDriver, WildDriver
+from buggy_rl.simulators import make_engine
 
 COMMANDS = ["throttle_brake_reverse", "current", {"kind": "speed", "reverse": True}]
 
@@ -17,7 +16,7 @@ COMMANDS = ["throttle_brake_reverse", "current", {"kind": "speed", "reverse": Tr
 def drives(command, seed=2, steps=1500, cars=3):
     engine = make_engine("reference", cars, command=command)
     driver = make_driver(RecordConfig("unused", driver="manoeuvring", seed=seed), engine)
-    return TensorDict.stack(list(driven(engine, driver, steps)), 1)
+    return TensorDict.stack(list(recorded_steps(engine, driver, steps)), 1)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -56,7 +55,7 @@ def test_each_driver_refuses_the_other_s_cars():
 def test_every_driver_about_the_room_can_be_the_one_that_drives_forward(kind):
     engine = make_engine("reference", 3, command=COMMANDS[0])
     driver = ManoeuvringDriver(seed=2, forward=kind(seed=2))
-    motion = TensorDict.stack(list(driven(engine, driver, 800)), 1)
+    motion = TensorDict.stack(list(recorded_steps(engine, driver, 800)), 1)
     vx = motion["velocity"][..., 0]
     assert motion["pose"][..., :2].abs().max() < 6.0  # the wild one spins through a wall
     assert vx.max() > 0.8

@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from buggy_rl.longitudinal import LongitudinalCommand
+from buggy_rl.core.longitudinal import LongitudinalCommand
 from buggy_rl.policies.controllers.preview import (
     SpeedConfig,
     ahead,

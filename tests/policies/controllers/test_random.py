@@ -1,8 +1,8 @@
 import torch
 from tensordict import TensorDict
 
-from buggy_rl.engines import make_engine
-from buggy_rl.policies.controllers.random import RandomDriver
+from buggy_rl.policies.controllers.replay import RandomDriver
+from buggy_rl.simulators import make_engine
 
 
 def commands(seed=0, hold=0.05, cars=64, steps=40):

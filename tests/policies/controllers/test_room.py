@@ -2,10 +2,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
-from buggy_rl.engines import make_engine
-from buggy_rl.policies.controllers.recording import RecordConfig, RoomConfig
-from buggy_rl.policies.controllers.room import RoomDriver
+from buggy_rl.core import keys
+from buggy_rl.policies.controllers.recording import RecordConfig
+from buggy_rl.policies.controllers.room import RoomConfig, RoomDriver
+from buggy_rl.simulators import make_engine
 
 NOSE = 0.14  # [m] half the car's length, rounded up
 

@@ -5,7 +5,7 @@ import torch
 from tensordict.nn import TensorDictModule
 
 from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.controllers.tuning import Number, SearchConfig, tune, within
+from buggy_rl.policies.controllers.tuning import Number, TuningConfig, tune, within
 from tests.policies.controllers.test_followers import course
 
 
@@ -29,7 +29,7 @@ def constant(config):
 
 def test_the_search_finds_what_is_best_and_shows_what_it_tried():
     env = course("lap", cars=12)
-    best, trials = tune(env, 1, constant, Commands(), SearchConfig(120, 3, 0.5))
+    best, trials = tune(env, 1, constant, Commands(), TuningConfig(120, 3, 0.5))
     assert len(trials) == 36
     assert best.throttle > 0  # from -1: fast, but not out of the first bend
     assert abs(best.steering) < 0.1
@@ -42,7 +42,7 @@ def test_the_search_finds_what_is_best_and_shows_what_it_tried():
 def test_what_is_found_is_never_worse_than_what_was_given():
     env = course("lap", "infinity", cars=3)
     given = PurePursuitConfig()
-    _, trials = tune(env, 2, PurePursuit, given, SearchConfig(150, 1, 0.3))
+    _, trials = tune(env, 2, PurePursuit, given, TuningConfig(150, 1, 0.3))
     tried = [t for t in trials if abs(t.values["full_lock"] - given.full_lock) < 1e-6]
     assert len(tried) == 1
     assert trials[0].waypoints >= tried[0].waypoints
@@ -51,17 +51,17 @@ def test_what_is_found_is_never_worse_than_what_was_given():
 
 def test_when_all_stray_the_one_that_strays_least_is_taken():
     env = course("infinity", cars=8)
-    _, trials = tune(env, 1, constant, Commands(throttle=1.0), SearchConfig(150, 1, 1e-4))
+    _, trials = tune(env, 1, constant, Commands(throttle=1.0), TuningConfig(150, 1, 1e-4))
     assert trials[0].lateral_rms == min(t.lateral_rms for t in trials)
 
 
 def test_one_seed_is_one_search():
     env = course("lap", cars=4)
-    runs = [tune(env, 1, constant, Commands(), SearchConfig(60, 2, seed=s))[1] for s in (0, 0, 1)]
+    runs = [tune(env, 1, constant, Commands(), TuningConfig(60, 2, seed=s))[1] for s in (0, 0, 1)]
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
 
 def test_cars_that_cannot_be_shared_out_are_refused():
     with pytest.raises(ValueError, match="4 cars on 3 paths"):
-        tune(course("lap", cars=4), 3, constant, Commands(), SearchConfig())
+        tune(course("lap", cars=4), 3, constant, Commands(), TuningConfig())

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import torch
 
-from buggy_rl import keys
-from buggy_rl.config import plain
-from buggy_rl.policies.actor_critic import Policy, PolicyConfig, save_policy
-from buggy_rl.policies.run import EngineConfig, PolicyRunConfig, new_engine, new_policy
+from buggy_rl.core import keys
+from buggy_rl.core.config import plain_values
+from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig, save_policy
+from buggy_rl.policies.training.run import EngineConfig, PolicyRunConfig, new_engine, new_policy
 from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
@@ -33,7 +33,7 @@ def policy_file(folder, task, simulator="kinematic", **config):
         policy.mean_layers[-1].weight *= GAIN
         policy.observe(_observations(env, policy))
     folder.mkdir(parents=True, exist_ok=True)
-    save_policy(policy, folder / "best.pt", {"config": plain(run), "steps": 1000})
+    save_policy(policy, folder / "best.pt", {"config": plain_values(run), "steps": 1000})
     return folder / "best.pt"
 
 

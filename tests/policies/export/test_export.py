@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from buggy_rl.car.path import load_path
+from buggy_rl.car.path import Waypoints, load_path
 from buggy_rl.car.policy import Policy as Runtime
-from buggy_rl.car.waypoints import Waypoints
-from buggy_rl.policies.actor_critic import load_policy
-from buggy_rl.policies.benchmark_paths import benchmark_paths
-from buggy_rl.policies.export import export as module
-from buggy_rl.policies.export.config import ExportConfig
-from buggy_rl.policies.export.export import export
-from buggy_rl.policies.export.parity import ParityError
+from buggy_rl.export import export as module
+from buggy_rl.export.export import ExportConfig, export
+from buggy_rl.export.parity import ParityError
+from buggy_rl.policies.evaluation.drives import benchmark_paths
+from buggy_rl.policies.training.actor_critic import load_policy
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.transforms.commands import LastAction
 from tests.policies.export.made import policy_file, stack, task
@@ -171,7 +169,7 @@ def test_a_policy_of_a_car_with_reverse_is_compared_and_says_that_it_stops_by_0(
 @pytest.mark.parametrize("name", ["lap", "infinity", "random", "training"])
 def test_a_course_is_read_back_with_the_tables_of_training(tmp_path, name):
     paths = make_paths(benchmark_paths(PathConfig(waypoints=80), 1)[name].paths)
-    course = module.Course(name, paths, 1)
+    course = module.ExportPath(name, paths, 1)
     module.write_path(tmp_path / "course.csv", course.for_car)
     read = load_path(str(tmp_path / "course.csv"))
     assert read.closed == bool(paths.closed[0])

@@ -8,9 +8,8 @@ import pytest
 
 from buggy_rl.car.policy import Policy as Runtime
 from buggy_rl.car.policy_file import PolicyFile, read_policy
-from buggy_rl.policies.export.config import ExportConfig
-from buggy_rl.policies.export.export import Export
-from buggy_rl.policies.export.parity import ParityError
+from buggy_rl.export.export import Export, ExportConfig
+from buggy_rl.export.parity import ParityError
 from tests.policies.export.made import policy_file, stack
 
 EVERYTHING = {

@@ -4,8 +4,8 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
 
-from buggy_rl import keys
-from buggy_rl.engines import make_engine
+from buggy_rl.core import keys
+from buggy_rl.simulators import make_engine
 from buggy_rl.task.paths.path_set import equal_paths
 
 

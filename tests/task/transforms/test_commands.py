@@ -4,8 +4,8 @@ import pytest
 import torch
 from torchrl.envs import Transform
 
-from buggy_rl import keys
-from buggy_rl import keys as task
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
 from buggy_rl.task.transforms.commands import ActionSmoothing, LastAction, RateLimit
 from tests.task.transforms.cars import over_hold, start, step
 

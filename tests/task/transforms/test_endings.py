@@ -2,7 +2,7 @@ import pytest
 import torch
 from torchrl.envs import StepCounter
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.task.transforms.rewards import LeavePath, PathEnd
 from buggy_rl.task.transforms.waypoints import Waypoints
 from tests.task.transforms.cars import over_hold, place, start, step, straight_path

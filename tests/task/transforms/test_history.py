@@ -2,8 +2,8 @@ import pytest
 import torch
 from torchrl.envs import CatFrames, StepCounter
 
-from buggy_rl import keys
-from buggy_rl import keys as task
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
 from buggy_rl.task.transforms.observation import History, Observation
 from tests.task.transforms.cars import over_hold, start, step
 

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from buggy_rl import keys
-from buggy_rl import keys as task
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
 from buggy_rl.task.transforms.commands import LastAction
 from buggy_rl.task.transforms.rewards import TERMS, LeavePath, Rewards
 from buggy_rl.task.transforms.waypoints import TargetSpeed, Waypoints

@@ -4,9 +4,9 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from buggy_rl import keys
-from buggy_rl import keys as task
-from buggy_rl.recordings.filters import past_mean
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
+from buggy_rl.recordings.resampling import past_mean
 from buggy_rl.task.transforms.observation import (
     ClipVelocity,
     Observation,

@@ -3,8 +3,8 @@ import math
 import pytest
 import torch
 
-from buggy_rl import keys
-from buggy_rl import keys as task
+from buggy_rl.core import keys
+from buggy_rl.core import keys as task
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import joined_paths
 from buggy_rl.task.transforms.waypoints import Waypoints

@@ -1,50 +1,59 @@
 """What the report draws: replayed rollout segments, and errors by position and situation."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
+from tensordict import TensorDict
+from torch import Tensor
 
-from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.localisation import charged, features
-from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.estimation.misfit import CAP
-from buggy_rl.estimation.rollout import AS_GIVEN, Settings, Simulation
-from buggy_rl.estimation.segments import WARM_UP, Segments
-from buggy_rl.viz.errors import InstantErrors
-from buggy_rl.viz.replays import Replay
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.diagnosis.answer.answer import Answer
+from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
+from buggy_rl.diagnosis.report import wording
+from buggy_rl.diagnosis.residuals import charged, drive_features
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.result import SearchResult
+from buggy_rl.estimation.evidence import CAP
+from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation, sensed
+from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
+from buggy_rl.figures.drives import ManoeuvrePlan, ReplayedSegment
+from buggy_rl.figures.models import InstantErrors
+from buggy_rl.visual.film.film import embedded_film
+from buggy_rl.visual.film.track import Track
 
 TELLING = 2  # segments on which the hypothesis changes most; one more is the median one
 
 
-def is_repaired(case: Case, found: SearchResult) -> bool:
+def is_repaired(case: DiagnosisCase, found: SearchResult) -> bool:
     """Whether there is a repaired simulator."""
     return bool(found.described.effects) or case.retuned_from is not None
 
 
-def repaired_settings(case: Case, found: SearchResult) -> Settings:
+def repaired_settings(case: DiagnosisCase, found: SearchResult) -> ParameterSets:
     """Numbers of the repaired simulator."""
     fit = found.described.fit
     return case.problem.library.settings([(fit, fit.vector)])
 
 
-def left(case: Case, found: SearchResult) -> tuple[Simulation, Settings]:
+def left_errors(case: DiagnosisCase, found: SearchResult) -> tuple[Simulation, ParameterSets]:
     """The simulator whose errors are left: the repaired one, or else as given."""
     if is_repaired(case, found):
         return case.problem.simulation, repaired_settings(case, found)
     return case.given, AS_GIVEN
 
 
-def errors(case: Case, found: SearchResult) -> InstantErrors:
+def errors(case: DiagnosisCase, found: SearchResult) -> InstantErrors:
     """Of the repaired simulator, or else as given, on all segments, by `localisation.charged`."""
-    simulation, settings = left(case, found)
+    simulation, settings = left_errors(case, found)
     change, instants = charged(simulation, case.problem.segments, case.problem.noise.sd, settings)
     size = (change.square().mean(-1) / 2).sqrt()  # a difference of two readings has twice the noise
-    seen = features(case.problem.segments, instants)
+    seen = drive_features(case.problem.segments, instants)
     columns = {n: seen[n].flatten().numpy() for n in ("x", "y", "vx", "steering")}
     return InstantErrors(size=size.flatten().numpy(), **columns)
 
 
-def replays(case: Case, found: SearchResult) -> list[Replay]:
+def replays(case: DiagnosisCase, found: SearchResult) -> list[ReplayedSegment]:
     """Chosen segments, rolled out with the simulator as given and with the repaired one."""
     chosen, problem = _chosen(case, found), case.problem
     segments = problem.segments[torch.tensor([row for row, _ in chosen])]
@@ -55,7 +64,7 @@ def replays(case: Case, found: SearchResult) -> list[Replay]:
     measured = segments.motion_from_start  # (n, K, 6)
     read = measured + torch.cat(residuals)  # (1 or 2, n, K, 6)
     return [
-        Replay(
+        ReplayedSegment(
             recording=case.names[int(segments.recording[i])],
             begin=float(segments.elapsed[i]) + WARM_UP,
             why=why,
@@ -69,7 +78,7 @@ def replays(case: Case, found: SearchResult) -> list[Replay]:
     ]
 
 
-def _chosen(case: Case, found: SearchResult) -> list[tuple[int, str]]:
+def _chosen(case: DiagnosisCase, found: SearchResult) -> list[tuple[int, str]]:
     """Rows of the segments with why: those that change most, apart in time, and the median one."""
     before, after = found.null.held_out, found.described.held_out
     if found.described.effects:
@@ -91,3 +100,113 @@ def _apart(segments: Segments, one: int, other: int) -> bool:
     between = abs(int(segments.row[one]) - int(segments.row[other]))
     same = int(segments.recording[one]) == int(segments.recording[other])
     return not same or between > 2 * segments.horizon
+
+
+def manoeuvre_plan(
+    case: DiagnosisCase, found: SearchResult, answer: Answer
+) -> ManoeuvrePlan | None:
+    """The manoeuvre that is suggested, and its prediction by each hypothesis; None without one."""
+    known = {m.name: m for m in MANOEUVRES}
+    if not (answer.suggest and answer.manoeuvres) or answer.manoeuvres[0].manoeuvre not in known:
+        return None
+    rate, problem = answer.manoeuvres[0], case.problem
+    simulation, dt = problem.simulation, problem.segments.dt
+    between = [effects for effects in rate.between if effects in found.tried]
+    fits = [found.tried[effects].fit for effects in between]
+    action = known[rate.manoeuvre].actions(dt, declared_by(simulation.make(1)).rest)
+    rest = torch.zeros(len(fits), 3)
+    start = TensorDict({keys.POSE: rest, keys.VELOCITY: rest.clone()}, [len(fits)])
+    settings = problem.library.settings([(fit, fit.vector) for fit in fits])
+    states = simulation.drive(action.repeat(len(fits), 1, 1), settings, start)
+    read = torch.stack([sensed(state) for state in states], 1).double().numpy()  # (H, T, 6)
+    names = [
+        " + ".join(map(wording.effect, effects)) or "nothing is missing" for effects in between
+    ]
+    return ManoeuvrePlan(
+        time=(dt * torch.arange(len(action))).double().numpy(),
+        action=action.numpy(),
+        predicted=dict(zip(names, read, strict=True)),
+    )
+
+
+LENGTHS = (2.0, 1.0)  # [s] of the film, as long as a gap-free part of the recordings is
+MOST, FEWEST = 10, 3  # segments of which the worst is chosen
+FAR = 1.0  # [m] of the buggy, from the measured car, at which a simulated one has left the picture
+SHORTEST = 0.3  # [s]
+NAMES = ("measured", "as given", "repaired")
+
+
+@dataclass(frozen=True)
+class Film:
+    """A picture that moves, and what it shows."""
+
+    caption: str
+    uri: str
+    """Of the picture."""
+
+
+def worst_segment(case: DiagnosisCase, found: SearchResult) -> Film | None:
+    """The segment whose end the simulator as given misses by most; None where none is long enough.
+
+    Of segments in which a simulator leaves the picture, the film ends there.
+    """
+    segments = _cut(case)
+    if segments is None:
+        return None
+    motions = _motions(case, found, segments)  # (2 or 3, N, K, 6), measured first
+    far = FAR * case.problem.library.similarity.length
+    off = (motions[1:, ..., :2] - motions[0, ..., :2]).norm(dim=-1)  # (1 or 2, N, K)
+    inside = (off < far) & motions[1:].isfinite().all(-1)
+    lasts = inside.all(0).int().cumprod(-1).sum(-1)  # (N,) rows until one leaves
+    long_enough = lasts * segments.dt >= SHORTEST
+    if not bool(long_enough.any()):
+        return None
+    last = (lasts - 1).clamp_min(0)
+    missed = off[0].gather(-1, last.unsqueeze(-1)).squeeze(-1)
+    whole = lasts == segments.horizon  # before those in which a simulated car leaves the picture
+    row = int((torch.where(long_enough, missed, -1.0) + far * whole).argmax())
+    tracks = _tracks(motions[:, row, : int(lasts[row])], segments, row)
+    begin = float(segments.elapsed[row]) + WARM_UP
+    ends = off[:, row, int(last[row])]
+    said = " and ".join(
+        f"{1000 * float(end):.0f} mm {name}" for end, name in zip(ends, NAMES[1:], strict=False)
+    )
+    caption = (
+        f"{case.names[int(segments.recording[row])]}, {begin:.1f} to "
+        f"{begin + tracks[0].duration:.1f} s, at half speed: the same commands from the same "
+        f"state; at the end off by {said}."
+    )
+    return Film(caption, embedded_film(tracks, case.problem.library.similarity.length))
+
+
+def _cut(case: DiagnosisCase) -> Segments | None:
+    """Segments of the film's length, fewer and shorter ones of a slow simulator."""
+    most = max(FEWEST, round(case.budget.share * MOST))
+    for seconds in LENGTHS if case.budget.longer else LENGTHS[-1:]:
+        try:
+            return cut_segments(case.recordings, seconds, seconds).spread(most)
+        except ValueError:
+            continue  # no gap-free part is that long
+    return None
+
+
+def _motions(case: DiagnosisCase, found: SearchResult, segments: Segments) -> Tensor:
+    """Measured motion, as given and, if there is one, repaired, [2 or 3, N, K, 6], world frame."""
+    measured = segments.measured[:, segments.start + 1 :]
+    motions = [replace(case.given, every=1).readings(segments)[0]]
+    if is_repaired(case, found):
+        simulation = replace(case.problem.simulation, every=1)
+        motions.append(simulation.readings(segments, repaired_settings(case, found))[0])
+    return torch.stack([measured, *motions])
+
+
+def _tracks(motions: Tensor, segments: Segments, row: int) -> list[Track]:
+    """Tracks of motions [2 or 3, K, 6] of a segment."""
+    count = motions.shape[1]
+    time = (segments.dt * torch.arange(count)).double().numpy()
+    action = segments.action[row, segments.start + 1 :][:count].double().numpy()
+    each = [motion.double().numpy() for motion in motions]
+    return [
+        Track(name, time, motion[:, :3], motion[:, 3:], action)
+        for name, motion in zip(NAMES, each, strict=False)
+    ]

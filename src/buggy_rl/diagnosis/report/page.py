@@ -1,36 +1,88 @@
 """The report as one file that needs no other."""
 
+import shlex
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
+import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from buggy_rl.diagnosis.answer import OPEN, Answer, described
-from buggy_rl.diagnosis.behaviour import differing
-from buggy_rl.diagnosis.case import Case
-from buggy_rl.diagnosis.equivalents import Equivalents
-from buggy_rl.diagnosis.localisation import locate
-from buggy_rl.diagnosis.named_effect import NORMAL
+from buggy_rl.diagnosis.answer.answer import OPEN, Answer, describe_unexplained
+from buggy_rl.diagnosis.answer.behaviour import differing
+from buggy_rl.diagnosis.answer.equivalents import Equivalents
+from buggy_rl.diagnosis.answer.named_effect import NORMAL
+from buggy_rl.diagnosis.answer.words import CONDITIONS
+from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.report import wording
-from buggy_rl.diagnosis.report.figures import errors, is_repaired, left, replays
-from buggy_rl.diagnosis.report.film import Film, worst_segment
-from buggy_rl.diagnosis.report.manoeuvre import suggested
-from buggy_rl.diagnosis.report.ranking import alternatives, ranking
-from buggy_rl.diagnosis.report.sheet import Sheet
-from buggy_rl.diagnosis.search_result import SearchResult
-from buggy_rl.diagnosis.words import CONDITIONS
+from buggy_rl.diagnosis.report.figures import (
+    Film,
+    errors,
+    is_repaired,
+    left_errors,
+    manoeuvre_plan,
+    replays,
+    worst_segment,
+)
+from buggy_rl.diagnosis.report.wording import alternatives, ranking
+from buggy_rl.diagnosis.residuals import locate
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.segments import WARM_UP
-from buggy_rl.viz.errors import map_figure, situation_figure
-from buggy_rl.viz.manoeuvre import manoeuvre_figure
-from buggy_rl.viz.replays import replay_figure
-from buggy_rl.viz.svg import svg
+from buggy_rl.figures.drives import manoeuvre_figure, replay_figure
+from buggy_rl.figures.models import map_figure, situation_figure
+from buggy_rl.figures.style import svg
+from buggy_rl.simulators import simulator_name
+
+BUGGY = "the buggy (no car= was given)"
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Facts of a diagnosis that are in neither the case nor the answer."""
+
+    facts: Mapping[str, str] = field(default_factory=dict)
+    """Label -> value, at the foot of the page."""
+    repaired: str = ""
+    """Content of repaired.yaml; empty where it is not known."""
+
+
+def sheet_of(config: DiagnosisConfig, repaired: Mapping[str, Any]) -> Sheet:
+    """The sheet of a diagnosis by this process, today.
+
+    Args:
+        config: The question.
+        repaired: Content of repaired.yaml.
+    """
+    try:
+        release = version("buggy_rl")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        release = "not installed"
+    script = Path(sys.argv[0])
+    words = [f"{script.parent.name}/{script.name}" if script.parent.name else script.name]
+    verb = script.name.startswith("buggy-rl ")  # it is a program by itself
+    words = script.name.split() if verb else ["python", *words]
+    facts = {
+        "Simulator": simulator_name(config.simulator),
+        "Car": config.car or BUGGY,
+        "Recordings": ", ".join(config.recordings),
+        **({"Baseline": ", ".join(config.baseline)} if config.baseline else {}),
+        "Date": date.today().isoformat(),
+        "Version": f"buggy_rl {release}",
+        "Command": shlex.join([*words, *sys.argv[1:]]),
+    }
+    return Sheet(facts, yaml.safe_dump(dict(repaired), sort_keys=False))
+
 
 RANKED = 10  # single effects in the chart of evidence
 REJECTED = 5  # alternatives listed for each effect
 LEAST_NATS = 10.0  # of a full bar in the chart of evidence
 SPOKEN = 5  # differences of behaviour at the head of a page that names nothing surely
-NOISE = 0.1  # [-] excess misfit below which what is left is noise, as `described` says
+NOISE = 0.1  # [-] excess misfit below which what is left is noise, as `describe_unexplained` says
 LOCATED = 5  # intervals with large errors that are listed
 MANY = 2  # parameters of the simulator's own, above which they share a table
 NAMED = ("missing_physics", "wrong_parameters")  # verdicts whose first effect heads the page
@@ -57,7 +109,9 @@ class Pictures:
 NO_PICTURES, NO_SHEET = Pictures(), Sheet()
 
 
-def report(case: Case, found: SearchResult, answer: Answer, sheet: Sheet = NO_SHEET) -> str:
+def report(
+    case: DiagnosisCase, found: SearchResult, answer: Answer, sheet: Sheet = NO_SHEET
+) -> str:
     """The report: readable on a phone, printed, and without a network.
 
     Args:
@@ -71,7 +125,7 @@ def report(case: Case, found: SearchResult, answer: Answer, sheet: Sheet = NO_SH
     """
     pictures = Pictures(
         film=worst_segment(case, found),
-        segments=drawn(case, found),
+        segments=_drawn(case, found),
         manoeuvre=planned(case, found, answer),
         maps=error_maps(case, found) if something_is_left(answer) else (),
     )
@@ -83,7 +137,7 @@ def something_is_left(answer: Answer) -> bool:
     return answer.remaining.excess >= NOISE
 
 
-def drawn(case: Case, found: SearchResult) -> list[Drawing]:
+def _drawn(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
     """Replayed segments."""
     result = []
     for replay in replays(case, found):
@@ -93,9 +147,9 @@ def drawn(case: Case, found: SearchResult) -> list[Drawing]:
     return result
 
 
-def planned(case: Case, found: SearchResult, answer: Answer) -> list[Drawing]:
+def planned(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[Drawing]:
     """The manoeuvre to drive next."""
-    plan = suggested(case, found, answer)
+    plan = manoeuvre_plan(case, found, answer)
     if plan is None:
         return []
     caption = (
@@ -105,7 +159,7 @@ def planned(case: Case, found: SearchResult, answer: Answer) -> list[Drawing]:
     return [(caption, svg(manoeuvre_figure, plan, caption))]
 
 
-def error_maps(case: Case, found: SearchResult) -> list[Drawing]:
+def error_maps(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
     """Errors that are left over the floor, and over steering and speed."""
     seen, who = errors(case, found), "repaired simulator"
     if not is_repaired(case, found):
@@ -119,7 +173,7 @@ def error_maps(case: Case, found: SearchResult) -> list[Drawing]:
 
 
 def rendered(
-    case: Case,
+    case: DiagnosisCase,
     found: SearchResult,
     answer: Answer,
     pictures: Pictures = NO_PICTURES,
@@ -158,7 +212,7 @@ def rendered(
         given={e.name: {p.name: p for p in library.numbers(e.name)} for e in answer.effects},
         conditions={name: c.varying or c.words for name, c in CONDITIONS.items()},
         alternatives=_alternatives(found, answer),
-        described=described(answer.remaining),
+        described=describe_unexplained(answer.remaining),
         proof=_proof(answer),
         made=_made(case, found, answer),
     )
@@ -175,13 +229,13 @@ def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[st
     return f"{wording.capital(first.sentence)}.", verdict
 
 
-def _located(case: Case, found: SearchResult, answer: Answer) -> dict[str, Any]:
+def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[str, Any]:
     """Where errors are that the repair does not explain; nothing where noise is left."""
     if not something_is_left(answer):
         return {}
     where = answer.located
     if is_repaired(case, found):
-        simulation, settings = left(case, found)
+        simulation, settings = left_errors(case, found)
         segments, noise = case.problem.segments, case.problem.noise.sd
         where = locate(simulation, segments, noise, case.names, settings)
     return {
@@ -226,7 +280,7 @@ def _proof(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _made(case: Case, found: SearchResult, answer: Answer) -> list[str]:
+def _made(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[str]:
     """What was compared, and how."""
     segments, fit = case.problem.segments, found.best.fit
     seconds = sum(r.duration for r in case.recordings)

@@ -1,13 +1,15 @@
 """Names and numbers of the computing modules as the report prints them."""
 
 import math
+from dataclasses import dataclass
 
-from buggy_rl.diagnosis.answer import Verdict
-from buggy_rl.diagnosis.behaviour import Behaviour
-from buggy_rl.diagnosis.form_fault import FormFault
-from buggy_rl.diagnosis.localisation import Region
-from buggy_rl.diagnosis.named_effect import SUREST
-from buggy_rl.diagnosis.words import CONDITIONS, READINGS, Condition
+from buggy_rl.diagnosis.answer.answer import Verdict
+from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
+from buggy_rl.diagnosis.answer.named_effect import SUREST
+from buggy_rl.diagnosis.answer.words import CONDITIONS, READINGS, Condition
+from buggy_rl.diagnosis.residuals import Region
+from buggy_rl.diagnosis.search.candidate import substitutes
+from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import OWN
 
@@ -187,3 +189,36 @@ FILTERS = {
         sentence,
     )
 } | {"channel": channel_words}
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A hypothesis and how much better than the simulator as given it predicts."""
+
+    effects: tuple[str, ...]
+    nats: float
+    """Decrease of the held-out loss, prior penalty included; below 0 where it predicts worse."""
+    chosen: bool
+
+
+def ranking(found: SearchResult, most: int) -> list[Rank]:
+    """The selected hypothesis, then single effects, best first; at most so many of these."""
+    base = found.loss(found.null)
+    chosen = found.best.effects
+    singles = [
+        Rank(effects, base - found.loss(candidate), effects == chosen)
+        for effects, candidate in found.tried.items()
+        if len(effects) == 1
+    ]
+    singles = sorted(singles, key=lambda rank: -rank.nats)[:most]
+    if not chosen or any(rank.chosen for rank in singles):
+        return singles
+    return [Rank(chosen, base - found.loss(found.best), True), *singles]
+
+
+def alternatives(found: SearchResult, effect: str) -> list[tuple[str, float]]:
+    """Effects tried instead of one, "" for none, and how much worse [nats]; the closest first."""
+    best = found.loss(found.best)
+    tried = substitutes(found.tried, frozenset(found.best.effects) - {effect})
+    result = [(other, found.loss(c) - best) for other, c in tried.items() if other != effect]
+    return sorted(result, key=lambda item: item[1])

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 
 STANDING = 0.05  # [m/s] speed below which a reset is a car at rest; chosen

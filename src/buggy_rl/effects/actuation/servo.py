@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects.actuation.command import CommandEffect, RememberingCommand
 from buggy_rl.effects.base import EffectParameter
 

@@ -9,11 +9,11 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import drive_of
 from buggy_rl.effects.actuation.command import GIVEN, RememberingCommand
 from buggy_rl.effects.actuation.throttle import DriveGainEffect
 from buggy_rl.effects.base import EffectParameter, numbers_spec
-from buggy_rl.longitudinal import drive_of
 
 FASTEST = 5.0  # [1/s] speed at which a servo draws all it draws: half of a standard one's 10
 SERVO = 0.06  # [s] time constant of a servo whose simulator shows none; DART's is 0.13, chosen

@@ -12,10 +12,10 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import ONE_WAY_REST, LongitudinalCommand, command_of, drive_of
 from buggy_rl.effects.actuation.command import FARTHEST, CommandEffect
 from buggy_rl.effects.base import EffectParameter, more_or_less, numbers_spec
-from buggy_rl.longitudinal import ONE_WAY_REST, LongitudinalCommand, command_of, drive_of
 
 MINUTE = 60.0  # [s]
 

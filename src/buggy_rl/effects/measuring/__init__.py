@@ -9,16 +9,14 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import effect_class, offered
-from buggy_rl.effects.measuring.commands import measured_command
-from buggy_rl.effects.measuring.drive import measured_motor
+from buggy_rl.effects.measuring.commands import measured_command, measured_steering_lag
+from buggy_rl.effects.measuring.drive import Make, measured_motor
 from buggy_rl.effects.measuring.geometry import measured_dimensions
-from buggy_rl.effects.measuring.holding import Make
-from buggy_rl.effects.measuring.servo import measured_steering_lag
 from buggy_rl.effects.measuring.tyres import measured_tyres
 from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS
-from buggy_rl.longitudinal import declared_by
-from buggy_rl.vehicle import VehicleDimensions
 
 LOCKS = {
     **dict.fromkeys(("lock_left", "lock_right", "steering_left", "steering_right")),

@@ -23,8 +23,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from buggy_rl.effects.measuring.holding import Make, next_velocity, period, throttle_sweeps
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions
+from buggy_rl.effects.measuring.drive import Make, next_velocity, period, throttle_sweeps
 
 SPEEDS = (2.5, 4.0)  # [m/s] of the experiment; chosen within what a 1:10 car drives
 SLIPS = (0.05, 0.12, 0.23, 0.4)  # [rad] slip angles of both axles, both signs; chosen

@@ -8,18 +8,18 @@ import torch
 from scipy.optimize import least_squares
 from torch import Tensor
 
-from buggy_rl.effects.measuring.drive import measured_drive
-from buggy_rl.effects.measuring.holding import (
+from buggy_rl.core.longitudinal import ONE_WAY_REST
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions, shift_velocity
+from buggy_rl.effects.measuring.drive import (
     Make,
     ThrottleSweep,
+    measured_drive,
     next_velocity,
     period,
     resting,
     throttle_sweeps,
 )
 from buggy_rl.effects.motion.base import Motion
-from buggy_rl.longitudinal import ONE_WAY_REST
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions, shift_velocity
 
 CORNERING_SPEED = 2.5  # [m/s] speed of the experiment; the buggy's indoor drives reach 3.5 m/s
 SLIPS = 0.5  # [rad] largest slip angle; chosen: beyond the peak of every preset

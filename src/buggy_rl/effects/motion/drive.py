@@ -11,9 +11,9 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects.base import EffectParameter, more_or_less
 from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect, along
-from buggy_rl.vehicle import VehicleDimensions
 
 ROLLING = 0.15  # [m/s^2] rolling resistance of rubber on a hard floor, 0.015 of the load; chosen
 SLOWEST = (

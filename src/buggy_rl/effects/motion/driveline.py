@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import GRAVITY
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS, Motion
 from buggy_rl.effects.motion.drive import drive_of_motor
 from buggy_rl.effects.motion.yaw import SLOWEST, YawEffect
-from buggy_rl.vehicle import GRAVITY
 
 FRICTION = 0.84  # [-] of DART's axles, 0.84 and 0.85
 SLIP_STIFFNESS = 13.0  # [-] longitudinal force over load and slip ratio at small slip; chosen

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions, rotate
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions, rotate
 
 SIDE_AREA = 2.0  # [-] side over frontal area: 0.273 m of length over about 0.14 m of width
 STREAM = 0.0068  # [1/m] of the buggy, rho c_d A / (2 m): 1.2 kg/m^3, 0.15 m x 0.12 m, 1.6 kg

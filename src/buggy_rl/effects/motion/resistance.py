@@ -6,11 +6,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS, Motion, MotionEffect, along
-from buggy_rl.effects.motion.steered import FrontAxle, left_by_tyres, road_wheel_angle
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
-from buggy_rl.vehicle import VehicleDimensions
+from buggy_rl.effects.motion.steered import FrontAxle, left_by_tyres, steered_angle
 
 TYPICAL_SPEED = 2.0  # [m/s] speed of the decelerations quoted in sentences; chosen
 BRISK = 5.0  # [m/s^2] lateral acceleration of those in turns; chosen
@@ -181,7 +181,7 @@ class SteeringDrag(MotionEffect):
     """Drag of turned front wheels whatever the speed: scrub, no Ackermann, loaded joints.
 
     It acts at the front axle, along its wheels: so it has a part across the car, most of which the
-    tyres take back. The road-wheel angle is read off the motion, see `road_wheel_angle`. DART, the
+    tyres take back. The road-wheel angle is read off the motion, see `steered_angle`. DART, the
     one published small car with such a term, loses 3.94 + 1.34 v N/rad on 1.58 kg: 3.4 m/s^2 a
     radian at 1 m/s.
     """
@@ -228,7 +228,7 @@ class SteeringDrag(MotionEffect):
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
         axle = FrontAxle(self.stiffness[0], self.friction[0], self.shape[0], self.lock)
-        angle = road_wheel_angle(motion, self.dimensions, axle)
+        angle = steered_angle(motion, self.dimensions, axle)
         loss = self._value("per_angle") * angle.abs() * torch.tanh(vx.abs() / STOPPING) * self.dt
         d, pulled = self.dimensions, slowed(vx, loss)  # (n,) along the front wheels
         across = pulled * torch.sin(angle)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions
 from buggy_rl.effects.motion.base import LOCK, Motion
 from buggy_rl.effects.tyre.law import slip_of
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 SLOWEST = 0.3  # [m/s] speed below which angles and the settling of slip are those at it; chosen
 
@@ -26,7 +26,7 @@ class FrontAxle:
     """Largest road-wheel angle [rad]."""
 
 
-def road_wheel_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle) -> Tensor:
+def steered_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle) -> Tensor:
     """Where the front axle moves, plus the slip angle that gives its side force.
 
     delta = atan2(vy + a r, |vx|) + (c D / C) tan(asin(F_f / (D N_f)) / c), negative in reverse,

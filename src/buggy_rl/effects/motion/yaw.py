@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import TYPICAL_STIFFNESS, Motion, MotionEffect, turning
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
-from buggy_rl.vehicle import GRAVITY, VehicleDimensions
 
 SLOWEST = 0.5  # [m/s] speed below which the yaw damping of the tyres grows no further; chosen
 BRISK_LENGTHS = 15.0  # [1/s] wheelbases a second at which tyre damping is quoted: 2.6 m/s; chosen

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.effects.base import Effect, numbers_spec
 
 
@@ -40,7 +40,7 @@ class MemorylessSensing(SensingEffect):
         self._write_step(given, state)
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
-        pose, velocity = measured(after)
+        pose, velocity = sensed_motion(after)
         rows = self._measurement(self._gather(pose), self._gather(velocity))
         self._set_measured(after, (pose, velocity), rows)
 
@@ -49,7 +49,7 @@ class MemorylessSensing(SensingEffect):
         """Pose and velocity [n, 3] as measured, of the active rows."""
 
 
-def measured(tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+def sensed_motion(tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
     """Pose and velocity [*, 3] as the sensing effects so far left them."""
     pose = tensordict.get(keys.MEASURED_POSE, None)
     velocity = tensordict.get(keys.MEASURED_VELOCITY, None)

@@ -12,7 +12,8 @@ from torch import Tensor
 from torchrl.data import Composite, TensorSpec
 from torchrl.data.utils import DEVICE_TYPING
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.base import numbers_spec
 from buggy_rl.effects.delay import (
     LAG_SOURCE,
@@ -23,9 +24,8 @@ from buggy_rl.effects.delay import (
     taps,
     time_constant,
 )
-from buggy_rl.effects.sensing.base import SensingEffect, measured
+from buggy_rl.effects.sensing.base import SensingEffect, sensed_motion
 from buggy_rl.effects.sensing.mounting import over_time
-from buggy_rl.vehicle import rotate
 
 SMOOTHING = 0.05  # [s] to each side of a slope in `unsensed`: 0.1 s in all; chosen
 
@@ -75,7 +75,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
         present = torch.cat([self._gather(pose), self._gather(velocity)], -1).unsqueeze(-2)
         rows = torch.cat([present, past], -2)  # (n, K + 1, 6)
         index = self._tensor("whole").expand(rows.shape[:-2])
-        late = interpolated(rows, index.unsqueeze(-1), self._tensor("share")).squeeze(-2)
+        late = _interpolated(rows, index.unsqueeze(-1), self._tensor("share")).squeeze(-2)
         self._set_measured(td, (pose, velocity), late.split(3, -1))
 
     def _state_specs(
@@ -91,7 +91,7 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
         rows = torch.cat([torch.cat([pose, velocity], -1), beyond], -2)  # (*, T + K, 6)
         index = torch.arange(pose.shape[-2], device=pose.device) + whole.unsqueeze(-1)
         index = index.expand(pose.shape[:-1])
-        then = interpolated(rows, index, share.unsqueeze(-1) if share.dim() else share)
+        then = _interpolated(rows, index, share.unsqueeze(-1) if share.dim() else share)
         return then[..., :3], then[..., 3:]
 
 
@@ -119,7 +119,7 @@ class SensorLag(SensingEffect):
         self._store(decay=end, last=mean - end)
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
-        pose, velocity = measured(state)
+        pose, velocity = sensed_motion(state)
         lag = self.values["time_constant"].unsqueeze(-1)
         planar = rotate(velocity[..., :2], pose[..., 2])
         trailing = pose - lag * torch.cat([planar, velocity[..., 2:]], -1)
@@ -128,7 +128,7 @@ class SensorLag(SensingEffect):
         self._set_measured(state, (pose, velocity), rows)
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
-        pose, velocity = measured(after)
+        pose, velocity = sensed_motion(after)
         memory = before.get(self.memory)
         shown, previous = self._gather(memory).split(6, -1)
         now = torch.cat([self._gather(pose), self._gather(velocity)], -1)
@@ -165,7 +165,7 @@ def extrapolated(pose: Tensor, velocity: Tensor, rows: int, dt: float) -> Tensor
     return torch.cat([there, velocity.unsqueeze(-2).expand_as(there)], -1)
 
 
-def interpolated(rows: Tensor, index: Tensor, share: Tensor) -> Tensor:
+def _interpolated(rows: Tensor, index: Tensor, share: Tensor) -> Tensor:
     """Rows [*, R, 6] at indices [*, T], moved by a share [*, 1] or () towards the next row."""
     index = index.unsqueeze(-1).expand(*index.shape, rows.shape[-1])
     first, second = rows.gather(-2, index), rows.gather(-2, index + 1)

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from buggy_rl.core.longitudinal import ONE_WAY_REST
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import SPEED_LOSS
 from buggy_rl.effects.tyre.change import FrictionChange, changed_by
-from buggy_rl.longitudinal import ONE_WAY_REST
 
 FRICTION = 0.84  # [-] D: DART, 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C, front and rear: B C D of DART's axles

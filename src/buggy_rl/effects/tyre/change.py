@@ -11,12 +11,12 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
+from buggy_rl.core.kernels import Kernel
+from buggy_rl.core.vehicle import GRAVITY, side_by_side_columns
 from buggy_rl.effects.motion.base import SETTING_OFF, Motion
 from buggy_rl.effects.motion.drive import ASKED
 from buggy_rl.effects.tyre.law import law, slip_of, slope
 from buggy_rl.effects.tyre.spin import DrivenAxles
-from buggy_rl.kernels.kernel import Kernel
-from buggy_rl.vehicle import GRAVITY, columns
 
 SLOWEST = 0.5  # [m/s] speed below which slip settles no faster; engines soften tyres there too
 LEAST_LOAD = 0.05  # [-] least share of the weight on an axle: no car of this height lifts one
@@ -168,7 +168,7 @@ class FrictionChange:
         moment = self.front_arm * front - self.rear_arm * rear - (couple_now - seen.couple)
         yaw = self.mass / self.yaw_inertia * moment
         dt = self.driven.dt
-        return columns(dt * gained, dt * (front + rear), dt * yaw), spin.movedim(0, -1)
+        return side_by_side_columns(dt * gained, dt * (front + rear), dt * yaw), spin.movedim(0, -1)
 
     def _axle_forces(
         self,

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import GRAVITY
 from buggy_rl.effects.base import EffectParameter, more_or_less
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.tyre.base import TyreEffect
-from buggy_rl.vehicle import GRAVITY
 
 NO_BOUND = 1000.0  # [m/s^2] neutral bound: 100 g, beyond any tyre
 EDGE = 0.05  # [m] scale of the sigmoid at the edge: 12 to 88 % over 0.2 m; chosen

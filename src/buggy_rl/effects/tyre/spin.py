@@ -28,12 +28,12 @@ def spin_of(drive: Tensor, circle: Tensor, slide: Tensor) -> Tensor:
     return slide * use / (1 - use.square()).sqrt()
 
 
-def drive_of(spin: Tensor, circle: Tensor, slide: Tensor) -> Tensor:
+def _drive_of(spin: Tensor, circle: Tensor, slide: Tensor) -> Tensor:
     """Drive [*] [m/s^2] of wheels that spin by u [*]: the inverse of `spin_of`."""
     return circle * spin / (spin.square() + slide.square()).sqrt()
 
 
-def left(spin: Tensor, slide: Tensor) -> Tensor:
+def _left(spin: Tensor, slide: Tensor) -> Tensor:
     """Share [*] of the friction that is left for the side force."""
     return slide / (spin.square() + slide.square()).sqrt()
 
@@ -76,11 +76,11 @@ class DrivenAxles:
         own, now = (c[self.axles] / shares for c in (circle, ratio * circle))
         slide = slide[self.axles]
         spin = spin_of(drive, own, slide)
-        given = drive_of(spin, own, slide)  # the drive, at most what friction gives
+        given = _drive_of(spin, own, slide)  # the drive, at most what friction gives
         z = self._next_z(z, (spin, given), lost, now, slide)
         spin_now = spin + z
-        along = self._of_both(shares * drive * (drive_of(spin_now, now, slide) / given - 1), 0.0)
-        side, side_now = (self._of_both(left(s, slide), 1.0) for s in (spin, spin_now))
+        along = self._of_both(shares * drive * (_drive_of(spin_now, now, slide) / given - 1), 0.0)
+        side, side_now = (self._of_both(_left(s, slide), 1.0) for s in (spin, spin_now))
         return along, side, side_now, z
 
     def _of_both(self, driven: Tensor, other: float) -> Tensor:

@@ -2,15 +2,51 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import GRAVITY
 from buggy_rl.effects.base import EffectParameter, more_or_less
 from buggy_rl.effects.motion.base import Motion
 from buggy_rl.effects.tyre.base import TyreEffect
-from buggy_rl.effects.tyre.slip import SlipChange
-from buggy_rl.vehicle import GRAVITY
+from buggy_rl.effects.tyre.change import FrictionChange, changed_by
+from buggy_rl.effects.tyre.law import law, slope
+
+STEPS = 3  # of Newton's method: 4 change a side force by under 0.1 % at the bounds
+STEEPEST = 0.2  # [-] least derivative of the equation: a wheel that snaps round has none; chosen
+
+
+@dataclass(frozen=True)
+class SlipChange(FrictionChange):
+    """What other slip angles change; `ratio` [4, n] is q front and rear, k and `steer`."""
+
+    kernel: ClassVar[str] = "slip_change"
+    rows: ClassVar[int] = 4
+
+    def _grip(self, ratio: Tensor) -> Tensor:
+        return torch.ones_like(ratio[:2])
+
+    def _slip_now(self, slip: Tensor, ratio: Tensor, load: Tensor) -> tuple[Tensor, Tensor]:
+        q, (compliance, steer) = ratio[:2], ratio[2:].unbind()
+        front, c = torch.stack([torch.ones_like(steer), torch.zeros_like(steer)]), self.shape
+        turned = front * steer * (self.stiffness / (c * self.friction))
+        gives = front * compliance * q * self.stiffness * load / (self.share * c)  # k' (2, n)
+        wanted = q * (slip + turned)
+        now = wanted / (1 + c * gives).clamp_min(STEEPEST)
+        for _ in range(STEPS):
+            steep = (1 + c * gives * slope(now, c)).clamp_min(STEEPEST)
+            now = now - (now + gives * law(now, c) - wanted) / steep
+        least = slope(now, c)
+        return now, q * least / (1 + c * gives * least).clamp_min(STEEPEST)
+
+
+REAR_DRIVEN = changed_by((1, 2), kind=SlipChange)
+ALL_DRIVEN = changed_by((0, 2), kind=SlipChange)
+REAR_DRIVEN_TWO_WAY = changed_by((1, 2), two_way=True, kind=SlipChange)
+
 
 PULL = 3.0  # [m/s^2] acceleration of the angles quoted in a sentence; chosen
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand, command_of
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand, command_of
+from buggy_rl.core.vehicle import rotate
 from buggy_rl.policies.controllers.tuning import Number, within
-from buggy_rl.vehicle import rotate
 
 STANDS = 0.3  # [m/s] speed of a buggy below which it is not braked: a command would reverse it
 FULL_SPEED = 5.0  # [m/s] setpoint of a full speed command where none is known, as engines have it

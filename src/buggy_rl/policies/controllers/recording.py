@@ -1,45 +1,22 @@
 """Recording drives in a room: its options, and the drive itself."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl import keys
-from buggy_rl.car_file import load_car
-from buggy_rl.engines import ENGINES
-from buggy_rl.longitudinal import declared_by
+from buggy_rl.core import keys
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
+from buggy_rl.policies.controllers.room import Driver, RoomConfig
 from buggy_rl.recordings.camera import CameraConfig
-from buggy_rl.similarity import Similarity
-from buggy_rl.stepping import trajectory
-from buggy_rl.vehicle import CONTROL_PERIOD
-
-
-@dataclass(frozen=True)
-class RoomConfig:
-    """The room and what the driver believes of the car; cautious, so that any engine stays in."""
-
-    size: float = 8.0
-    """Side of the square room, centred on the world's origin [m]."""
-    clearance: float = 0.3
-    """Kept between the tracking sensor and a wall [m]."""
-    turning_radius: float = 0.75
-    """Of a slow turn at 80 % of the lock [m]."""
-    lateral_acceleration: float = 5.5
-    """That a fast turn reaches [m/s^2]."""
-    reaction: float = 0.2
-    """From seeing to the car's answer [s]."""
-    drive_at_rest: float = 0.22
-    """Drive in 0..1 that just moves the car."""
-    drive_per_speed: float = 0.1
-    """Further drive for each m/s to be held [s/m]."""
-    thumb_rate: float = 25.0
-    """Fastest change of a command [1/s]."""
+from buggy_rl.simulators import ENGINES
 
 
 @dataclass(frozen=True)
@@ -94,26 +71,13 @@ class RecordConfig:
         return named | self.options | ({"faults": self.faults} if self.faults else {})
 
 
-class Driver(Protocol):
-    """Who drives about the room."""
-
-    def start_pose(self, batch_size: Sequence[int]) -> Tensor:
-        """Where its cars start, [*batch, 3]."""
-        ...
-
-    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Writes `action`."""
-        ...
-
-
 def make_driver(config: RecordConfig, engine: EnvBase) -> Driver:
     """The driver of a config for the cars of an engine.
 
     Raises:
         ValueError: It cannot drive a car with this command.
     """
-    from buggy_rl.policies.controllers.at_scale import RoomAtScale
-    from buggy_rl.policies.controllers.manoeuvring import ManoeuvringDriver
+    from buggy_rl.policies.controllers.at_scale import ManoeuvringDriver, RoomAtScale
     from buggy_rl.policies.controllers.room import RoomDriver
 
     command, scale = declared_by(engine), config.similarity
@@ -133,7 +97,7 @@ def make_driver(config: RecordConfig, engine: EnvBase) -> Driver:
     return driver if scale == Similarity() else RoomAtScale(driver, scale)
 
 
-def driven(engine: EnvBase, driver: Driver, steps: int) -> Iterator[TensorDictBase]:
+def recorded_steps(engine: EnvBase, driver: Driver, steps: int) -> Iterator[TensorDictBase]:
     """Rows [*] of true `pose`, `velocity` and `action`: all cars drive off from rest."""
     pose = driver.start_pose(engine.batch_size)
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}

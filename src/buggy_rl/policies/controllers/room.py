@@ -6,15 +6,51 @@ when it ends, and leaves both to turn away from the walls while its car can stil
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.policies.controllers.recording import RoomConfig
-from buggy_rl.vehicle import CONTROL_PERIOD, rotate
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import CONTROL_PERIOD, rotate
+
+
+class Driver(Protocol):
+    """Who drives about the room."""
+
+    def start_pose(self, batch_size: Sequence[int]) -> Tensor:
+        """Where its cars start, [*batch, 3]."""
+        ...
+
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes `action`."""
+        ...
+
+
+@dataclass(frozen=True)
+class RoomConfig:
+    """The room and what the driver believes of the car; cautious, so that any engine stays in."""
+
+    size: float = 8.0
+    """Side of the square room, centred on the world's origin [m]."""
+    clearance: float = 0.3
+    """Kept between the tracking sensor and a wall [m]."""
+    turning_radius: float = 0.75
+    """Of a slow turn at 80 % of the lock [m]."""
+    lateral_acceleration: float = 5.5
+    """That a fast turn reaches [m/s^2]."""
+    reaction: float = 0.2
+    """From seeing to the car's answer [s]."""
+    drive_at_rest: float = 0.22
+    """Drive in 0..1 that just moves the car."""
+    drive_per_speed: float = 0.1
+    """Further drive for each m/s to be held [s/m]."""
+    thumb_rate: float = 25.0
+    """Fastest change of a command [1/s]."""
+
 
 STEERING_KINDS = ("hold", "ramp", "sweep", "steps", "straight")
 STEERING_CHANCES = (0.2, 0.2, 0.25, 0.15, 0.2)

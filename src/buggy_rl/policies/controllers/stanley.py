@@ -7,8 +7,9 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from buggy_rl import keys
-from buggy_rl.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.policies.controllers.preview import (
     SpeedConfig,
     ahead,
@@ -19,7 +20,6 @@ from buggy_rl.policies.controllers.preview import (
     with_past,
 )
 from buggy_rl.policies.controllers.tuning import Number, within
-from buggy_rl.vehicle import VehicleDimensions
 
 CAR = VehicleDimensions()
 FRONT_AXLE = CAR.cg_to_front_axle - CAR.sensor_to_cg  # [m] ahead of the sensor

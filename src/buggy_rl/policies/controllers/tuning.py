@@ -22,7 +22,7 @@ def within(low: float, high: float) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class SearchConfig:
+class TuningConfig:
     """Extent of a search, and what its result must keep to."""
 
     steps: int = 1000
@@ -55,7 +55,7 @@ def tune(
     paths: int,
     driver: Callable[[Config], TensorDictModuleBase],
     config: Config,
-    search: SearchConfig,
+    search: TuningConfig,
 ) -> tuple[Config, list[Trial]]:
     """Looks for the numbers that close most waypoints without straying.
 
@@ -104,7 +104,7 @@ def tune(
     return _with(config, trials[0].values), trials
 
 
-def _rank(trial: Trial, search: SearchConfig) -> tuple[bool, bool, float]:
+def _rank(trial: Trial, search: TuningConfig) -> tuple[bool, bool, float]:
     within = trial.out_of_range <= search.range_limit
     kept = trial.lateral_rms <= search.lateral_limit
     if not within:

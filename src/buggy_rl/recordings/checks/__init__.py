@@ -3,7 +3,7 @@
 Units and clock come first: leaps and velocities are only meaningful in the right units.
 """
 
-from buggy_rl.recordings.checks.agreement import check_linear, check_yaw_rate
+from buggy_rl.recordings.checks.cells import check_geographic, check_leaps
 from buggy_rl.recordings.checks.clock import (
     check_bunched,
     check_gaps,
@@ -11,12 +11,20 @@ from buggy_rl.recordings.checks.clock import (
     check_rate,
     check_usable_time,
 )
-from buggy_rl.recordings.checks.commands import check_silence, check_steering_sign
+from buggy_rl.recordings.checks.commands import (
+    check_driven,
+    check_rest,
+    check_silence,
+    check_steering_sign,
+)
 from buggy_rl.recordings.checks.heading import check_heading
-from buggy_rl.recordings.checks.leaps import check_leaps
-from buggy_rl.recordings.checks.position import check_geographic
-from buggy_rl.recordings.checks.rest import check_driven, check_rest
-from buggy_rl.recordings.checks.sensor import check_frozen, check_speed, check_spikes
+from buggy_rl.recordings.checks.sensor import (
+    check_frozen,
+    check_linear,
+    check_speed,
+    check_spikes,
+    check_yaw_rate,
+)
 
 CHECKS = (
     *(check_order, check_geographic, check_frozen, check_rate, check_bunched, check_gaps),

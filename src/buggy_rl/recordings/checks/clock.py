@@ -3,8 +3,8 @@
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.limits import Limits
 from buggy_rl.recordings.raw_recording import RawRecording, robust_deviation
+from buggy_rl.recordings.recording import Limits
 
 COARSE = 0.3  # share of rows that repeat the stamp before them: its digits do not suffice; chosen
 SORTED = 2  # rows out of order, or of one stamp, that are easier deleted one by one; chosen

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from buggy_rl.recordings.columns import ColumnMap
-from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.bag import files_alone, is_bag, read_bag
+from buggy_rl.recordings.readers.interleaved import TABLES, holds_tables, read_several
+from buggy_rl.recordings.readers.layout import Table
 from buggy_rl.recordings.readers.npy import is_npy_folder, read_npy_folder
-from buggy_rl.recordings.readers.several import TABLES, holds_tables, read_several
-from buggy_rl.recordings.readers.table import Table
+from buggy_rl.recordings.recording import RecordingError
 
 __all__ = ["Table", "is_recording", "read", "recordings_below"]
 

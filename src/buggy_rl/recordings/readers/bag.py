@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.extras import needs
-from buggy_rl.recordings.columns import ColumnMap, Steering
-from buggy_rl.recordings.errors import RecordingError
+from buggy_rl.core.extras import needs
+from buggy_rl.recordings.columns import ColumnMap, SteeringRange
 from buggy_rl.recordings.readers.bag_series import Series, read_series, refuse_two_paths
 from buggy_rl.recordings.readers.bag_topics import (
     ACKERMANN,
@@ -21,7 +20,8 @@ from buggy_rl.recordings.readers.bag_topics import (
     pose_topic,
     wheel_topic,
 )
-from buggy_rl.recordings.readers.table import Table
+from buggy_rl.recordings.readers.layout import Table
+from buggy_rl.recordings.recording import RecordingError
 
 CLOCK_DISTANCE = 0.5  # [s] between stamp and arrival of one clock; a slow network is faster
 OLD_COMMAND = 0.5  # [s] age of a command that is noted; a joystick may be silent for longer
@@ -207,7 +207,7 @@ def _without_ranges(bag: Any, commands: _Commands, columns: ColumnMap) -> list[s
         bag.topics[topic].msgtype.removesuffix("Stamped") for topic, _ in commands.places.values()
     }
     stated = columns.throttle != ColumnMap(command=columns.command).throttle
-    if ACKERMANN not in kinds or (stated and columns.steering != Steering()):
+    if ACKERMANN not in kinds or (stated and columns.steering != SteeringRange()):
         return []
     return [
         f"column {', '.join(commands.series)}: {ACKERMANN} has a speed in m/s and the angle of the "

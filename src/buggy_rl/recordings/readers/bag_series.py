@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.errors import RecordingError
 from buggy_rl.recordings.readers.bag_topics import numeric_fields
+from buggy_rl.recordings.recording import RecordingError
 
 STRAY = 0.01  # share of the messages below which another publisher's are left out; chosen
 CLOCK_STEP = 0.5  # [s] by which a clock that is set forward moves; a hole in the stamps is shorter
@@ -23,7 +23,7 @@ BACK = 10  # messages within which it is
 ALTERNATING = 0.1  # share of returning leaps that two publishers make; glitches make fewer
 
 
-class Source(NamedTuple):
+class Publisher(NamedTuple):
     """Who published a message."""
 
     node: str
@@ -132,14 +132,14 @@ def _stamp(message: Any) -> int:
     return 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
-def _source(connection: Any, message: Any) -> Source:
+def _source(connection: Any, message: Any) -> Publisher:
     frame = getattr(getattr(message, "header", None), "frame_id", "")
     node = getattr(connection.ext, "callerid", None) or ""
-    return Source(node, getattr(message, "child_frame_id", ""), frame)
+    return Publisher(node, getattr(message, "child_frame_id", ""), frame)
 
 
 def _one_source(
-    path: Path, series: Series, sources: list[Source], wanted: str | None, option: str
+    path: Path, series: Series, sources: list[Publisher], wanted: str | None, option: str
 ) -> None:
     """Keeps the messages of one publisher.
 
@@ -171,7 +171,7 @@ def _one_source(
         series.keep(~strays)
 
 
-def _at_once(sources: list[Source], often: list[Source]) -> bool:
+def _at_once(sources: list[Publisher], often: list[Publisher]) -> bool:
     """Whether messages of several sources come in between one another."""
     runs = [s for i, s in enumerate(sources) if s in often and (not i or s != sources[i - 1])]
     return len(runs) > len(often)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.recordings.columns import Topics
-from buggy_rl.recordings.errors import RecordingError
+from buggy_rl.recordings.recording import RecordingError
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 

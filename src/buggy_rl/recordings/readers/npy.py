@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.recordings.errors import RecordingError
-from buggy_rl.recordings.readers.table import Table
+from buggy_rl.recordings.readers.layout import Table
+from buggy_rl.recordings.recording import RecordingError
 
 RATE = 100.0  # [Hz] assumed without time stamps: that of the original study's tracking camera
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from buggy_rl.car_file import load_car
+from buggy_rl.core.car_file import load_car
 from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
 from buggy_rl.task.paths.shapes import along_arcs, read_points
 from buggy_rl.task.paths.simplex import simplex_paths
@@ -106,13 +106,13 @@ def make_paths(config: PathConfig) -> PathSet:
         paths = joined_paths([paths, paths.mirrored()])
     if config.placed:
         place = np.random.default_rng(_seeds(config, "places", 1)).uniform(-1, 1, (len(paths), 3))
-        half = at_scale(config).room / 2
+        half = _at_scale(config).room / 2
         scale = torch.tensor([half, half, math.pi])
         paths = paths.placed(torch.as_tensor(place).float() * scale)
     return paths
 
 
-def at_scale(config: PathConfig) -> PathConfig:
+def _at_scale(config: PathConfig) -> PathConfig:
     """The paths with the lengths of their car; the config is in those of the buggy."""
     if not config.car:
         return config
@@ -122,7 +122,7 @@ def at_scale(config: PathConfig) -> PathConfig:
 
 def _from_origin(config: PathConfig) -> PathSet:
     size = config.spacing
-    config = at_scale(config)
+    config = _at_scale(config)
     size = config.spacing / size
     full, bend = 2 * math.pi * config.radius, 1 / config.radius
     spacing = config.spacing

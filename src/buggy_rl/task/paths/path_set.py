@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from buggy_rl.vehicle import rotate
+from buggy_rl.core.vehicle import rotate
 
 SHORTEST_STEP = 0.01  # of the spacing; nearer neighbours are one point repeated
 SHORTEST_CHORD = 0.001  # of the spacing, from neighbour to neighbour; below it there is no tangent

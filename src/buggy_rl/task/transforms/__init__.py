@@ -4,8 +4,8 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from buggy_rl import trust
-from buggy_rl.config import load_named, one_line
+from buggy_rl.core import trust
+from buggy_rl.core.config import load_named, one_line
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import Transform

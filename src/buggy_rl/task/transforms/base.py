@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 
 COUNT = Bounded(0, torch.iinfo(torch.int64).max, torch.Size([1]), dtype=torch.int64)
 
@@ -83,7 +83,7 @@ def batched(spec: TensorSpec, of: Composite) -> TensorSpec:
     return spec.expand(of.shape + spec.shape).to(of.device or "cpu")
 
 
-def numbers(*sizes: int) -> Unbounded:
+def unbounded_spec(*sizes: int) -> Unbounded:
     """Spec of float32 numbers [*sizes]."""
     return Unbounded(torch.Size(sizes))
 

@@ -8,9 +8,9 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from buggy_rl import keys
-from buggy_rl.longitudinal import ONE_WAY_REST
-from buggy_rl.task.transforms.base import TaskTransform, numbers
+from buggy_rl.core import keys
+from buggy_rl.core.longitudinal import ONE_WAY_REST
+from buggy_rl.task.transforms.base import TaskTransform, unbounded_spec
 
 GIVEN = "_given"  # ends the key of u'_t, which is there while the step is taken and no longer
 
@@ -30,7 +30,7 @@ class CommandFilter(TaskTransform):
     def __init__(self, rest: float = ONE_WAY_REST) -> None:
         super().__init__()
         self.rest = rest
-        self.writes = {self.memory: numbers(2)}
+        self.writes = {self.memory: unbounded_spec(2)}
 
     @abstractmethod
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.data import Composite
 
-from buggy_rl import keys
+from buggy_rl.core import keys
 from buggy_rl.task.transforms.base import (
     COUNT,
     RandomTransform,
@@ -16,7 +16,7 @@ from buggy_rl.task.transforms.base import (
     batched,
     measured_pose,
     measured_velocity,
-    numbers,
+    unbounded_spec,
 )
 
 PAIRS = 3  # of normal numbers a step: one each for x, y, yaw, vx, vy, yaw_rate
@@ -55,7 +55,10 @@ class ObservationNoise(RandomTransform):
         deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
         self.deviation = nn.Buffer(deviation, persistent=False)
         self.pairs = nn.Buffer(torch.arange(PAIRS), persistent=False)
-        measured = {keys.MEASURED_POSE: numbers(3), keys.MEASURED_VELOCITY: numbers(3)}
+        measured = {
+            keys.MEASURED_POSE: unbounded_spec(3),
+            keys.MEASURED_VELOCITY: unbounded_spec(3),
+        }
         self.writes = {keys.NOISE_STATE: COUNT, **measured}
 
     def _reset(
@@ -114,7 +117,7 @@ class PastMean(TaskTransform):
         if width < 1:
             raise ValueError(f"past_mean: width is {width}: must be at least 1")
         self.width = width
-        rows, mean = numbers(width, 4), numbers(3)
+        rows, mean = unbounded_spec(width, 4), unbounded_spec(3)
         self.writes = {keys.VELOCITY_ROWS: rows, keys.MEASURED_VELOCITY: mean}
 
     def _reset(
@@ -154,7 +157,7 @@ class ClipVelocity(TaskTransform):
         self.high = nn.Buffer(torch.tensor(high, dtype=torch.float32), persistent=False)
         if self.low.shape != (3,) or self.high.shape != (3,) or not (self.low < self.high).all():
             raise ValueError(f"clip: low {list(low)} and high {list(high)} must bound 3 numbers")
-        self.writes = {keys.MEASURED_VELOCITY: numbers(3)}
+        self.writes = {keys.MEASURED_VELOCITY: unbounded_spec(3)}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         velocity = measured_velocity(next_tensordict).clamp(self.low, self.high)
@@ -192,7 +195,7 @@ class Observation(TaskTransform):
             )
         batch = observation_spec.shape
         sizes = [observation_spec[key].shape[len(batch) :].numel() for key in self.inputs]
-        observation_spec[keys.OBSERVATION] = batched(numbers(sum(sizes)), observation_spec)
+        observation_spec[keys.OBSERVATION] = batched(unbounded_spec(sum(sizes)), observation_spec)
         return observation_spec
 
 
@@ -233,7 +236,7 @@ class History(TaskTransform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         self._check_place(observation_spec, [keys.OBSERVATION_ROWS])
         size = observation_spec[keys.OBSERVATION].shape[-1]
-        rows, flat = numbers(self.rows, size), numbers(self.rows * size)
+        rows, flat = unbounded_spec(self.rows, size), unbounded_spec(self.rows * size)
         observation_spec[keys.OBSERVATION_ROWS] = batched(rows, observation_spec)
         observation_spec[keys.OBSERVATION] = batched(flat, observation_spec)
         return observation_spec

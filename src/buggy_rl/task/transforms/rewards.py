@@ -7,8 +7,8 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Composite
 
-from buggy_rl import keys
-from buggy_rl.task.transforms.base import TaskTransform, numbers
+from buggy_rl.core import keys
+from buggy_rl.task.transforms.base import TaskTransform, unbounded_spec
 
 
 def waypoints_closed(before: TensorDictBase, after: TensorDictBase) -> Tensor:
@@ -80,7 +80,7 @@ class Rewards(TaskTransform):
                 f"available: {', '.join(sorted(TERMS))}"
             )
         self.reads = tuple(key for name in self.weights for key in TERMS[name][1])
-        self.writes = {keys.REWARD_TERMS: numbers(len(self.weights))}
+        self.writes = {keys.REWARD_TERMS: unbounded_spec(len(self.weights))}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -8,16 +8,16 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.data import Binary, Composite
 
-from buggy_rl import keys
+from buggy_rl.core import keys
+from buggy_rl.core.vehicle import wrap_angle
 from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.transforms.base import (
     COUNT,
     RandomTransform,
     batched,
     measured_pose,
-    numbers,
+    unbounded_spec,
 )
-from buggy_rl.vehicle import wrap_angle
 
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
 
@@ -73,11 +73,11 @@ class Waypoints(RandomTransform):
         self.writes = {
             keys.PATH: COUNT,
             keys.NEXT_WAYPOINT: COUNT,
-            keys.WAYPOINTS: numbers(visible, 2),
-            keys.WAYPOINTS_CLOSED: numbers(1),
-            keys.PATH_POSITION: numbers(1),
-            keys.LATERAL_ERROR: numbers(1),
-            keys.HEADING_ERROR: numbers(1),
+            keys.WAYPOINTS: unbounded_spec(visible, 2),
+            keys.WAYPOINTS_CLOSED: unbounded_spec(1),
+            keys.PATH_POSITION: unbounded_spec(1),
+            keys.LATERAL_ERROR: unbounded_spec(1),
+            keys.HEADING_ERROR: unbounded_spec(1),
             keys.COMPLETED: Binary(1, dtype=torch.bool),
         }
 
@@ -244,7 +244,7 @@ class TargetSpeed(RandomTransform):
         if not 0 <= low <= high:
             raise ValueError(f"target_speed: low {low} and high {high} m/s are no range above 0")
         self.low, self.high = low, high
-        self.writes = {keys.TARGET_SPEED: numbers(1)}
+        self.writes = {keys.TARGET_SPEED: unbounded_spec(1)}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = next_tensordict.get(keys.POSE)

@@ -1,1 +1,0 @@
-"""Sealed blind tests: physics is concealed in cars, diagnosed, and the answers are scored."""

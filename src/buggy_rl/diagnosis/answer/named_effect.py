@@ -1,0 +1,195 @@
+"""An effect that a diagnosis names, with its numbers and its confidence."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import torch
+
+from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
+from buggy_rl.core.vehicle import VehicleDimensions
+from buggy_rl.diagnosis.answer.words import CONDITIONS
+from buggy_rl.diagnosis.search.posterior import certainly_missing
+from buggy_rl.effects import effect_class
+from buggy_rl.effects.base import EffectParameter
+from buggy_rl.estimation.hypothesis import CLOCK, CLOCK_PRIOR
+from buggy_rl.estimation.segments import Segments
+
+NORMAL = 1.96  # standard deviations of a 95 % interval
+SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with the bounds of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the search selected."""
+
+    name: str
+    kind: Literal["actuation", "motion", "sensing", "parameter"]
+    equation: str
+    sentence: str
+    parameters: dict[str, Value]
+    confidence: float
+    held_out_gain: float
+    """Share of the residual without it that it closes, on what was held out."""
+    confused_with: dict[str, float] = field(default_factory=dict)
+    """Alternative effects and their probabilities."""
+    at_bound: tuple[str, ...] = ()
+    """Parameters at a bound of their range."""
+    varies_with: str = ""
+    """Condition with which its parameters vary: then it is probably misspecified."""
+    whatever_else: float = 0.0
+    """Share of the probability of all sets of effects that those with it have."""
+    inside: tuple[str, ...] = ()
+    """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
+
+    unusual: tuple[str, ...] = ()
+    """Numbers outside what 5 to 95 % of real cars have."""
+    undetermined: tuple[str, ...] = ()
+    """Numbers whose interval is wider than what they can mean."""
+
+    @property
+    def realised(self) -> str:
+        """How the repaired simulator has it, as `diagnosis.json` says."""
+        if not self.inside:
+            return "effect"
+        return f"parameter{'s' * (len(self.inside) > 1)} {', '.join(self.inside)}"
+
+    def line(self, unknown: bool = False) -> str:
+        """Sentence, name and confidence of an effect, and what speaks against it."""
+        said = min(self.confidence, SUREST)
+        text = f"{self.name}, confidence {said:.0%}"
+        if unknown and certainly_missing(self.whatever_else, self.confidence):
+            text += (
+                f"; whatever else is missing: in {self.whatever_else:.0%} of what may explain it"
+            )
+        if self.confused_with:
+            others = ", ".join(f"{name} ({p:.0%})" for name, p in self.confused_with.items())
+            text += f"; alternatives: {others}"
+        if self.varies_with:
+            condition = CONDITIONS[self.varies_with]
+            text += f"; varies with {condition.varying or condition.words}: probably misspecified"
+        if self.inside and self.kind != "parameter":
+            text += f"; in the simulator: {self.realised}"
+        if self.unusual:
+            text += f"; unusually large ({', '.join(self.unusual)})"
+        if self.undetermined:
+            text += f"; not determined: {', '.join(self.undetermined)}"
+        if self.at_bound:
+            text += f"; at a bound of its range: {', '.join(self.at_bound)}"
+        return f"{self.sentence[:1].upper()}{self.sentence[1:]} [{text}]."
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `diagnosis.json` has it."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "equation": self.equation,
+            "sentence": self.sentence,
+            "parameters": {k: vars(v) for k, v in self.parameters.items()},
+            "confidence": self.confidence,
+            "held_out_gain": self.held_out_gain,
+            "confused_with": [{"name": n, "confidence": c} for n, c in self.confused_with.items()],
+            "at_bound": list(self.at_bound),
+            "varies_with": self.varies_with,
+            "whatever_else": self.whatever_else,
+            "realised": self.realised,
+            "unusual": list(self.unusual),
+            "undetermined": list(self.undetermined),
+        }
+
+
+def sentence(
+    effect: str,
+    values: Mapping[str, float],
+    unit: str = "",
+    was: float = 0.0,
+    command: LongitudinalCommand = ONE_WAY,
+    car: VehicleDimensions | None = None,
+) -> str:
+    """An effect, or a wrong parameter of the simulator's own, in the words of its command and car.
+
+    Without a car the words name no force or mass of it.
+    """
+    if effect.startswith("parameter:"):
+        name = effect.partition(":")[2]
+        value = f"{values[name]:.3g}" + (f" {unit}" if unit not in ("", "-") else "")
+        return f"the simulator's {name.replace('_', ' ')} is {value}, not {was:.3g}"
+    kind = effect_class(effect)
+    if car is None:
+        return kind.sentence_for(values, command)
+    return kind.said(values, car, command)
+
+
+FAR_CLOCK = 3 * CLOCK_PRIOR * CLOCK.size  # [s] three standard deviations of a stamp's error
+CLOCKLIKE = ("sensor_latency",)  # effects that are a clock's error as well
+WHOLE = 0.95  # [-] share of a number's range that an interval without meaning spans
+IMPLAUSIBLE = (
+    4.0  # times as far from neutral as the usual end: beyond all that is drawn, by a third
+)
+PLACES = ("x", "y")  # numbers that are places in the room, in effects that have a radius
+
+
+def unusual(numbers: Sequence[EffectParameter], values: Mapping[str, float]) -> tuple[str, ...]:
+    """Names of numbers outside what 5 to 95 % of real cars have."""
+    return tuple(
+        p.name
+        for p in numbers
+        if p.usual is not None and not p.usual[0] <= values[p.name] <= p.usual[1]
+    )
+
+
+def effect_implausible(numbers: Sequence[EffectParameter], values: Mapping[str, float]) -> bool:
+    """Whether a number is so far beyond the usual ones that another effect is more probable.
+
+    Distances are of the normalised value from neutral. Sizes that development cases draw, to
+    which the probabilities are calibrated, are all within.
+    """
+    for p in numbers:
+        if p.usual is not None:
+            found, *ends = (p.coordinate(v) for v in (values[p.name], *p.usual))
+            low, high = min(0.0, *ends), max(0.0, *ends)
+            if not IMPLAUSIBLE * low <= found <= IMPLAUSIBLE * high:
+                return True
+    return False
+
+
+def undetermined(
+    numbers: Sequence[EffectParameter], values: Mapping[str, Value], segments: Segments
+) -> tuple[str, ...]:
+    """Names of numbers whose interval is wider than what the number can mean.
+
+    A place in the room means something within what was driven; another number within its range.
+    """
+    patch = "radius" in {p.name for p in numbers}
+    driven = segments.pose[..., :2].flatten(0, 1)
+    room = (driven.amax(0) - driven.amin(0)).tolist()  # [m] along x and y
+    found = []
+    for p in numbers:
+        width = values[p.name].high - values[p.name].low
+        if patch and p.name in PLACES:
+            meant = room[PLACES.index(p.name)]
+        elif patch and p.name == "radius":
+            meant = float(torch.tensor(room).norm())
+        else:
+            meant = WHOLE * (p.upper - p.lower)
+        if width >= meant:
+            found.append(p.name)
+    return tuple(found)
+
+
+def latencies_refused(clock_offset: float) -> tuple[str, ...]:
+    """Effects that are not named beside a clock that is itself off by more than stamps are.
+
+    Of a late sensor and an early clock only the difference is known: their numbers may be anything.
+    """
+    return CLOCKLIKE if abs(clock_offset) >= FAR_CLOCK - 1e-6 else ()

@@ -1,0 +1,47 @@
+"""The repaired simulator, as the file that every script takes as a simulator."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from buggy_rl.diagnosis.pipeline import Diagnosed
+from buggy_rl.estimation.baseline import FILE
+from buggy_rl.estimation.hypothesis import OWN
+
+
+def repaired_simulator(simulator: str, done: Diagnosed, folder: Path) -> dict[str, Any]:
+    """The simulator with the repair that was validated, as content of a simulator file.
+
+    A correction of the baseline stays in it; its network lies beside the file, as `FILE`.
+
+    Args:
+        simulator: As it was given.
+        done: What was found.
+        folder: Of the file.
+    """
+    content: dict[str, Any] = {"engine": simulator}
+    if simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator:
+        content["engine"] = os.path.relpath(simulator, folder)
+    if done.step:
+        content["options"] = dict(done.step)
+    effects: dict[str, Any] = {}
+    if done.correction is not None and done.correction.effect is not None:
+        strength = float(done.correction.effect.values["strength"])
+        effects[done.correction.effect.name] = {"strength": strength, "model": FILE}
+    options = done.case.problem.simulation.options
+    inside = done.case.problem.library.inside
+    parameters: dict[str, float] = {}
+    realised: dict[str, Any] = {}
+    for name, values in done.answer.repair.values.items():
+        if name.startswith(OWN):
+            parameters |= values
+        elif name in inside:
+            realised[name] = values
+        else:
+            effects[name] = {**values, **options.get(name, {})}
+    parameters = inside.values(realised, parameters)
+    if parameters:
+        content["parameters"] = parameters
+    if effects:
+        content["effects"] = effects
+    return content

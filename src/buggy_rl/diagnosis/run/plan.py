@@ -1,0 +1,250 @@
+"""What a diagnosis is going to roll out, how long that takes, and how much less it may be."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from buggy_rl.diagnosis.run.budget import Budget, smaller
+from buggy_rl.diagnosis.run.drives import Drives
+from buggy_rl.diagnosis.search.limits import LIMITS
+from buggy_rl.estimation.cost import MANY, Cost, measured_cost
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import HORIZONS
+
+Stage = Literal["prepare", "search", "answer"]
+Part = Literal["first_round", "round", "refitted", "longer", "experiments", "retuning"]
+"""What may be left out where time is up."""
+STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
+NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
+PLANNED_ROUNDS = 2  # about the leading set: most searches end before the last of them
+USUAL = 6  # iterations after which a fit has ended, most often
+MISSING = 2  # sets with the other effect of a limit that are fitted, most often
+CORRECTED = 20  # rollouts in which a correction is learned from a baseline
+LOOKED = 4  # rollouts in which the error is located, steps are tested and a network learns
+PROVED = 10  # rollouts of half the segments in which an answer is proved, by two processes half
+TOLD = 2  # rollouts of longer segments, likewise
+SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
+HELD = 0.85  # [-] of the time that is allowed, which a plan may fill; its error is larger
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the size of a diagnosis depends on."""
+
+    segments: int
+    """Of the recordings, all that there are up to `stretches`."""
+    rows: int
+    """Steps of one."""
+    trials: int
+    """Effects in each of their directions."""
+    baseline: int = 0
+    """Segments of the baseline."""
+    longer: int = 0
+    """Segments of 3 s."""
+    limits: int = 0
+    """Effects of the library that another of its effects becomes in a limit (`limits.py`)."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One of the plan."""
+
+    stage: Stage
+    environments: int
+    rows: int
+    share: float = 0.0
+    """Of the library's effects that stand in the stack."""
+    times: int = 1
+    part: str = ""
+    """`round`, `refitted` or `longer`, which may be left out where time is up."""
+
+    @property
+    def steps(self) -> int:
+        """Of environments."""
+        return self.environments * self.rows * self.times
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A budget and what it comes to."""
+
+    budget: Budget
+    cost: Cost
+    planned_rollouts: tuple[Rollout, ...]
+    notes: tuple[str, ...] = ()
+    """What is lost by a budget that is not full, and whether it takes longer than allowed."""
+
+    @property
+    def seconds(self) -> float:
+        """Expected [s]."""
+        return sum(map(self._seconds, self.rollouts))
+
+    @property
+    def steps(self) -> int:
+        """Of environments, expected."""
+        return sum(r.steps for r in self.rollouts)
+
+    def before(self, stage: Stage) -> tuple[float, int]:
+        """Seconds and environment steps expected before a stage."""
+        earlier = STAGES[: STAGES.index(stage)]
+        parts = [r for r in self.rollouts if r.stage in earlier]
+        return sum(map(self._seconds, parts)), sum(r.steps for r in parts)
+
+    def until(self, stage: Stage) -> tuple[float, int]:
+        """Seconds and environment steps expected until a stage has ended."""
+        later = STAGES[STAGES.index(stage) + 1 :]
+        return self.before(later[0]) if later else (self.seconds, self.steps)
+
+    def needed(self, part: Part) -> float:
+        """Seconds expected of a part, and of what must follow it.
+
+        The first round goes before the sets that are fitted on at the end, these go before further
+        rounds; where a budget has no time for all, it leaves them out in that order.
+        """
+        rounds = min(PLANNED_ROUNDS, self.budget.rounds)
+        one = self._of("round") / rounds if rounds else 0.0
+        last = self._of("refitted")
+        answer = self.seconds - self.before("answer")[0] - self._of("longer")
+        search = self.until("search")[0] - self.before("search")[0] - self._of("round") - last
+        return {
+            "first_round": one + answer,
+            "round": one + last + answer,
+            "refitted": last + answer,
+            "longer": answer + self._of("longer"),
+            "experiments": 0.0,
+            "retuning": search + answer,
+        }[part]
+
+    def _of(self, part: str) -> float:
+        return sum(self._seconds(r) for r in self.rollouts if r.part == part)
+
+    def _seconds(self, rollout: Rollout) -> float:
+        one = self.cost.seconds(rollout.environments, rollout.rows, rollout.share)
+        return rollout.times * one
+
+
+def planned(question: Question, cost: Cost, minutes: float, spent: float = 0.0) -> Plan:
+    """The largest budget that is expected to end in time; the smallest where none is.
+
+    Args:
+        question: The size of the diagnosis.
+        cost: Of the simulator's rollouts.
+        minutes: That are allowed; 0 for as many as it takes.
+        spent: Seconds of them that have passed.
+    """
+    plans = (Plan(b, cost, tuple(planned_rollouts(question, b, cost.workers))) for b in smaller())
+    plan = next(plans)
+    while minutes and plan.seconds > HELD * (60 * minutes - spent):
+        less = next(plans, None)
+        if less is None:
+            break
+        plan = less
+    return replace(plan, notes=tuple(_notes(question, plan, minutes, spent)))
+
+
+def shortest(question: Question, cost: Cost, why: str) -> Plan:
+    """The smallest budget, for a search whose findings cannot be believed; `why` is its note."""
+    budget = [*smaller()][-1]
+    return Plan(budget, cost, tuple(planned_rollouts(question, budget, cost.workers)), (why,))
+
+
+def _notes(question: Question, plan: Plan, minutes: float, spent: float) -> Iterator[str]:
+    loss = plan.budget.loss(question.segments)
+    if loss:
+        yield f"the simulator makes {plan.cost.rate:,.0f} environment steps a second: {loss}"
+    step = MANY / plan.cost.rate
+    if plan.cost.reset > SLOW_RESET * question.rows * step:
+        yield (
+            f"a reset of the simulator takes {plan.cost.reset:.2g} s, as long as "
+            f"{plan.cost.reset / step:.0f} of its steps: every rollout waits for it"
+        )
+    expected = (plan.seconds + spent) / 60
+    if minutes and expected > minutes:
+        yield (
+            f"about {expected:.0f} minutes are expected, more than minutes={minutes:g}: "
+            "a smaller library by effects=[...] takes less, and so does a simulator that steps "
+            "many environments at once"
+        )
+
+
+def planned_rollouts(question: Question, budget: Budget, workers: int = 1) -> Iterator[Rollout]:
+    """What is rolled out after a simulator was measured, as far as it can be known before."""
+    beside = min(2, workers)
+    rows, count = question.rows, budget.segments(question.segments)
+    trials = len(budget.sizes) * question.trials
+    yield Rollout("prepare", 4 * count, rows, times=4)
+    if question.baseline:
+        yield Rollout("prepare", budget.segments(question.baseline), rows, times=CORRECTED)
+    yield Rollout("search", 4 * count, rows, times=4)
+    yield from _rolled_trials(trials * count, rows)
+    yield from _fits(budget.sets, count, rows, budget)
+    for _ in range(min(PLANNED_ROUNDS, budget.rounds)):
+        yield Rollout("search", 7 * count, rows, 0.1, part="round")
+        yield from _rolled_trials(trials * count, rows, "round")
+        yield from _fits(2 + 3 * budget.around, count, rows, budget, "round")
+    if budget.refitted:
+        yield from _fits(budget.refitted, count, rows, budget, "refitted")
+    if question.limits:
+        yield from _fits(MISSING * question.limits, count, rows, budget)
+    yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
+    yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
+    if question.longer and budget.longer:
+        yield Rollout(
+            "answer", 3 * min(question.longer, count), 3 * rows, 0.1, TOLD // beside, "longer"
+        )
+
+
+def _rolled_trials(environments: int, rows: int, part: str = "") -> Iterator[Rollout]:
+    yield Rollout("search", environments, rows, 1.0, part=part)
+
+
+def _fits(sets: int, count: int, rows: int, budget: Budget, part: str = "") -> Iterator[Rollout]:
+    """Of one batch: start, steps, derivatives where a damped one was best, held out."""
+    many, times = sets * count, min(USUAL, budget.iterations)
+    yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5, part=part)
+    yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times, part)
+    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2, part)
+    if budget.anew:
+        yield Rollout("search", many, rows, 0.5, part=part)
+
+
+MEASURED = 0.1  # [s] of a rollout by which time is measured, beside its warm-up
+
+
+def plan_of(
+    simulation: Simulation,
+    library: Library,
+    drives: Drives,
+    minutes: float,
+    begun: float | None = None,
+    short: str = "",
+) -> Plan:
+    """The plan of a diagnosis in the time that it may take.
+
+    Args:
+        simulation: Of the simulator; its workers learn from it what is worth dividing.
+        library: Effects to choose from.
+        drives: To be compared.
+        minutes: That the diagnosis may take.
+        begun: When that time began (`time.perf_counter`); None for now.
+        short: Why the search is as short as it can be, where `minutes` limits it at all.
+    """
+    segments = drives.segments
+    cost = measured_cost(
+        simulation, segments.shortened(round(MEASURED / segments.dt)), library.effects
+    )
+    simulation.workers.least = cost.least_share
+    question = Question(
+        segments=len(segments),
+        rows=segments.pose.shape[1] - 1,
+        trials=sum(len(library.trials(name, segments, (1.0,))) for name in library.names),
+        baseline=0 if drives.baseline is None else len(drives.baseline),
+        longer=len(drives.longer.get(HORIZONS[-1], ())),
+        limits=sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS),
+    )
+    if short and minutes:
+        return shortest(question, cost, short)
+    spent = 0.0 if begun is None else time.perf_counter() - begun
+    return planned(question, cost, minutes, spent)

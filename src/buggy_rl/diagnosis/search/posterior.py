@@ -1,0 +1,184 @@
+"""Posterior probability of each set of effects, of nothing, and of what no effect describes.
+
+    p(h) = exp(w . f(h)) / Z,  p(unknown) = exp(v . g) / Z,  Z = sum_h exp(w . f(h)) + exp(v . g)
+
+f are features of a hypothesis, g of the case (`evidence_features`); w and v are fitted to
+development cases, of which the truth is known, by `scripts/calibrate.py`: a conditional logit
+(McFadden 1974). The empty set is the hypothesis that nothing is missing.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Literal, TypeVar, cast
+
+import numpy as np
+import torch
+import yaml
+from numpy.typing import NDArray
+
+from buggy_rl.diagnosis.search.candidate import Effects
+from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
+from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
+
+Numbers = TypeVar("Numbers", float, NDArray[np.float64])
+"""One, or an array of them."""
+
+
+@dataclass(frozen=True)
+class FormError:
+    """A factor of the deviation by leaving out blocks, and two shares of a number."""
+
+    chance: float = 1.0
+    """Of the deviation by leaving out blocks, which does not see what all blocks share."""
+    always: float = 0.0
+    """By which a number is off although nothing remains."""
+    remains: float = 1.0
+    """Of what remains."""
+
+    def sd(self, z: Numbers, by_blocks: Numbers, share: Numbers) -> Numbers:
+        """Standard deviation of a number z [prior scales]."""
+        form = (self.always * z) ** 2 + (self.remains * share * z) ** 2
+        return cast(Numbers, ((self.chance * by_blocks) ** 2 + form) ** 0.5)
+
+
+EVEN = 0.5  # [-] probability from which a name is rather right than wrong
+LISTED = 0.02  # [-] from which it is listed
+STANDING = 0.95  # [-] share of the sets of effects from which it is said whatever else is missing,
+LIKELY = 1 / 3  # [-] if the effect itself is as probable
+SHIPPED = Path(__file__).with_name("calibration.yaml")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Weights of the features; what `scripts/calibrate.py` writes."""
+
+    hypothesis: Mapping[str, float]
+    """Feature of a hypothesis -> weight."""
+    unknown: Mapping[str, float]
+    """Feature of a case -> weight for physics that no effect describes."""
+    form_error: FormError = field(default_factory=FormError)
+    """Of numbers: by how much more they are off than by chance."""
+    cases: int = 0
+    """Cases that the weights were fitted to; 0 where they are not from any."""
+    step_error: FormError = field(default_factory=FormError)
+    """The same of quantities of step tests; that of numbers until it was fitted to cases."""
+
+    @property
+    def lapse(self) -> float:
+        """Probability of what none of the cases showed: rule of succession (Laplace 1774)."""
+        return 1.0 / (self.cases + 2) if self.cases else 0.0
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities that sum to 1."""
+
+    sets: Mapping[Effects, float]
+    """Set of effects, sorted -> probability; the empty one is nothing."""
+    unknown: float
+    """That no effect describes what is missing."""
+
+    @property
+    def nothing(self) -> float:
+        """That nothing is missing."""
+        return self.sets.get((), 0.0)
+
+    @property
+    def says(self) -> Literal["nothing", "unknown", "effects"]:
+        """What is most probable: nothing, what no effect describes, or some set of effects."""
+        named = max(0.0, 1.0 - self.nothing - self.unknown)
+        if self.nothing >= max(self.unknown, named):
+            return "nothing"
+        return "unknown" if self.unknown >= named else "effects"
+
+    @property
+    def best(self) -> Effects:
+        """The median set: effects that most of the probability of all sets of effects has.
+
+        The most probable set where that one is empty or was not fitted; empty where none was.
+
+        Source: Barbieri & Berger (2004), Optimal predictive model selection.
+        """
+        named = {effects: p for effects, p in self.sets.items() if effects}
+        every = sorted({e for effects in named for e in effects})
+        median = tuple(e for e in every if self.whatever_else(e) > EVEN)
+        return median if median in named else max(named, key=lambda e: named[e], default=())
+
+    def merged(self, same: Mapping[Effects, Effects]) -> "Posterior":
+        """With the probability of sets that are another one in other words added to that one's.
+
+        Args:
+            same: Set -> the one that it is the same as.
+        """
+        sets: dict[Effects, float] = {}
+        for effects, p in self.sets.items():
+            key = same.get(effects, effects)
+            sets[key] = sets.get(key, 0.0) + p
+        return Posterior(sets, self.unknown)
+
+    def of(self, effect: str) -> float:
+        """That an effect is missing, alone or beside others."""
+        return sum(p for effects, p in self.sets.items() if effect in effects)
+
+    def whatever_else(self, effect: str) -> float:
+        """That an effect is missing if effects are at all, whatever else may be missing."""
+        named = 1.0 - self.nothing - self.unknown
+        return self.of(effect) / named if named > 0 else 0.0
+
+    def in_place_of(self, effect: str) -> dict[str, float]:
+        """Other effects outside the best set -> probability of sets with them and without it."""
+        others: dict[str, float] = {}
+        for effects, p in self.sets.items():
+            if effect not in effects:
+                for other in {*effects} - {*self.best}:
+                    others[other] = others.get(other, 0.0) + p
+        return dict(sorted(others.items(), key=lambda item: -item[1]))
+
+
+def certainly_missing(whatever_else: float, probability: float) -> bool:
+    """Whether an effect is said to be missing whatever else is, beside unknown physics.
+
+    Its share of the sets of effects alone does not tell: where no effect describes what is seen,
+    what resembles it most has nearly all of that share.
+    """
+    return whatever_else >= STANDING and probability >= LIKELY
+
+
+def posterior(case: CaseEvidence, calibration: Calibration | None = None) -> Posterior:
+    """Of what was observed of a search, by the shipped calibration unless another is given.
+
+    What the calibration's cases cannot rule out (`Calibration.lapse`) goes to unknown physics.
+    """
+    calibration = calibration or shipped()
+    scores = [_score(f, calibration.hypothesis) for f in of_hypotheses(case)]
+    scores.append(_score(of_case(case), calibration.unknown))
+    lapse = calibration.lapse
+    shares = (1 - lapse) * torch.softmax(torch.tensor(scores, dtype=torch.float64), 0)
+    *named, unknown = shares.tolist()
+    keys = [h.effects for h in case.fitted]
+    return Posterior(dict(zip(keys, named, strict=True)), unknown + lapse)
+
+
+def _score(features: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    return sum(weight * features[name] for name, weight in weights.items())
+
+
+@cache
+def shipped() -> Calibration:
+    """What the package comes with."""
+    return load_calibration(SHIPPED)
+
+
+def load_calibration(file: Path) -> Calibration:
+    """Reads what `scripts/calibrate.py` wrote."""
+    content = yaml.safe_load(file.read_text())
+    form = content["form_error"]
+    return Calibration(
+        content["hypothesis"],
+        content["unknown"],
+        FormError(**form),
+        content["made_from"]["cases"],
+        FormError(**content.get("step_error", form)),
+    )

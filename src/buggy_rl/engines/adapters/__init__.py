@@ -1,6 +1,0 @@
-"""A user's own simulator from a pair of functions or a Gymnasium environment."""
-
-from buggy_rl.engines.adapters.functions import FunctionsEngine, from_step
-from buggy_rl.engines.adapters.gymnasium_car import from_gymnasium
-
-__all__ = ["FunctionsEngine", "from_gymnasium", "from_step"]

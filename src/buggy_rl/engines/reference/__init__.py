@@ -1,5 +1,0 @@
-"""The reference car: a double-track model that stands in for the physical car."""
-
-from buggy_rl.engines.reference.engine import ReferenceEngine
-
-__all__ = ["ReferenceEngine"]

@@ -1,1 +1,0 @@
-"""A simulator's own parameters fitted to recordings; the study and its table."""

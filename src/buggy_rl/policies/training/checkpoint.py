@@ -1,0 +1,93 @@
+"""Checkpoint files, and the state of an environment that is not in its TensorDict."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torchrl.envs import EnvBase, TransformedEnv
+
+from buggy_rl.core.files import load_torch
+from buggy_rl.simulators.serial import SinglePrecision
+
+
+def load_checkpoint(file: Path) -> dict[str, Any]:
+    """Reads a checkpoint.
+
+    Raises:
+        ValueError: There is no such file.
+    """
+    if not file.is_file():
+        raise ValueError(f"there is no checkpoint {file} to go on from: start without resume=true")
+    return load_torch(file)
+
+
+def environment_state(env: EnvBase) -> dict[str, Any]:
+    """Random generators of an environment and all tensors that its transforms keep.
+
+    The cars' own state rides in their TensorDict and is no part of this.
+    """
+    generators = {name: holder.get_state() for name, holder in _generators(env)}
+    tensors = {name: getattr(module, key).clone() for name, module, key in _tensors(env)}
+    return {"generators": generators, "tensors": tensors}
+
+
+def restore_environment(env: EnvBase, state: dict[str, Any]) -> None:
+    """Goes back to what `environment_state` saw.
+
+    Raises:
+        ValueError: The environment is made of other parts than the one that was saved.
+    """
+    generators, places = dict(_generators(env)), {n: (m, k) for n, m, k in _tensors(env)}
+    refuse_difference(generators, state["generators"])
+    refuse_difference(places, state["tensors"])
+    for name, generator in generators.items():
+        generator.set_state(state["generators"][name])
+    for name, (module, key) in places.items():
+        setattr(module, key, state["tensors"][name].clone().to(getattr(module, key).device))
+
+
+def refuse_difference(here: Iterable[Any], saved: Iterable[Any]) -> None:
+    """Compares names in an environment with those in a checkpoint.
+
+    Raises:
+        ValueError: They differ.
+    """
+    differing = sorted(set(here) ^ set(saved))
+    if differing:
+        raise ValueError(
+            f"the checkpoint was made with another environment: {', '.join(differing)} "
+            "is in only one of the two; resume with the config of the first run"
+        )
+
+
+def _generators(env: EnvBase) -> Iterator[tuple[str, torch.Generator]]:
+    for name, module in _modules(env):
+        for key, value in sorted(vars(module).items()):
+            if isinstance(value, torch.Generator):
+                yield f"{name}.{key}", value
+
+
+def _tensors(env: EnvBase) -> Iterator[tuple[str, nn.Module, str]]:
+    for name, module in _modules(env):
+        if isinstance(module, EnvBase):  # of an engine: its parameters, which are in the config
+            continue
+        plain = {key for key, value in vars(module).items() if isinstance(value, Tensor)}
+        # A buffer that is not persistent is a table made from the config.
+        buffers = set(module._buffers) - module._non_persistent_buffers_set
+        for key in sorted(plain | buffers):
+            if getattr(module, key) is not None:
+                yield f"{name}.{key}", module, key
+
+
+def _modules(env: EnvBase) -> Iterator[tuple[str, nn.Module]]:
+    """The environment, what it wraps and every transform between, by name."""
+    depth, inner = 0, env
+    while isinstance(inner, TransformedEnv):
+        for name, module in inner.transform.named_modules():
+            yield f"transform{depth}.{name}", module
+        depth, inner = depth + 1, inner.base_env
+    yield "engine", inner
+    if isinstance(inner, SinglePrecision):
+        yield "engine.simulator", inner.simulator

@@ -1,0 +1,296 @@
+"""The page that shows a score, as Markdown, and why a case is among the failing ones."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
+
+from buggy_rl.core.files import write_atomically
+from buggy_rl.figures.style import COLOURS, FAINT, tidy
+from buggy_rl.proof.cases.case import DRIVING, NUISANCES
+from buggy_rl.proof.cases.equivalents import meant
+from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.score.outcome import OURS, ScoredCase
+from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
+
+GOOD, BAD = COLOURS[1], COLOURS[0]
+
+
+def pictures(score: Score) -> dict[str, Picture]:
+    """All of them, by the end of their file's name; those without a case are left out."""
+    found = {"figures": targets(score.rows), "classes": classes(score.breakdown)}
+    if score.calibration:
+        found["confidence"] = _confidence(score)
+    if score.confusion:
+        found["confusion"] = confusion(score.confusion)
+    return found
+
+
+def targets(rows: Sequence[ScoreRow]) -> Picture:
+    """Every share with its interval, and the target where there is one."""
+    shown = [row for row in rows if row.figure.count and row.percent and row.figure.value <= 1.5]
+    picture, axis = plt.subplots(figsize=(8.5, 0.26 * len(shown) + 1), constrained_layout=True)
+    for place, row in enumerate(reversed(shown)):
+        colour = FAINT if row.met is None else GOOD if row.met else BAD
+        _interval(axis, row.figure, place, colour)
+        if row.target is not None:
+            axis.plot(100 * row.target, place, "|", color="black", ms=13, mew=1.5)
+    labels = [row.name.replace("  ", "– ") for row in reversed(shown)]
+    axis.set_yticks(range(len(shown)), labels, fontsize=8)
+    axis.set_ylim(-0.7, len(shown) - 0.3)
+    axis.set_xlabel("% of the cases, with 95 % intervals; | is the target")
+    tidy(axis)
+    return picture
+
+
+def classes(breakdown: Mapping[str, Mapping[str, Figure]]) -> Picture:
+    """Share of right first names of single effects, class by class."""
+    shown = {name: rows for name, rows in breakdown.items() if rows}
+    wide = "effect"
+    others = [name for name in shown if name != wide]
+    picture = plt.figure(figsize=(11, 9), constrained_layout=True)
+    if not shown:
+        return picture
+    heights = [max(2, len(shown[name])) for name in others]
+    grid = picture.add_gridspec(len(others), 2, height_ratios=heights)
+    _bars(picture.add_subplot(grid[:, 0]), wide, shown[wide])
+    for place, name in enumerate(others):
+        _bars(picture.add_subplot(grid[place, 1]), name, shown[name])
+    return picture
+
+
+def _confidence(score: Score) -> Picture:
+    """How often a claim of some confidence is right, and what is gained by being choosy."""
+    picture, (left, right) = plt.subplots(1, 2, figsize=(9, 4), constrained_layout=True)
+    said, right_share, count = zip(*score.calibration, strict=True)
+    left.plot([0, 1], [0, 1], color=FAINT, lw=1)
+    left.scatter(said, right_share, s=[12 + 6 * n for n in count], color=GOOD, alpha=0.8)
+    left.set_xlabel("confidence said")
+    left.set_ylabel("share that is right")
+    answered, accurate = zip(*score.coverage, strict=True)
+    right.step(answered, accurate, where="post", color=GOOD)
+    right.set_xlabel("share answered, the surest first")
+    right.set_ylabel("share of those that is right")
+    for axis in (left, right):
+        axis.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04))
+        tidy(axis)
+    return picture
+
+
+def confusion(counts: Mapping[str, Mapping[str, int]]) -> Picture:
+    """What was true, downwards, against what was said first."""
+    true = list(counts)
+    extra = sorted({said for row in counts.values() for said in row} - set(true))
+    said = [*true, *extra]
+    table = np.array([[counts[t].get(s, 0) for s in said] for t in true], dtype=float)
+    share = table / table.sum(1, keepdims=True)
+    size = (0.26 * len(said) + 3, 0.26 * len(true) + 2.5)
+    picture, axis = plt.subplots(figsize=size, constrained_layout=True)
+    axis.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for (row, column), count in np.ndenumerate(table):
+        if count:
+            colour = "white" if share[row, column] > 0.5 else "black"
+            axis.text(
+                column, row, f"{count:.0f}", ha="center", va="center", color=colour, fontsize=7
+            )
+    axis.set_xticks(range(len(said)), said, rotation=90, fontsize=7)
+    axis.set_yticks(range(len(true)), true, fontsize=7)
+    axis.set_xlabel("said first")
+    axis.set_ylabel("concealed")
+    return picture
+
+
+def _bars(axis: Axes, name: str, rows: Mapping[str, Figure]) -> None:
+    for place, figure in enumerate(reversed(list(rows.values()))):
+        _interval(axis, figure, place, GOOD)
+    labels = [f"{label} ({figure.count})" for label, figure in rows.items()]
+    axis.set_yticks(range(len(rows)), labels[::-1], fontsize=7)
+    axis.set_title(f"first name right, by {name} [%]", fontsize=9, loc="left")
+    axis.set(xlim=(-3, 103), ylim=(-0.7, len(rows) - 0.3))
+    axis.tick_params(axis="x", labelsize=7)
+    tidy(axis)
+
+
+def _interval(axis: Axes, figure: Figure, place: int, colour: str) -> None:
+    low, value, high = (100 * v for v in (figure.low, figure.value, figure.high))
+    axis.plot([low, high], [place, place], color=colour, lw=3, alpha=0.4)
+    axis.plot(value, place, "o", color=colour, ms=5)
+
+
+CAPTIONS = {
+    "figures": "Every share with its interval",
+    "classes": "First names by effect, pairing, nuisance, size, length and driving",
+    "confidence": "Calibration, and accuracy against coverage",
+    "confusion": "What was concealed against what was said first",
+}
+
+
+def proof_page(
+    config: ProofConfig,
+    scores: Mapping[str, Score],
+    command: str,
+    opened: int,
+    images: Mapping[str, str],
+) -> str:
+    """The whole page.
+
+    Args:
+        config: Of the run.
+        scores: By method; those of the diagnosis under `OURS`.
+        command: That makes the page again.
+        opened: How often the sealed cases were scored.
+        images: Kind of picture -> its path from the page.
+    """
+    own = scores[OURS]
+    templates = Environment(
+        loader=PackageLoader("buggy_rl.proof", ""),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
+    templates.filters["written"] = written
+    return templates.get_template("page.md.jinja").render(
+        command=command,
+        split=config.draw.split,
+        opened=opened,
+        images=images,
+        captions=CAPTIONS,
+        score=own,
+        others=[name for name in scores if name != OURS],
+        figures=_figures(scores),
+        nuisances=NUISANCES,
+        driving=DRIVING,
+        single=[_single(o) for o in sorted(own.single, key=lambda o: (o.case.truth, o.case.seed))],
+        failing=[_failing(o) for o in own.failing],
+    )
+
+
+def write_page(config: ProofConfig, scores: Mapping[str, Score], command: str, opened: int) -> Path:
+    """Writes the page and its pictures to the files of the config; the page's path."""
+    file = Path(config.page or config.store.output / "proof.md")
+    folder = Path(config.images or file.parent)
+    folder.mkdir(parents=True, exist_ok=True)
+    images = {}
+    for kind, picture in pictures(scores[OURS]).items():
+        image = folder / f"{file.stem}_{kind}.png"
+        picture.savefig(image, dpi=130)
+        images[kind] = os.path.relpath(image, file.parent)
+    write_atomically(file, proof_page(config, scores, command, opened, images))
+    return file
+
+
+def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
+    """A row for each figure: its target, the measured value, the cases, and other methods'."""
+    others = [
+        {row.name: written(row.figure, row.percent) for row in score.rows}
+        for name, score in scores.items()
+        if name != OURS
+    ]
+    rows = []
+    for row in scores[OURS].rows:
+        measured = written(row.figure, row.percent)
+        rows.append(
+            [
+                # An indent shows that a figure is a part of the one above.
+                row.name.replace("  ", "– ", 1) if row.name.startswith("  ") else row.name,
+                _target(row),
+                f"**{measured}**" if row.met is False else measured,
+                row.figure.count,
+                *(other.get(row.name, "") for other in others),
+            ]
+        )
+    return rows
+
+
+def _target(row: ScoreRow) -> str:
+    if row.target is None:
+        return ""
+    value = f"{100 * row.target:g} %" if row.percent else f"{row.target:g}"
+    if row.ceiling is not None:
+        return f"{value} to {100 * row.ceiling:g} %"
+    return f"{'at most' if row.most else 'at least'} {value}"
+
+
+def _single(o: ScoredCase) -> list[str]:
+    """A case with one effect: the first name, its errors, and how hard the case is."""
+    first = o.first
+    shares = (first and first.confidence, o.off(), o.off(True), o.closed())
+    return [
+        o.case.id,
+        o.case.truth[0],
+        first.name if first else o.verdict or o.status,
+        *("" if share is None else f"{100 * share:.1f} %" for share in shares),
+        *("" if nats is None else f"{nats:.0f}" for nats in (o.nats, o.margin)),
+    ]
+
+
+def _failing(o: ScoredCase) -> list[str]:
+    """A failing case: what was said, what was true, and why it fails."""
+    case = o.case
+    true = "; ".join(f"{effect} {_numbers(v)}" for effect, v in case.concealed.items())
+    said = "; ".join(f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in o.said)
+    verdict = o.verdict.replace("_", " ") or o.status
+    return [
+        case.id,
+        case.pairing,
+        case.nuisance,
+        f"{case.drives} x {case.seconds:g} s {case.driving}",
+        true or "nothing",
+        f"{verdict}: {said}" if said else verdict,
+        "" if o.margin is None else f"{o.margin:.0f} nats",
+        reason(o),
+    ]
+
+
+def _numbers(values: Mapping[str, float], digits: str = "g") -> str:
+    return ", ".join(f"{name} {value:{digits}}" for name, value in values.items())
+
+
+def reason(o: ScoredCase) -> str:
+    """Why an answer did not pass."""
+    if o.status != "answered":
+        return "no answer"
+    if o.case.family == "nothing":
+        return "a name for nothing" if o.said else "nothing is there, and it is not known what"
+    if o.case.family == "unknown":
+        return _outside(o)
+    return "; ".join([*_undecidable(o), *_missed(o)])
+
+
+def _outside(o: ScoredCase) -> str:
+    """Of a case outside the library."""
+    if o.verdict == "no_mismatch":
+        return "not seen"
+    return "taken for what the library has" if o.sure_and_wrong else "named, though not surely"
+
+
+def _undecidable(o: ScoredCase) -> list[str]:
+    if o.failed:
+        return ["not weighed"]
+    if o.decidable is not False:
+        return []
+    if o.case.family != "one":
+        return ["one of them hardly shows in these drives"]
+    return ["another cause does as well on these drives"]
+
+
+def _missed(o: ScoredCase) -> list[str]:
+    """Of effects of the library."""
+    if not o.said:
+        return ["not seen" if o.verdict == "no_mismatch" else "no name earned its place"]
+    truth = set(o.case.truth)
+    rivals = {meant(name) for said in o.said for name in said.rivals}
+    found = [f"{name} stands as a rival" for name in sorted((truth - o.names) & rivals)]
+    found += [f"{name} is not named" for name in sorted(truth - o.names - rivals)]
+    found += [f"{name} is not there" for name in sorted(o.names - truth)]
+    if o.verdict == "unknown_physics":
+        found.append("called unknown")
+    # Only a single effect's order matters; of several the set does.
+    if not found:
+        found.append("the right name does not come first")
+    return found

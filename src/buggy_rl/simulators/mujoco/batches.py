@@ -1,0 +1,121 @@
+"""A model stepped for n cars at once: by MuJoCo on the CPU, or by MuJoCo Warp, on a GPU too."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo's compiled module has no type stubs.
+
+from collections.abc import Mapping
+from typing import Literal, Protocol, get_args
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from buggy_rl.simulators.mujoco.arrays import Array
+from buggy_rl.simulators.mujoco.car import CompiledCar
+
+Backend = Literal["cpu", "warp"]
+"""`cpu`: MuJoCo, double precision, always on the CPU. `warp`: MuJoCo Warp, single precision, on the
+engine's device."""
+
+
+class Cars(Protocol):
+    """The state of n cars and their physics step; arrays are of NumPy or PyTorch."""
+
+    dtype: torch.dtype
+    """Precision of the state."""
+    qpos: Array
+    """[n, nq]; written before a step, read after it."""
+    qvel: Array
+    """[n, nv]."""
+    xfrc_applied: Array
+    """[n, nbody, 6]."""
+    qfrc_applied: Array
+    """[n, nv]."""
+
+    def array(self, tensor: Tensor) -> Array:
+        """A tensor as an array of this kind, in its precision and on its device."""
+        ...
+
+    def step(self) -> None:
+        """Advances every car by one timestep of the model."""
+        ...
+
+    def refuse_bad(self) -> None:
+        """Raises what the physics only counts: states that are not finite, full buffers.
+
+        Raises:
+            RuntimeError: There is one.
+        """
+        ...
+
+
+def make_cars(
+    backend: Backend,
+    car: CompiledCar,
+    count: int,
+    fields: Mapping[str, NDArray],
+    nthread: int,
+    device: torch.device,
+) -> Cars:
+    """Cars of one model that differ by fields of it.
+
+    Args:
+        backend: What steps them.
+        car: The model.
+        count: n.
+        fields: Field of `MjModel` -> [n, ...] or [1, ...] where all share it.
+        nthread: Threads of MuJoCo's batch.
+        device: Where MuJoCo Warp steps.
+
+    Raises:
+        ValueError: There is no such backend.
+        ImportError: MuJoCo Warp is not installed.
+    """
+    if backend not in get_args(Backend):
+        raise ValueError(f"backend is {backend!r}; expected one of {', '.join(get_args(Backend))}")
+    if backend == "cpu":
+        return CpuCars(car.model, count, fields, nthread)
+    try:
+        from buggy_rl.simulators.mujoco.warp_cars import WarpCars
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f"backend=warp needs MuJoCo Warp ({error}): pip install -e '.[gpu]'"
+        ) from error
+    return WarpCars(car, count, fields, device)
+
+
+class CpuCars:
+    """Cars stepped by `mujoco.batch`; see `make_cars` and `Cars`."""
+
+    dtype = torch.float64
+
+    def __init__(
+        self, model: mujoco.MjModel, count: int, fields: Mapping[str, NDArray], nthread: int = 1
+    ) -> None:
+        self._batch = Batch(model, count, nthread)
+        for name, field in fields.items():
+            self._batch.expand(name)[:] = field
+        self._batch.set_const()
+        self.qpos, self.qvel = self._batch.qpos, self._batch.qvel
+        self.ctrl, self.act = self._batch.ctrl, self._batch.act
+        self.xfrc_applied, self.qfrc_applied = self._batch.xfrc_applied, self._batch.qfrc_applied
+
+    def array(self, tensor: Tensor) -> NDArray:
+        return tensor.detach().to("cpu", torch.float64).numpy()
+
+    def step(self) -> None:
+        self._batch.step()
+
+    def refuse_bad(self) -> None:
+        counts = self._batch.warning[..., 1]  # (n, kinds)
+        if not counts.any():
+            return
+        car, kind = (int(i) for i in np.argwhere(counts)[0])
+        self._batch.warning[:] = 0
+        raise RuntimeError(
+            f"MuJoCo warned {mujoco.mjtWarning(kind).name} in environment {car}: its state or its "
+            "parameters are outside the range of the physics; check the last pose and velocity"
+        )

@@ -1,0 +1,181 @@
+"""study.html: a whole study as one file that needs no other and no network."""
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
+from numpy.typing import NDArray
+
+from buggy_rl.estimation.fit_study import StudyDrives
+from buggy_rl.estimation.open_loop import MEASURED, Rollouts, load_rollouts
+from buggy_rl.figures.models import RAMP
+from buggy_rl.figures.style import COLOURS, MEASURED_COLOUR
+from buggy_rl.visual.study import results
+from buggy_rl.visual.study.figures import FIGURES
+from buggy_rl.visual.study.stages import Stage, StudyPlan
+
+SHOWN = 40  # segments, of which a study has hundreds; chosen for the size of the page
+SECONDS = 2.0  # of each
+HORIZON = 1.0  # [s] at which a segment's error is told
+MILLIMETRES = 3  # decimals of a position; of an angle 3 too
+FARTHEST = 50.0  # [m] from the start, beyond which a diverged simulator is cut off
+
+
+def player(rollouts: Rollouts, simulators: Sequence[str]) -> dict[str, Any]:
+    """Segments spread evenly over the held-out recordings.
+
+    Args:
+        rollouts: Of the study's table.
+        simulators: Those shown, in this order.
+
+    Returns:
+        `time` [K] s; `segments`, each with `recording`, `measured` [K][3], `made` (simulator ->
+        [K'][3], K' <= K where it diverges) and `error` (simulator -> m after `HORIZON`, None where
+        it is not finite).
+    """
+    kept = rollouts.time <= SECONDS + 1e-9
+    count = len(rollouts.recording)
+    chosen = np.unique(np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int))
+    row = int(np.abs(rollouts.time - HORIZON).argmin())
+    segments = []
+    for index in chosen.tolist():
+        measured = rollouts.pose[MEASURED][index]
+        made = {name: rollouts.pose[name][index] for name in simulators}
+        segments.append(
+            {
+                "recording": rollouts.recording[index],
+                "measured": _listed(measured[kept]),
+                "made": {name: _listed(pose[kept]) for name, pose in made.items()},
+                "error": {name: _error(pose[row], measured[row]) for name, pose in made.items()},
+            }
+        )
+    return {"time": np.round(rollouts.time[kept], 3).tolist(), "segments": segments}
+
+
+def _listed(pose: NDArray[Any]) -> list[list[float]]:
+    """Rows up to the first that is not finite or too far away."""
+    away = np.hypot(*(pose[:, :2] - pose[0, :2]).T)
+    bad = ~np.isfinite(pose).all(1) | (away > FARTHEST)
+    end = int(bad.argmax()) if bad.any() else len(pose)
+    return np.round(pose[:end].astype(float), MILLIMETRES).tolist()
+
+
+def _error(made: NDArray[Any], measured: NDArray[Any]) -> float | None:
+    """Distance [m]."""
+    distance = float(np.hypot(*(made - measured)[:2]))
+    return round(distance, 4) if np.isfinite(distance) else None
+
+
+TYPES = {".png": "image/png", ".mp4": "video/mp4", ".svg": "image/svg+xml"}
+PLAYED = 5  # simulators in the player: the best ones, the fitted and the one as shipped
+LARGEST = 400_000  # [byte] of a picture or film that is put into the page
+CAPTIONS = {name: (draw.__doc__ or name).splitlines()[0] for name, draw in FIGURES.items()} | {
+    "policy": "A policy trained in the fitted simulator; the ghost is pure pursuit."
+}
+
+
+@dataclass(frozen=True)
+class Made:
+    """How the study was made."""
+
+    command: str
+    commit: str
+    date: str
+
+
+def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], made: Made) -> str:
+    """The page, from what the stages have written.
+
+    Args:
+        plan: Of the study, all stages run.
+        drives: Its recordings.
+        stages: In the order in which they were run.
+        made: For the foot of the page.
+
+    Returns:
+        HTML.
+    """
+    folder, config = plan.folder, plan.config
+    table = results.simulators(folder)
+    fitted = f"{config.fit_simulator}, fitted"
+    policies = results.policies(folder)
+    return (
+        _templates()
+        .get_template("visual/study/study.html.jinja")
+        .render(
+            title=config.title or folder.name,
+            made=made,
+            stages=results.ran(stages),
+            recordings=results.recordings(drives),
+            simulators=table,
+            fitted=fitted,
+            parameters=results.fitted_parameters(plan.fitted),
+            policies=policies,
+            driven=_driven(policies),
+            transfer=results.transfer(policies),
+            diagnosis=results.read_diagnosis(folder),
+            repair=results.repaired_errors(folder),
+            played=_played(folder, table, fitted),
+            pictures=embedded([folder / "figures" / f"{name}.png" for name in FIGURES], CAPTIONS),
+            films=embedded(sorted((folder / "films").glob("*.mp4")), CAPTIONS),
+        )
+    )
+
+
+def embedded(files: Sequence[Path], captions: Mapping[str, str]) -> dict[str, str]:
+    """Caption -> data URI of each file that is there and not too large for the page.
+
+    Args:
+        files: Pictures and films.
+        captions: Stem of a file -> what it shows; a stem that is not there stands for itself.
+    """
+    return {
+        captions.get(file.stem, file.stem.replace("_", " ")): _data_uri(file)
+        for file in files
+        if file.exists() and file.stat().st_size <= LARGEST
+    }
+
+
+def _data_uri(file: Path) -> str:
+    content = base64.b64encode(file.read_bytes()).decode()
+    return f"data:{TYPES[file.suffix]};base64,{content}"
+
+
+def _played(folder: Path, table: Sequence[Mapping[str, Any]], fitted: str) -> str:
+    """The player's data as JSON that can stand in a script element."""
+    names = [row["simulator"] for row in table]
+    shown = list(dict.fromkeys([*names[: PLAYED - 1], *(n for n in names if n == fitted)]))
+    content = player(load_rollouts(folder / "rollouts.npz"), shown)
+    content |= {"colours": COLOURS, "colour_measured": MEASURED_COLOUR, "ramp": RAMP}
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _driven(policies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Waypoints by (policy, place) and course, for a table."""
+    courses = list(dict.fromkeys(row["course"] for row in policies))
+    cells = {(r["policy"], r["place"], r["course"]): r["waypoints"] for r in policies}
+    pairs = list(dict.fromkeys((r["policy"], r["place"]) for r in policies))
+    rows = [(*pair, [cells.get((*pair, course)) for course in courses]) for pair in pairs]
+    return {"courses": courses, "rows": rows}
+
+
+def _templates() -> Environment:
+    loader = PrefixLoader(
+        {
+            "study": PackageLoader("buggy_rl.visual.study", ""),
+            "report": PackageLoader("buggy_rl.diagnosis.report", ""),
+        }
+    )
+    return Environment(
+        loader=loader,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )

@@ -1,1 +1,0 @@
-"""Figures of recordings, simulators and policies, and films of them."""

@@ -1,0 +1,159 @@
+"""Kernels: functions compiled ahead of time give what PyTorch gives."""
+
+import shutil
+
+import pytest
+import torch
+from torchrl.envs import TransformedEnv
+
+from buggy_rl.core import kernels as kernel
+from buggy_rl.core.kernels import FOLDER, kernels
+from buggy_rl.effects import make_effect
+from buggy_rl.effects.motion.base import CENTRED, MEAN_ACCELERATION, MOVED
+from buggy_rl.effects.tyre.stiffness import REAR_DRIVEN as SLIPS
+from buggy_rl.simulators import make_engine
+from buggy_rl.simulators.bicycle.single_track import KERNEL
+
+compiler = pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler here")
+NAMES = [k.name for k in kernels()]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kernels")
+    KERNEL.compile(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """Of a step of an effect, with another slip too."""
+    folder = tmp_path_factory.mktemp("effects")
+    for k in (CENTRED, MEAN_ACCELERATION, MOVED, SLIPS):
+        k.compile(folder)
+    return folder
+
+
+def noisy(of, n):
+    """Arguments of n environments around the example."""
+    torch.manual_seed(0)
+    return tuple(
+        a if dim is None else a * (1 + 0.1 * torch.rand(a.shape)) + 0.001 * torch.rand(a.shape)
+        for a, dim in zip(of.example(n), of.batch, strict=True)
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_is_a_batch_of_which_each_row_moves_alone(name):
+    (found,) = (k for k in kernels() if k.name == name)
+    many = noisy(found, 4)
+    few = tuple(
+        a if dim is None else a.narrow(dim, 1, 2) for a, dim in zip(many, found.batch, strict=True)
+    )
+    for a, b in zip(found.function(*many), found.function(*few), strict=True):
+        (dim,) = [d for d in range(a.dim()) if a.shape[d] != b.shape[d]]
+        torch.testing.assert_close(a.narrow(dim, 1, 2), b)
+
+
+@compiler
+@pytest.mark.parametrize("n", [2, 7, 300])
+def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
+    monkeypatch.setenv(FOLDER, str(folder))
+    arguments = noisy(KERNEL, n)
+    with torch.no_grad():
+        assert KERNEL.ready(torch.ones(n))
+        for a, b in zip(KERNEL.run(*arguments), KERNEL.function(*arguments), strict=True):
+            torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
+
+
+@compiler
+def test_arguments_and_results_lie_in_memory_as_the_package_has_them(folder, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(folder))
+    with torch.no_grad():
+        given = KERNEL._batch_last(noisy(KERNEL, 5))
+        results = KERNEL.run(*noisy(KERNEL, 5))
+    assert all(a.is_contiguous() and a.shape[-1] == 5 for a in given if a.dim())
+    assert all(result.movedim(0, -1).is_contiguous() for result in results)
+
+
+@compiler
+def test_an_engine_drives_alike_with_it(folder, monkeypatch):
+    runs = []
+    for chosen in ("", str(folder)):
+        monkeypatch.setenv(FOLDER, chosen)
+        torch.manual_seed(0)
+        env = make_engine("single_track", batch_size=3)
+        with torch.no_grad():
+            runs.append(env.rollout(50, break_when_any_done=False)["next", "velocity"])
+    torch.testing.assert_close(*runs, rtol=1e-4, atol=1e-4)
+
+
+@compiler
+def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
+    monkeypatch.delenv(FOLDER)
+    with torch.no_grad():
+        monkeypatch.setattr(kernel, "CACHE", folder)
+        assert KERNEL.ready(torch.ones(3))
+        monkeypatch.setattr(kernel, "CACHE", folder / "never compiled")
+        assert not KERNEL.ready(torch.ones(3))
+
+
+@compiler
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("payload", {"mass_ratio": 1.3}),
+        ("torque_steer", {"offset": 0.01}),
+        ("steering_drag", {"per_angle": 3.0}),
+        ("understeer", {"gradient": 0.01}),
+    ],
+)
+def test_an_effect_on_the_motion_acts_alike_with_it(packages, monkeypatch, name, values):
+    runs = []
+    for chosen in ("", str(packages)):
+        monkeypatch.setenv(FOLDER, chosen)
+        torch.manual_seed(0)
+        effect = make_effect(name, values)
+        env = TransformedEnv(make_engine("single_track", batch_size=3), effect)
+        with torch.no_grad():
+            after = env.rollout(50, break_when_any_done=False)["next"]
+            runs.append(torch.cat([after["pose"], after["velocity"]], -1))
+    torch.testing.assert_close(*runs, rtol=1e-4, atol=1e-4)
+
+
+@compiler
+def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
+    row = torch.ones(3)
+    monkeypatch.setenv(FOLDER, str(folder))
+    assert not KERNEL.ready(row)
+    with torch.no_grad():
+        assert KERNEL.ready(row)
+        assert KERNEL.fastest(row) == KERNEL.run
+        monkeypatch.setenv(FOLDER, "")
+        assert not KERNEL.ready(row)
+        assert KERNEL.fastest(row) == KERNEL.function
+
+
+@compiler
+@pytest.mark.parametrize("row", [torch.ones(1), torch.ones(2, 3), torch.ones(3).double()])
+def test_other_batches_run_by_pytorch(folder, monkeypatch, row):
+    monkeypatch.setenv(FOLDER, str(folder))
+    with torch.no_grad():
+        assert not KERNEL.ready(row)
+
+
+def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    with torch.no_grad(), pytest.warns(UserWarning, match="scripts/compile.py"):
+        assert not KERNEL.ready(torch.ones(3))
+
+
+@pytest.mark.parametrize("file", ["vehicle.py", "simulators/reference/tyres.py", "core/kernels.py"])
+def test_another_source_is_another_package(tmp_path, monkeypatch, file):
+    before = KERNEL.file(tmp_path)
+    shutil.copytree(kernel.SOURCE, tmp_path / "copy")
+    with (tmp_path / "copy" / file).open("a") as changed:
+        changed.write("# another line\n")
+    monkeypatch.setattr(kernel, "SOURCE", tmp_path / "copy")
+    monkeypatch.setattr(kernel, "kernel_digest", kernel.kernel_digest.__wrapped__)
+    assert KERNEL.file(tmp_path) != before

@@ -1,0 +1,122 @@
+"""The page: every figure with its target, every failing case with the truth."""
+
+from collections import Counter
+
+import pytest
+
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.page import proof_page, reason, write_page
+from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.score.outcome import ScoredCase, ScoredEffect
+from buggy_rl.proof.score.score import passed, score
+
+LATE = {"steering_dead_time": {"dead_time": 0.05}}
+TWO = {**LATE, "wind": {"force_x": 0.2, "force_y": -0.3}}
+OUTSIDE = {"sticky_servo": {"band": 0.1}}
+late, lag, drag = (
+    ScoredEffect(name, 0.9, rivals=rivals)
+    for name, rivals in (
+        ("steering_dead_time", ()),
+        ("steering_lag", ("steering_dead_time",)),
+        ("viscous_drag", ()),
+    )
+)
+WIND = {"wind": {"force_x": 0.2, "force_y": -0.3}}
+NUMBERS = {"rate": {"value": 0.123, "low": 0.1, "high": 0.2}}
+
+
+@pytest.fixture(scope="module")
+def scores():
+    right = ScoredCase(
+        Case(1, "reference", "reference", concealed=WIND),
+        "answered",
+        "missing_physics",
+        (ScoredEffect("wind", 0.9),),
+        margin=40.0,
+    )
+    wrong = ScoredCase(
+        Case(2, "reference", "reference", concealed=WIND, nuisance="jitter"),
+        "answered",
+        "missing_physics",
+        (ScoredEffect("viscous_drag", 0.8, NUMBERS),),
+        margin=12.0,
+    )
+    none = ScoredCase(Case(3, "reference", "reference"), "answered", "no_mismatch")
+    return {"ours": score([right, wrong, none]), "guessing": score([wrong, none])}
+
+
+def test_the_table_has_targets_figures_and_who_else_answered(scores):
+    lines = proof_page(ProofConfig(output="out"), scores, "prove", 0, {}).splitlines()
+    assert "| figure | target | measured | n | guessing |" in lines
+    first = next(line for line in lines if line.startswith("| first name right, decidable"))
+    # 1 of 2: Wilson's interval of a half is 9.5 to 90.5 %; what misses its target stands out.
+    assert "| at least 90 % | **50.0 % (9.5 to 90.5)** | 2 | 0.0 % (0.0 to 79.3) |" in first
+
+
+def test_failing_cases_tell_what_was_said_and_what_was_true(scores):
+    text = proof_page(ProofConfig(output="out"), scores, "prove", 0, {}).partition(
+        "## Cases that fail"
+    )[2]
+    assert text.splitlines()[4:] == [
+        "| 0000002 | reference -> reference | jitter | 2 x 45 s rich | "
+        "wind force_x 0.2, force_y -0.3 | missing physics: viscous_drag rate 0.123 (0.80) "
+        "| 12 nats | wind is not named; viscous_drag is not there |"
+    ]
+    good = {"ours": score([ScoredCase(Case(3, "reference", "reference"), verdict="no_mismatch")])}
+    text = proof_page(ProofConfig(output="out"), good, "prove", 0, {})
+    assert text.endswith("## Cases that fail\n\nNone.\n")
+
+
+def test_the_page_says_how_it_is_made_and_shows_its_pictures(scores, tmp_path):
+    config = ProofConfig(output=str(tmp_path / "out"), page=str(tmp_path / "docs" / "proof.md"),
+                         images=str(tmp_path / "docs" / "images"))  # fmt: skip
+    file = write_page(config, scores, "python scripts/prove.py configs/proof.yaml", 0)
+    text = file.read_text()
+    assert "```sh\npython scripts/prove.py configs/proof.yaml\n```" in text
+    assert "development seeds" in text
+    for kind in ("figures", "classes", "confidence", "confusion"):
+        assert f"](images/proof_{kind}.png)" in text
+        picture = tmp_path / "docs" / "images" / f"proof_{kind}.png"
+        assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_was_said_of_each_effect_adds_up(scores):
+    assert scores["ours"].confusion == {
+        "nothing": Counter({"no_mismatch": 1}),
+        "wind": Counter({"wind": 1, "viscous_drag": 1}),
+    }
+
+
+def answered(concealed, *said, verdict="missing_physics", **options):
+    case = Case(1, "reference", "reference", concealed=concealed)
+    return ScoredCase(case, verdict=verdict, said=said, **options)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "why"),
+    [
+        (answered(LATE, status="timed out"), "no answer"),
+        (answered({}, drag), "a name for nothing"),
+        (answered({}, verdict="unknown_physics"), "nothing is there, and it is not known what"),
+        (answered(OUTSIDE, verdict="no_mismatch"), "not seen"),
+        (answered(OUTSIDE, drag), "taken for what the library has"),
+        (answered(OUTSIDE, ScoredEffect("wind", 0.4)), "named, though not surely"),
+        (answered(LATE, verdict="no_mismatch"), "not seen"),
+        (answered(LATE, verdict="unknown_physics"), "no name earned its place"),
+        (answered(LATE, late, verdict="unknown_physics"), "called unknown"),
+        (answered(LATE, lag), "steering_dead_time stands as a rival; steering_lag is not there"),
+        (answered(LATE, drag, late), "viscous_drag is not there"),
+        (
+            answered(LATE, drag, margin=3.0),
+            "another cause does as well on these drives; steering_dead_time is not named; "
+            "viscous_drag is not there",
+        ),
+        (
+            answered(TWO, late, margin=3.0),
+            "one of them hardly shows in these drives; wind is not named",
+        ),
+    ],
+)
+def test_why_an_answer_failed(outcome, why):
+    assert not passed(outcome)
+    assert reason(outcome) == why

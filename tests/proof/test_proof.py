@@ -1,0 +1,107 @@
+"""The proof itself, small: sealed cases, diagnosed, scored, on the script's command line.
+
+Drives of 12 s and a library of a few effects, so that it fits into the tests; configs/proof.yaml
+has the real ones. Other methods are compared in the slow tests alone.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.jobs import run_jobs
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
+from buggy_rl.proof.proof import diagnosis_job
+from buggy_rl.proof.score.outcome import read_outcomes
+from tests.running import Done, run_script
+
+CASES = (
+    "draw.each=true", "draw.nothing=1", "draw.cases=2", "draw.seconds=[12.0]",
+    "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
+    "draw.names=[steering_gain]",
+)  # fmt: skip
+SIZES = {
+    "small": (
+        "rivals=1", "stretches=12", "stages=[prepare,seal,ask,again,weigh,settle,score,page]",
+        "effects=[steering_gain,viscous_drag,gyro_bias]",
+    ),
+    "all_stages": (
+        "rivals=2", "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+    ),
+}  # fmt: skip
+
+
+def prove(folder: Path, size: str) -> Done:
+    return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
+
+
+@pytest.fixture(
+    scope="module", params=["small", pytest.param("all_stages", marks=pytest.mark.slow)]
+)
+def proof(request, tmp_path_factory) -> tuple[Path, Done, str]:
+    folder = tmp_path_factory.mktemp("proof") / "run"
+    return folder, prove(folder, request.param), request.param
+
+
+@pytest.mark.timeout(900)  # half of it waiting, where other tests have the other core
+def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
+    folder, done, _ = proof
+    assert done.returncode == 0, done.stderr
+    store = CaseStore(folder, Path(f"{folder}_sealed"))
+    for case in store.cases():
+        answer = json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text())
+        assert {effect["name"] for effect in answer["effects"]} == set(case.truth)
+        weighed = json.loads(store.oracle(case.id).read_text())
+        if not case.truth:
+            assert "nats" not in weighed
+            continue
+        assert min(weighed["nats"], *weighed["rivals"].values()) > 10
+        (effect,) = case.truth
+        for name, value in case.concealed[effect].items():
+            assert weighed["parameters"][effect][name] == pytest.approx(value, rel=0.1)
+    page = (folder / "proof.md").read_text()
+    assert "first name right, decidable single effects | at least 90 % | 100.0 % (20.7" in page
+
+
+@pytest.mark.timeout(900)
+def test_what_is_done_is_not_done_again(proof):
+    folder, _, size = proof
+    before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.csv")}
+    before |= {p: p.stat().st_mtime_ns for p in folder.rglob("outcome.json")}
+    assert len(before) == 6  # two recordings and an outcome of each case
+    done = prove(folder, size)
+    assert done.returncode == 0, done.stderr
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+
+
+TOOL = """
+import json, pathlib, sys
+saw = sorted(str(path) for path in pathlib.Path(".").rglob("*") if path.is_file())
+output = pathlib.Path(sys.argv[2].removeprefix("output="))
+(output / "saw.json").write_text(json.dumps([sys.argv[1], saw]))
+if "baseline" in pathlib.Path("question.yaml").read_text():
+    sys.exit("no root found")
+(output / "diagnosis.json").write_text(json.dumps({"verdict": "no_mismatch", "effects": []}))
+"""
+
+
+def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcome(tmp_path):
+    store = CaseStore(tmp_path / "out", tmp_path / "sealed")
+    cases = [Case(n, "reference", "reference", bool(n), seconds=1.2) for n in range(2)]
+    seal(store, cases, [])
+    publish(store, cases)
+    script = tmp_path / "tool.py"
+    script.write_text(TOOL)
+    jobs = [diagnosis_job(store, case.id, script, 60.0) for case in cases]
+    assert len([state for state in run_jobs(jobs, 1, poll=0.02) if state.outcome]) == 2
+    asked, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
+    assert asked == "question.yaml"
+    assert saw == [
+        "question.yaml",
+        "recordings/drive_0.csv",
+        "recordings/drive_1.csv",
+        "simulator.yaml",
+    ]
+    assert [o.status for o in read_outcomes(store)["ours"]] == ["answered", "crashed"]
+    assert list(run_jobs(jobs, 1, poll=0.02)) == []

@@ -1,0 +1,36 @@
+import torch
+
+from buggy_rl.simulators.learned.base import Envelope
+
+
+def driven() -> torch.Tensor:
+    """Fast straight or slow in a turn, never fast in a turn."""
+    generator = torch.Generator().manual_seed(0)
+    rows = torch.rand(20_000, 5, generator=generator) * 2 - 1
+    keep = (rows[:, 0] < 0.2) | (rows[:, 4].abs() < 0.3)
+    return rows[keep]
+
+
+def test_what_was_driven_lies_inside():
+    envelope, rows = Envelope(), driven()
+    envelope.fit(rows)
+    # Only the tails of each input, 0.05 % on both sides of five inputs, count as outside.
+    assert envelope.outside(rows).float().mean() < 0.006
+
+
+def test_beyond_the_range_of_one_input_is_outside():
+    envelope = Envelope()
+    envelope.fit(driven())
+    beyond = torch.zeros(5, 5) + 3.0 * torch.eye(5)
+    assert envelope.outside(beyond).all()
+
+
+def test_a_combination_never_driven_is_outside_though_each_input_was():
+    envelope = Envelope()
+    envelope.fit(driven())
+    fast_turn = torch.tensor([0.9, 0.0, 0.0, 0.0, 0.9])
+    fast, turning = fast_turn.clone(), fast_turn.clone()
+    fast[4], turning[0] = 0.0, 0.0
+    assert envelope.outside(fast_turn).item()
+    assert not envelope.outside(fast).item()
+    assert not envelope.outside(turning).item()

@@ -1,0 +1,80 @@
+"""The choice of OpenGL: in processes of its own, and what is said where there is none."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from buggy_rl.visual.film import gl
+
+
+@pytest.fixture
+def fresh():
+    gl.probe.cache_clear()
+    yield
+    gl.probe.cache_clear()
+
+
+def test_a_backend_that_is_set_is_the_only_one_tried():
+    assert gl.gl_backends({"MUJOCO_GL": "osmesa"}, "linux") == ["osmesa"]
+    assert gl.gl_backends({}, "linux") == ["egl", "osmesa"]
+    assert gl.gl_backends({"DISPLAY": ":0"}, "linux") == ["egl", "osmesa", "glfw"]
+    assert gl.gl_backends({}, "darwin") == [""]
+
+
+@pytest.mark.usefixtures("fresh")
+def test_a_backend_that_fails_does_so_elsewhere_and_is_named(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    found = gl.probe()
+    assert found.backend is None
+    assert "MUJOCO_GL=nonsense: RuntimeError: invalid value" in found.reason
+
+
+@pytest.mark.usefixtures("fresh")
+def test_the_answer_is_found_once(monkeypatch):
+    started = []
+
+    class Failing:
+        def __init__(self, backend):
+            started.append(backend)
+
+        def ask(self, content):
+            raise gl.WorkerError("no")
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(gl, "WorkerProcess", Failing)
+    monkeypatch.setattr(gl, "gl_backends", lambda environment: ["egl", "osmesa"])
+    assert gl.probe() is gl.probe()
+    assert started == ["egl", "osmesa"]
+
+
+def test_a_process_that_hangs_is_ended(monkeypatch):
+    monkeypatch.setattr(gl, "PATIENCE", 0.3)
+    monkeypatch.setattr(gl.worker, "__file__", __file__)  # which neither reads nor answers
+    monkeypatch.setattr(gl.sys, "executable", "/bin/cat")
+    monkeypatch.setattr(gl.subprocess, "Popen", _sleeping(subprocess.Popen))
+    process = gl.WorkerProcess("egl")
+    with pytest.raises(gl.WorkerError, match=r"MUJOCO_GL=egl did not answer within 0\.3 s"):
+        process.ask(None)
+    process.close()
+
+
+def _sleeping(popen):
+    return lambda command, **rest: popen(["sleep", "60"], **rest)
+
+
+def test_importing_films_loads_nothing_of_mujoco_and_sets_nothing():
+    # TorchRL imports mujoco itself, so what is looked for is what of ours needs it.
+    code = (
+        "import os, sys, buggy_rl.figures, buggy_rl.visual.film.film, buggy_rl.visual.film.film, "
+        "buggy_rl.visual.film.source, buggy_rl.visual.film.gl; "
+        "needing = [f'buggy_rl.visual.film.{name}' for name in ('bodywork', 'scene', 'live')]; "
+        "assert not set(needing) & set(sys.modules), 'imported'; "
+        "assert 'MUJOCO_GL' not in os.environ"
+    )
+    clean = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=clean)
+    assert done.returncode == 0, done.stderr
