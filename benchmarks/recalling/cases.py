@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.posterior import posterior
 from buggy_rl.effects import OF_A_COMMAND, effect_class
 from buggy_rl.jobs.launching import Launching
@@ -125,7 +126,7 @@ def _named(entry: Mapping[str, Any], name: str) -> tuple[str, bool]:
     """What is said of a case, and whether its effect is named first."""
     if "failed" in entry:
         return f"refused: {entry['failed'].partition(':')[2].strip()[:60]}", False
-    said = posterior(entry)
+    said = posterior(CaseEvidence.from_dict(entry))
     if said.says in ("nothing", "unknown"):
         return f"{said.says} ({100 * said.of(name):.0f} %)", False
     probable = sure(said)

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from buggy_rl.jobs import Job, Running, read_outcome, results, run_jobs
-from buggy_rl.jobs import process as cores
+from buggy_rl.jobs import Job, Running, cores, read_outcome, results, run_jobs
 
 ROOT = Path(__file__).parents[2]
 POLL = 0.02

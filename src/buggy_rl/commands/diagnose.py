@@ -38,7 +38,7 @@ def each_car(config) -> None:
     import pandas as pd
 
     from buggy_rl.diagnosis.run.fleet import fleet_jobs, fleet_rows
-    from buggy_rl.jobs import process as cores
+    from buggy_rl.jobs import cores
     from buggy_rl.jobs.bar import run_with_bar
 
     jobs, file = fleet_jobs(config, Path(__file__)), Path(config.output) / "fleet.csv"

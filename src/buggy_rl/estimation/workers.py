@@ -11,8 +11,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, Self, TypeVar
 
-from buggy_rl.jobs import ONE_THREAD, end
-from buggy_rl.jobs import process as cores
+from buggy_rl.jobs import ONE_THREAD, cores, end
 
 ROLL_OUT, SETTING, FAILED = "roll out", "setting", "failed"
 LEAST = 3000  # [environments] the reference car: 7040 take 1.2 s, 3520 0.9 s, 88 0.5 s of one core

@@ -131,9 +131,9 @@ class Inspection:
     commands: dict[str, Guess]
     """Channel -> the column that most drives agree on."""
     seen: Coverage
-    missing_in_files: list[str]
+    missing: list[str]
     """What the files lack, one line each."""
-    drive_suggestions: list[str]
+    suggestions: list[str]
     """What to drive next, one line each."""
     proposal: str
     """A column map to be edited."""

@@ -72,7 +72,7 @@ class Plan:
 
     budget: Budget
     cost: Cost
-    planned_rollouts: tuple[Rollout, ...]
+    rollouts: tuple[Rollout, ...]
     notes: tuple[str, ...] = ()
     """What is lost by a budget that is not full, and whether it takes longer than allowed."""
 

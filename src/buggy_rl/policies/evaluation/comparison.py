@@ -37,7 +37,7 @@ class Comparison:
     """By group and metric: mean, low and high over the steps that all its runs have."""
     table: pd.DataFrame
     """A row for each group and metric: final and best value, mean and sd over its runs."""
-    _differences: pd.DataFrame
+    differences: pd.DataFrame
     """Config values that differ: a row for each option, a column for each group."""
 
 

@@ -64,7 +64,7 @@ class Feature:
 class Columns:
     """N segments with K spans each, of six channels: rates of x, y, yaw, vx, vy, yaw_rate."""
 
-    effect_columns: list[Feature]
+    features: list[Feature]
     lacking: Tensor
     """[N, K, 6] motion that the steps lack, in units of the noise."""
     explained: Tensor

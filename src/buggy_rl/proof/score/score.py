@@ -159,7 +159,7 @@ class Score:
     confusion: dict[str, Counter]
     """What was true -> what was named first -> count."""
     calibration: list[tuple[float, float, int]]
-    selective_accuracy: list[tuple[float, float]]
+    coverage: list[tuple[float, float]]
     failing: list[ScoredCase]
     single: list[ScoredCase]
     """Those with one effect, one by one."""
