@@ -150,7 +150,7 @@ def test_no_module_is_called_utils():
         ("simulators.serial", "from buggy_rl.task.transforms.waypoints import Waypoints"),
         ("simulators.serial", "from buggy_rl.task import env"),
         (
-            "engines.learned",
+            "simulators.learned",
             "from buggy_rl.simulators.bicycle.single_track import SingleTrackEngine",
         ),
         ("simulators.reference.tyres", "from buggy_rl.simulators.mujoco import tyres"),

@@ -15,7 +15,7 @@ from buggy_rl.recordings import load_recordings, save_recording
 from buggy_rl.visual.film.video import write_video
 from tests.diagnosis.planted import planted_drives
 
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 MOST = 16  # packages of the base installation
 
 

@@ -75,4 +75,4 @@ def test_pickles_are_read_from_pipes_and_signed_files_alone(repository):
         if re.search(r"weights_only=False|pickle\.loads?\(", file.read_text(encoding="utf-8"))
     }
     pipes = {"estimation/workers.py", "visual/film/worker.py"}
-    assert unsafe == {"signed.py", "jobs/call.py", *pipes}
+    assert unsafe == {"core/files.py", "jobs/call.py", *pipes}

@@ -148,7 +148,7 @@ def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeyp
         assert not KERNEL.ready(torch.ones(3))
 
 
-@pytest.mark.parametrize("file", ["vehicle.py", "simulators/reference/tyres.py", "core/kernels.py"])
+@pytest.mark.parametrize("file", ["core/vehicle.py", "simulators/reference/tyres.py", "core/kernels.py"])
 def test_another_source_is_another_package(tmp_path, monkeypatch, file):
     before = KERNEL.file(tmp_path)
     shutil.copytree(kernel.SOURCE, tmp_path / "copy")

@@ -39,7 +39,7 @@ from buggy_rl.core.option_values import (
     text_of,
 )
 
-CONFIGS = Path(__file__).with_name("configs")  # those that the package ships
+CONFIGS = Path(__file__).parents[1] / "configs"  # those that the package ships
 OWNER = "owner"  # key of a field's metadata
 OPTIONS = "Options, as key=value, lists as key=one,two (or in a YAML file):"
 

@@ -2,7 +2,7 @@
 
 | module | what it holds |
 |---|---|
-| `shapes` | the car of `viz.film.bodywork` as coloured meshes, one set a moving part |
+| `shapes` | the car of `visual.film.bodywork` as coloured meshes, one set a moving part |
 | `stage` | a `Shot` -> viser's scene: car, ghost, floor, path, waypoints, camera |
 | `instruments` | time, speed and commands as HTML |
 | `choice` | MuJoCo's viewer where there is a screen, else the browser |
