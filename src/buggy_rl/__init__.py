@@ -77,5 +77,5 @@ def __getattr__(name: str) -> Any:
     return found
 
 
-def __dir__() -> list[str]:
+def __dir__():  # without `list[str]`, which the car's Python 3.6 evaluates and refuses
     return sorted({*globals(), *_PLACES})

@@ -90,7 +90,7 @@ def test_an_engine_drives_alike_with_it(folder, monkeypatch):
 
 @compiler
 def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
-    monkeypatch.delenv(FOLDER)
+    monkeypatch.delenv(FOLDER, raising=False)
     with torch.no_grad():
         monkeypatch.setattr(kernel, "CACHE", folder)
         assert KERNEL.ready(torch.ones(3))
@@ -148,7 +148,9 @@ def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeyp
         assert not KERNEL.ready(torch.ones(3))
 
 
-@pytest.mark.parametrize("file", ["core/vehicle.py", "simulators/reference/tyres.py", "core/kernels.py"])
+@pytest.mark.parametrize(
+    "file", ["core/vehicle.py", "simulators/reference/tyres.py", "core/kernels.py"]
+)
 def test_another_source_is_another_package(tmp_path, monkeypatch, file):
     before = KERNEL.file(tmp_path)
     shutil.copytree(kernel.SOURCE, tmp_path / "copy")

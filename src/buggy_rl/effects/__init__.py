@@ -70,17 +70,17 @@ EFFECTS = {
 # `EFFECTS` that it stands behind.
 OF_A_COMMAND = {
     "brake_gain": (
-        "buggy_rl.effects.actuation.brakes:BrakeGain",
+        "buggy_rl.effects.actuation.of_a_command:BrakeGain",
         "throttle_brake_reverse",
         "throttle_gain",
     ),
     "reverse_deadband": (
-        "buggy_rl.effects.actuation.brakes:ReverseDeadband",
+        "buggy_rl.effects.actuation.of_a_command:ReverseDeadband",
         "throttle_brake_reverse",
         "throttle_deadband",
     ),
     "brake_balance": (
-        "buggy_rl.effects.motion.brakes:BrakeBalance",
+        "buggy_rl.effects.motion.of_a_command:BrakeBalance",
         "throttle_brake_reverse",
         "grip_patch",
     ),
@@ -110,7 +110,7 @@ OF_A_COMMAND = {
         "motor_power_limit",
     ),
     "drag_brake": (
-        "buggy_rl.effects.motion.brakes:DragBrake",
+        "buggy_rl.effects.motion.of_a_command:DragBrake",
         "throttle_brake_reverse",
         "viscous_drag",
     ),

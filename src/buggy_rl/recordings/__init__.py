@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from buggy_rl.recordings.saving import save_recording as save_recording
 
 _MODULES = {
-    **{"ColumnMap": "columns", "RecordingError": "errors", "Recording": "recording"},
+    **{"ColumnMap": "columns", "RecordingError": "recording", "Recording": "recording"},
     **{"load_recording": "loading", "load_recordings": "loading", "save_recording": "saving"},
     "save_command": "saving",
 }

@@ -17,7 +17,7 @@ from buggy_rl.proof.cases.sizes import (
     scaled_effect,
 )
 from buggy_rl.proof.plants.composed import SORTS, UNNAMED, WHERE, is_composed
-from buggy_rl.proof.plants.faults import abilities_of
+from buggy_rl.proof.plants.reference import abilities_of
 
 FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
 PUBLISHED = frozenset(

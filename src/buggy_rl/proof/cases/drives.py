@@ -20,7 +20,7 @@ from buggy_rl.policies.controllers.room import RoomDriver
 from buggy_rl.proof.cases.case import BUGGY, Case
 from buggy_rl.proof.plants import make_plant
 from buggy_rl.proof.plants.composed import Disturbance
-from buggy_rl.proof.plants.faults import make_reference
+from buggy_rl.proof.plants.reference import make_reference
 from buggy_rl.simulators.reference import ReferenceEngine
 from buggy_rl.simulators.reference.faults import NEUTRAL
 

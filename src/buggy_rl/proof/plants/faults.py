@@ -7,10 +7,7 @@ the fault acts in it.
 from collections.abc import Mapping
 from dataclasses import replace
 
-from buggy_rl.core.longitudinal import LongitudinalCommand
-from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.simulators.reference import ReferenceEngine
-from buggy_rl.simulators.reference.faults import COMMAND_OF, TEXTBOOK, UNKNOWN, effect_of
+from buggy_rl.simulators.reference.faults import TEXTBOOK, effect_of
 
 LONGEST_DEAD_TIME = 0.17  # [s] what the plants' 0.25 s of commands hold beside their own 0.08 s
 UPPER = {  # where the plants' range differs from the reference car's
@@ -77,24 +74,3 @@ def _checked(effect: str, parameter: str, value: float) -> float:
             f"fault {name} is {value:g} {fault.unit}: must be in [{fault.lower:g}, {fault.upper:g}]"
         )
     return value
-
-
-ABILITIES = frozenset(effect_of(fault.name) for fault in (*TEXTBOOK, *UNKNOWN))
-
-
-def abilities_of(command: LongitudinalCommand) -> frozenset[str]:
-    """Effects that the car can have with a kind of command, beside the one-way car's."""
-    return frozenset(effect for effect, kind in COMMAND_OF.items() if kind == command.kind)
-
-
-def make_reference(
-    cars: int,
-    faults: Mapping[str, Mapping[str, float]],
-    parameters: Mapping[str, float] | None,
-    command: str | LongitudinalCommand = "throttle",
-    dimensions: VehicleDimensions | None = None,
-) -> ReferenceEngine:
-    """Reference cars with faults; see `buggy_rl.simulators.reference.faults`."""
-    return ReferenceEngine(
-        cars, parameters=parameters, faults=faults, command=command, dimensions=dimensions
-    )
