@@ -112,16 +112,25 @@ def test_what_there_is_no_time_for_is_left_out_and_said(drives):
     assert result.left_out == ("3 of at most 3 rounds", "fitting 2 sets on at the end")
 
 
-def test_rounds_end_when_time_is_up_and_sets_are_fitted_on_all_the_same(monkeypatch):
-    keys = iter([("wind",), ("gyro_bias",), ("payload",)])  # another one leads after every round
-    monkeypatch.setattr(joint, "leading", lambda _: SimpleNamespace(key=next(keys)))
+class Restless:
+    """A search of which another set leads after every round."""
+
+    problem = None
+    keys = iter([("wind",), ("gyro_bias",), ("payload",)])
+
+    @property
+    def leading(self):
+        return SimpleNamespace(key=next(self.keys))
+
+
+def test_rounds_end_when_time_is_up_and_sets_are_fitted_on_all_the_same():
     done, left_out = [], []
 
     def kept(name, _):
         done.append(name)
         return SimpleNamespace(state=lambda problem: state)
 
-    state = SimpleNamespace(problem=None)
+    state = Restless()
     joint._settled(state, None, lambda _: None, FULL, kept, lambda part: part != "round", left_out)
     assert done == ["round_0", "refitted"]
     assert left_out == ["4 of at most 5 rounds"]

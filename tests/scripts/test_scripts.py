@@ -225,7 +225,7 @@ def test_a_stopped_training_goes_on_with_the_same_question_alone(
 ):
     models = tmp_path / "out" / "models"
     with monkeypatch.context() as patched:
-        patched.setattr("buggy_rl.simulators.learned.factory.save_model", interrupted)
+        patched.setattr("buggy_rl.api.training.save_model", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_here("train_models", *small)
     assert sorted(file.name for file in models.glob("*.*")) == ["mlp__raw.checkpoint"]

@@ -106,7 +106,7 @@ def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], ma
     policies = results.policies(folder)
     return (
         _templates()
-        .get_template("visual/study/study.html.jinja")
+        .get_template("study/study.html.jinja")
         .render(
             title=config.title or folder.name,
             made=made,
