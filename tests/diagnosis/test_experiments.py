@@ -125,11 +125,11 @@ def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided):
 def test_a_set_that_is_another_in_other_words_counts_as_that_one(undecided):
     problem, found = undecided
     # Of air drag, which is then said as viscous drag: that was fitted to be named, and for no more.
-    hypotheses = [
-        {**h, "asked": tuple(h["effects"]) == VISCOUS} for h in found.observed["hypotheses"]
-    ]
+    hypotheses = tuple(
+        replace(h, asked=tuple(h.effects) == VISCOUS) for h in found.observed.hypotheses
+    )
     same = {AIR: VISCOUS}
-    seen = {**found.observed, "hypotheses": hypotheses}
+    seen = replace(found.observed, hypotheses=hypotheses)
     merged = replace(found, observed=seen, same=same, posterior=posterior(seen).merged(same))
     assert merged.posterior.of(VISCOUS[0]) > 0.5
     sure = experiments._rates(problem, merged, found.tried[VISCOUS], [found.tried[VISCOUS]])

@@ -157,7 +157,7 @@ def test_commands_that_do_not_predict_the_motion_get_the_shortest_search_unless_
         raise BudgetedError(arguments[-1])
 
     monkeypatch.setattr(pipeline, "check_commands", lambda _: CommandCheck(["They do not."], []))
-    monkeypatch.setattr(pipeline, "prepared", case)
+    monkeypatch.setattr(pipeline, "prepare_case", case)
     with pytest.raises(BudgetedError) as budget:
         run_diagnosis(replace(ONE, minutes=minutes), recordings)
     assert budget.value.args == (expected,)
