@@ -50,19 +50,19 @@ def test_it_is_computed_once_for_a_question_and_a_source(recordings, tmp_path, m
         stages = Stages(kept, config, recordings)
         return stages.done("answer", lambda: computed.append(1) or len(computed))
 
-    monkeypatch.setattr(module, "diagnose", diagnose)
+    monkeypatch.setattr(module, "run_diagnosis", diagnose)
     assert [canned(tmp_path, QUICK, recordings) for _ in range(2)] == [1, 1]
     assert canned(tmp_path, QUICK, recordings[:1]) == 2
     assert canned(tmp_path, replace(QUICK, seconds=0.9), recordings) == 3
     monkeypatch.setattr(module, "source_digest", lambda: "of other source")
     assert canned(tmp_path, QUICK, recordings) == 4
     monkeypatch.undo()
-    monkeypatch.setattr(module, "diagnose", diagnose)
+    monkeypatch.setattr(module, "run_diagnosis", diagnose)
     assert canned(tmp_path, QUICK, recordings) == 1
 
 
 def test_what_other_source_left_is_removed_after_a_day(recordings, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "diagnose", lambda *_, **__: None)
+    monkeypatch.setattr(module, "run_diagnosis", lambda *_, **__: None)
     for name in ("old", "recent"):
         (tmp_path / name / "stages").mkdir(parents=True)
     old = (tmp_path / "old").stat().st_mtime - 2 * FORGOTTEN

@@ -12,7 +12,6 @@ from buggy_rl.core import keys
 from buggy_rl.core.config import ConfigError
 from tests.diagnosis.planted import planted_drives
 
-
 SETTINGS = {
     "effects": ["throttle_gain", "viscous_drag"],
     "parameters": False,

@@ -26,8 +26,8 @@ def answering(monkeypatch):
 
     def bound(module, method):
         def say(found):
-            monkeypatch.setattr(f"{module}.asked", lambda seen: seen)
-            monkeypatch.setattr(f"{module}.columns", lambda seen: found)
+            monkeypatch.setattr(f"{module}.open_question", lambda seen: seen)
+            monkeypatch.setattr(f"{module}.residual_columns", lambda seen: found)
             return method(None)
 
         return say
