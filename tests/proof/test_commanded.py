@@ -71,11 +71,3 @@ def test_a_case_is_sealed_with_all_that_is_needed_to_read_it(command, tmp_path):
     assert math.isclose(sum(r.duration for r in recordings), 12.0, abs_tol=0.5)
     sealed = json.loads(store.truth(case.id).read_text())["case"]
     assert Case(**sealed) == case
-
-
-def test_what_was_published_of_one_way_cars_keeps_its_hash(tmp_path):
-    case = Case(8, "reference", "reference", seconds=3.0)
-    store = CaseStore(tmp_path / "shown", tmp_path / "sealed")
-    seal(store, [case], [])
-    assert "command" not in json.loads(store.truth(case.id).read_text())["case"]
-    assert "columns" not in yaml.safe_load((store.inputs(case.id) / "question.yaml").read_text())

@@ -87,9 +87,3 @@ def test_a_sealed_case_is_asked_with_its_car_its_rate_and_its_command(tmp_path, 
     assert {r.dt for r in question.recordings} == {1 / rate}
     assert json.loads(store.truth(case.id).read_text())["case"]["scale"] == 4.0
     assert len(groups([case, replace(CASE, rate=rate)])) == 2
-
-
-def test_what_was_published_of_buggies_keeps_its_hash(tmp_path):
-    store = CaseStore(tmp_path / "shown", tmp_path / "sealed")
-    seal(store, [replace(CASE, seconds=2.0)], [])
-    assert "scale" not in json.loads(store.truth(CASE.id).read_text())["case"]
