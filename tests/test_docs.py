@@ -37,7 +37,8 @@ def anchors(page: Path) -> set[str]:
 def files(*names: str) -> list[Path]:
     """Text files of folders of the project, and files by their own names."""
     found = [file for name in names for file in [ROOT / name, *(ROOT / name).rglob("*")]]
-    return [file for file in found if file.is_file() and file.suffix in TEXT]
+    texts = [file for file in found if file.is_file() and file.suffix in TEXT]
+    return [file for file in texts if "egg-info" not in str(file)]  # what pip made of an old README
 
 
 def test_the_pages_are_few_and_the_front_page_is_short():
