@@ -210,3 +210,19 @@ def test_no_part_imports_itself_by_way_of_others():
 
     # `task` makes an environment of engines, effects and its own transforms, which know no `task`.
     assert [part for part in graph if part in reached(part, set())] == []
+
+
+TWINS = {  # classes of the car's runtime that do in numpy what those of the task do, by their names
+    *("ActionSmoothing", "ClipVelocity", "CommandFilter", "LastAction", "Observation"),
+    *("PastMean", "RateLimit", "Waypoints", "Policy", "HumanConfig"),
+}
+
+
+def test_a_public_function_or_class_has_one_name_in_one_part():
+    places = {}
+    for module, source in modules():
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_":
+                places.setdefault(node.name, set()).add(module.partition(".")[0])
+    several = {name for name, parts in places.items() if len(parts) > 1}
+    assert several - {"main"} == TWINS  # `main` is where a process begins
