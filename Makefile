@@ -1,5 +1,5 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each
-# make test    lint, types and tests, some 15 minutes on 2 cores
+# make test    lint, types and tests: 24 minutes on 2 cores beside other work
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it first.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)

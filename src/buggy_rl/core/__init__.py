@@ -1,1 +1,1 @@
-"""Core."""
+"""What every part stands on: keys, frames, parameters, configs, files, compiled functions."""

@@ -1,1 +1,1 @@
-"""Figures."""
+"""Figures, one file a subject."""

@@ -1,1 +1,1 @@
-"""Proof."""
+"""Physics concealed in simulated cars, diagnosed and scored, and the calibration made of it."""

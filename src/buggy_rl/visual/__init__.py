@@ -1,1 +1,1 @@
-"""Visual."""
+"""Films, the viewer in the browser, and the page of a study."""

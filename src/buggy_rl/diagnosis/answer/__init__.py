@@ -1,1 +1,1 @@
-"""Answer."""
+"""The answer: what is named, with which numbers, and what speaks for it."""

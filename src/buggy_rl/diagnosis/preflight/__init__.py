@@ -1,1 +1,1 @@
-"""Preflight."""
+"""Checks of simulator and recordings before a search."""

@@ -1,1 +1,1 @@
-"""Repair."""
+"""The repaired simulator: validated, and the proof of it."""

@@ -1,1 +1,1 @@
-"""Run."""
+"""The run of a diagnosis: drives, case, budget and plan, stages, meter."""

@@ -1,1 +1,1 @@
-"""Search."""
+"""The search for sets of effects, and their probabilities."""

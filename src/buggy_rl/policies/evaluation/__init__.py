@@ -1,1 +1,1 @@
-"""Evaluation."""
+"""Policies and controllers driven and compared."""

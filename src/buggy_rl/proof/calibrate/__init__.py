@@ -1,1 +1,1 @@
-"""Calibrate."""
+"""Development cases, and the weights and intervals fitted to them."""

@@ -1,1 +1,1 @@
-"""Cases."""
+"""Cases: drawn from seeds, driven, recorded and sealed."""

@@ -1,1 +1,1 @@
-"""Score."""
+"""Outcomes of cases, and how they are counted."""
