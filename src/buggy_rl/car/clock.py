@@ -1,4 +1,4 @@
-"""The time that control runs on: monotonic, so that no step of the wall clock reaches it."""
+"""Time on the car: the monotonic clock, absolute deadlines, priority, device stamps, lateness."""
 
 import math
 import os

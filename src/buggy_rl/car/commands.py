@@ -1,4 +1,4 @@
-"""Filters of the command, as they stood in the task; each remembers its last output u'."""
+"""Filters of the command, as they stood in the task, and its bounds; each remembers u'."""
 
 import math
 from typing import Any, Mapping, Tuple

@@ -1,4 +1,4 @@
-"""What the runtime asks of a sensor, of an actuator and of a person; drivers derive from these."""
+"""What the runtime asks of a sensor, an actuator and a person, and the drivers by their names."""
 
 import importlib
 import json

@@ -1,4 +1,4 @@
-"""The observation of a policy: which numbers stand where, and the past ones beside them."""
+"""The observation of a policy, its past numbers, and the filters of the measured velocity."""
 
 from collections import deque
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple

@@ -1,4 +1,4 @@
-"""Neutral by the loop's own hand: where the watchdog is gone, silent, or cannot reach the board."""
+"""Neutral by the loop's own hand where the watchdog cannot, until the board took it."""
 
 import contextlib
 import subprocess

@@ -1,4 +1,4 @@
-"""A path for the car: waypoints in the world frame, open or closed, from a file and to it."""
+"""A path for the car: its file, the queue of waypoints on it, and pure pursuit along it."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""The file pair of an exported policy: numbers in NAME.npz, what they mean in NAME.json."""
+"""The file pair of an exported policy, NAME.npz and NAME.json, and its network in numpy."""
 
 import json
 import os

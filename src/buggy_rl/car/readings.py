@@ -1,4 +1,4 @@
-"""Judging readings: which one can be driven by, and how old the last such one is."""
+"""Judging readings: which one can be driven by, and faults that show over several of them."""
 
 import math
 from collections import deque

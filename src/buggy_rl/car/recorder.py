@@ -1,4 +1,4 @@
-"""The recording of a drive: appended to one file, on the disk within a second, off the loop."""
+"""The recording of a drive, off the loop, and which command acted at the stamp of a reading."""
 
 import collections
 import contextlib

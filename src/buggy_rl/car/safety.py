@@ -1,4 +1,4 @@
-"""Every limit that stops the car or bounds its commands, with its range."""
+"""Every limit that stops the car or bounds its commands, and the fence that it may not leave."""
 
 import math
 from typing import Any, List, Mapping, NamedTuple, Sequence, Tuple, Union

@@ -1,4 +1,4 @@
-"""Signals that end a drive."""
+"""What ends a drive: signals, and the end of the process that started this one."""
 
 import ctypes
 import os

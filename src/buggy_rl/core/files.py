@@ -1,4 +1,4 @@
-"""Files that are there as a whole or not at all."""
+"""Files that are whole or not there, and signed ones that their writer alone reads back."""
 
 import hashlib
 import hmac

@@ -1,4 +1,4 @@
-"""A physical parameter that a simulator declares, so that it can be fitted or diagnosed."""
+"""Parameters that a simulator declares, and how an effect is realised as changes of them."""
 
 import math
 from collections.abc import Mapping, Sequence

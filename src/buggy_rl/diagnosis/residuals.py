@@ -1,4 +1,4 @@
-"""Where a simulator and drives part: which channel, when, after which command, in which region."""
+"""Where simulator and drives part, and what no effect explains of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

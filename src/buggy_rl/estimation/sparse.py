@@ -1,4 +1,4 @@
-"""Sparse search by linear algebra: which sets of effects would close a residual together.
+"""Screening by trial sizes, and sets of effects proposed together by linear algebra.
 
 Each trial is a rollout of the base with one effect more, each removal one with an effect less; the
 secant of either is the change of the whitened residuals. To first order the changes add up, so one

@@ -1,4 +1,4 @@
-"""Rollout segments: path, speed, yaw rate and commands, measured and simulated."""
+"""Drives: histograms, filtered signals, rollout segments, manoeuvres, before and after a repair."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

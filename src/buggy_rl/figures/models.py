@@ -1,4 +1,4 @@
-"""Errors of a simulator over the floor, and over speed and steering."""
+"""Models and simulators: errors, rollouts, training losses, tables and runs compared."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

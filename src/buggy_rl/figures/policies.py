@@ -1,4 +1,4 @@
-"""Trajectories of policies on their paths, coloured by speed."""
+"""Policies: trajectories by speed, learning curves, sweeps, reference paths."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Colours, labels and axes of all figures; the Agg backend opens no window."""
+"""Colours, labels and axes of all figures, and figures as SVG; the Agg backend opens no window."""
 
 import html
 import io

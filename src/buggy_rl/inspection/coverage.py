@@ -1,4 +1,4 @@
-"""What was driven, what is missing, and what to drive next."""
+"""What was driven, which ends the commands reached, what is missing, what to drive next."""
 
 import re
 from collections.abc import Iterator, Sequence

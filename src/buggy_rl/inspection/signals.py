@@ -1,4 +1,4 @@
-"""All columns of a drive beside its motion, on one even grid, and how they go with it."""
+"""The raw tables of a drive as columns on one even grid, and how they go with the motion."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where jobs run: in processes of this machine, on a Ray cluster, or by Slurm."""
+"""Where jobs run (this machine, Ray, Slurm), and the lost ones started again."""
 
 import importlib
 import time

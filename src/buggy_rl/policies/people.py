@@ -1,4 +1,4 @@
-"""A drive in real time: somebody's commands, a simulator, and what happens each step."""
+"""A person's drive in real time: commands, a simulator, and what happens each step."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""One drive as a TensorDict over time."""
+"""One drive as a TensorDict over time, its limits, and the error of one that cannot be used."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""From checked rows at the file's rate to a uniform grid."""
+"""From checked rows to a uniform grid, and the filters of recorded velocities."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Writing a recording as a standard table."""
+"""Writing a recording as a standard table, at once or row by row."""
 
 import os
 from collections.abc import Sequence

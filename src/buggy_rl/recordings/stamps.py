@@ -1,4 +1,4 @@
-"""Clocks that were set while recording: the jump is taken out of the stamps."""
+"""Clocks that were set while recording, and how long after one another recordings began."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Windows: sections of equal length cut from the gap-free segments of recordings."""
+"""Windows: sections of equal length of recordings; training and held-out recordings."""
 
 import zlib
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The simulator and its camera, one control period at a time."""
+"""The simulator, its camera and its board, one control period at a time."""
 
 import math
 import threading

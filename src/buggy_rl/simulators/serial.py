@@ -1,4 +1,4 @@
-"""A user's own simulator of a single environment, as a batch."""
+"""A user's single environment as a batch, and in single precision."""
 
 from collections.abc import Sequence
 from typing import Any

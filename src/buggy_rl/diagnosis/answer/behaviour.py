@@ -1,4 +1,4 @@
-"""What the car does otherwise than the simulator, whichever parameters or effects are to blame."""
+"""What the car does otherwise whatever is to blame, and where the repair is wrong in form."""
 
 import itertools
 import math

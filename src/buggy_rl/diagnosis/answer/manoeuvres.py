@@ -1,4 +1,4 @@
-"""Manoeuvres that a person can drive in a room, as commands over time."""
+"""Manoeuvres for a room, and how hypotheses would have them recorded."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

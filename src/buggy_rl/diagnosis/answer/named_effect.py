@@ -1,4 +1,4 @@
-"""An effect that a diagnosis names, with its numbers and its confidence."""
+"""An effect that a diagnosis names: numbers, confidence, and whether they are plausible."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Whether drives are fit to be compared, said in one line where they are not."""
+"""Whether drives are fit to be compared, and which conditions were hardly driven."""
 
 import itertools
 from collections.abc import Collection, Sequence

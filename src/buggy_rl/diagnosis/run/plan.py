@@ -1,4 +1,4 @@
-"""What a diagnosis is going to roll out, how long that takes, and how much less it may be."""
+"""A plan: the simulator measured, what is rolled out in which time, how much less it may be."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a search came to: every hypothesis that was fitted, under one noise model."""
+"""The state of a search while it goes on, and what it came to under one noise model."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""A controller of the buggy that drives a similar car of another size."""
+"""A controller of the buggy for a similar car, and a driver that turns, reverses and brakes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Replay: drives again what was once commanded."""
+"""Drivers that see nothing: random commands, and a replay of what was once commanded."""
 
 import torch
 from tensordict import TensorDictBase

@@ -1,4 +1,4 @@
-"""Drives of policies round the paths of a room, row by row, with pure pursuit beside them."""
+"""The benchmark paths, and drives of policies round them beside pure pursuit."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace

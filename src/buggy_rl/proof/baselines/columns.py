@@ -1,4 +1,4 @@
-"""What each step of a simulator lacks, and what each effect of the library would change in it.
+"""What steps of a simulator lack beside what each effect would change, and their correlation.
 
 A method that does not roll out looks at single steps: the measured motion is imposed at every row,
 and what the simulator's next state is off by, per second, is the motion it lacks,

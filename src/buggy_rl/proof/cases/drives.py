@@ -1,4 +1,4 @@
-"""Drives of cases: how a car moves."""
+"""Drives of cases: drivers from timid to daring, and how a car moves."""
 
 import math
 import random

@@ -1,4 +1,4 @@
-"""Faults between servo and road wheels, and between speed controller and motor.
+"""Faults of servo, speed controller and surroundings that several plants share.
 
 Stages of the steering in series: dead centre, lag, stiction, rate limit, play, bent linkage, its
 gains, end stop. Of the drive: lag, deadband, gain, battery and its resistance, heat, what the servo

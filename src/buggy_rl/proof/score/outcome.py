@@ -1,4 +1,4 @@
-"""The answer to a case beside the truth."""
+"""The answer to a case beside the truth, and the ledger that keeps a line a case."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The figures of a set of outcomes, and the same figures by class of cases."""
+"""The figures of a set of outcomes, by class of cases too, with their intervals."""
 
 import math
 import random

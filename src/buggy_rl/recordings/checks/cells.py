@@ -1,4 +1,4 @@
-"""Checks of single cells: missing values and infinities."""
+"""Checks of cells: missing values, infinities, leaps, positions that are no lengths."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Checks of the commands: their range, and the sign of the steering."""
+"""Checks of the commands: range, sign of the steering, where the throttle rests."""
 
 import numpy as np
 from numpy import ndarray

@@ -1,4 +1,4 @@
-"""Checks of the tracker: frozen and repeated poses, impossible speeds, spikes."""
+"""Checks of the tracker: frozen poses, spikes, and whether its columns agree."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""CSV and Parquet."""
+"""CSV, Parquet and JSON Lines, from bytes to columns."""
 
 import codecs
 import io

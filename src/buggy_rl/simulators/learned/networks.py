@@ -1,4 +1,4 @@
-"""Multilayer perceptron, with or without history (original study, 6.5.1 and 6.5.2)."""
+"""Networks: perceptron, gated recurrent unit, temporal convolutions, causal transformer."""
 
 from collections.abc import Sequence
 

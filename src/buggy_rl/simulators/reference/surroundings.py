@@ -1,4 +1,4 @@
-"""Forces of floor and air beside the car's own drag: slope, wind, patches, yaw damping."""
+"""Floor, air, and a supply that gives way: slope, wind, patches, damping, heat."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Anti-aliased drawing on an image: everything is drawn larger, then reduced."""
+"""Anti-aliased drawing on an image, colours of films, and the inset of numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

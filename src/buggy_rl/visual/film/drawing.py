@@ -1,4 +1,4 @@
-"""The clean top-down drawing: shows what MuJoCo's renderer does, without OpenGL."""
+"""The clean top-down drawing and its marks, without OpenGL."""
 
 import math
 from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""What a user names on a command line -> the tracks of a film."""
+"""What a user names on a command line, driven or replayed -> the tracks of a film."""
 
 import re
 from collections.abc import Callable
