@@ -28,7 +28,7 @@ ALLOWED = {  # a part of the package and what it may import of ours, beside itse
     "core.car_file": {"core.config", "core.longitudinal", "core.vehicle"},
     "core.config": {"core.option_values", "core.trust", "core.files"},
     "core.option_values": set(),
-    "core.trust": set(),
+    "core.trust": {"core.reads"},
     "core.extras": set(),
     "core.reads": set(),
     "core.question": {"core.reads", "__version__"},

@@ -2,6 +2,8 @@
 
 import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -180,3 +182,12 @@ def test_a_model_that_is_a_pickle_of_code_is_not_read(tmp_path, ran):
 def test_torchrls_own_transforms_may_be_named():
     for name in ("torchrl.envs:RewardScaling", "torchrl.envs.transforms:VecNormV2", "rewards"):
         trust.refuse_foreign(name, "best.pt")
+
+
+def test_asking_for_pip_leaves_setuptools_importable():
+    code = (
+        "from buggy_rl.core.trust import _homes; "
+        "assert list(_homes('pip')); import setuptools; print('imported')"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ran.stdout.strip() == "imported", ran.stderr

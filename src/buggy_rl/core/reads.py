@@ -6,10 +6,10 @@ out.
 """
 
 import ast
-import importlib.util
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,18 @@ READ = {
 INSTALLED = {"site-packages", "dist-packages"}
 OURS = Path(__file__).parents[1]
 LONGEST = 1000  # characters of a file's name
+
+
+def spec_of(top: str) -> ModuleSpec | None:
+    """The spec of a top-level module, which is not imported.
+
+    As `importlib.util.find_spec`, but without the finder of setuptools: when that is asked for
+    `pip` it stops working for the rest of the process, and setuptools cannot be imported any more.
+    """
+    if top in sys.modules:
+        return sys.modules[top].__spec__
+    finders = [f for f in sys.meta_path if type(f).__module__ != "_distutils_hack"]
+    return next((s for s in (f.find_spec(top, None) for f in finders) if s is not None), None)
 
 
 def files_read(named: str) -> list[Path]:
@@ -138,7 +150,7 @@ def _modules(name: str, folders: Sequence[Path]) -> Iterator[Path]:
     found = list(_files_of(name.split("."), folders))
     if not found and top not in sys.stdlib_module_names:
         try:
-            spec = importlib.util.find_spec(top)  # a top-level name: nothing is imported
+            spec = spec_of(top)
         except (ImportError, ValueError):
             spec = None
         places = [*(spec.submodule_search_locations or ()), spec.origin] if spec else []

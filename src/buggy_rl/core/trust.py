@@ -12,7 +12,6 @@ What is named is checked to be of the class that is expected, before it is calle
 """
 
 import importlib
-import importlib.util
 import inspect
 import os
 import sys
@@ -21,13 +20,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from buggy_rl.core.reads import INSTALLED, spec_of
+
 TRUSTED = "BUGGY_RL_TRUST"  # environment variable: folders, files and modules
 OPTION = "trust="
 HELP = """  trust=
       Folder, .py file or module whose code files that are handed on may name, beside what lies
       below the working folder; may be given several times."""
 DATA = (".yaml", ".yml", ".pt")  # names of files that are read, not run
-INSTALLED = {"site-packages", "dist-packages"}
 TRANSFORMS = ("torchrl.envs", "torchrl.envs.transforms")
 # Of those, the ones that neither load weights from elsewhere nor call what they are given.
 OWN_TRANSFORMS = tuple(f"torchrl.envs.transforms.{m}" for m in ("_", "rb_transforms", "vecnorm"))
@@ -145,7 +145,7 @@ def _is_installed(home: Path) -> bool:
 def _homes(top: str) -> Iterator[Path]:
     """Where a top-level module lies; it is not imported."""
     try:
-        spec = importlib.util.find_spec(top)
+        spec = spec_of(top)
     except (ImportError, ValueError):
         return
     for place in (spec.origin, *(spec.submodule_search_locations or ())) if spec else ():
