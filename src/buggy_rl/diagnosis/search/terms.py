@@ -1,0 +1,162 @@
+"""Discovery of terms: equations for what a leading set leaves.
+
+1. Every term is rolled out beside the leading set at one size, all in one batch.
+2. Ranked by the loss of the straight line through its rollout, in either sense, projected off what
+   the set's own numbers absorb. Terms whose lines run alike over what was driven are one.
+3. The best are fitted by rollouts beside the set, held out block by block; the best of them is added
+   where its gain is beyond its price. Again, until none is.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
+from buggy_rl.diagnosis.search.result import State, tried_too
+from buggy_rl.effects.terms.grammar import terms
+from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.sparse import thinned
+
+LOOKED_AT = 24  # segments, spread evenly, on which terms are screened
+FARTHEST = 20.0  # [prior scales] at which a line ends
+ALIKE = 0.98  # [-] correlation of two lines above which they are one finding
+FITTED = 8  # terms that are fitted in a round
+MOST = 3  # terms
+REWEIGHTED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A term on its line."""
+
+    start: Hypothesis
+    loss: float
+    """[nats] of the line's best point, on the segments looked at."""
+    move: Tensor
+    """[N D] change of the weighted residuals there, less what the set's numbers absorb."""
+
+    @property
+    def name(self) -> str:
+        """Of the term."""
+        return self.start.effects[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """A leading set with its terms."""
+
+    base: Candidate
+    best: Candidate
+    alike: dict[str, tuple[str, ...]]
+    """Term -> terms that are the same over what was driven, the nearest first."""
+    ranked: tuple[tuple[str, float], ...]
+    """Terms of the first round with the gain of their lines [nats], the best first."""
+    rounds: tuple[tuple[str, ...], ...]
+
+
+def discovered(
+    problem: Problem, criteria: Criteria, base: Candidate, names: Sequence[str] = ()
+) -> Discovery:
+    """Adds terms to a leading set, one after the other, while each is worth its price.
+
+    Args:
+        problem: With the noise model and dispersion about the set.
+        criteria: Blocks and iterations.
+        base: The leading set.
+        names: Terms to choose from; all by default.
+    """
+    names = list(names) or [t.name for t in terms()]
+    price = PRICE + math.log(len(names))
+    state = State(problem, {base.key: base, (): base})
+    best, alike, first, rounds = base, {}, (), []
+    for _ in range(MOST):
+        state = state.dispersed(criteria.rules.expected_left * best.typical)
+        ranked = screened(state.problem, best.fit, names)
+        if not first:
+            own = _own_loss(state.problem, best.fit)
+            first = tuple((s.name, own - s.loss) for s in ranked[:30])
+        chosen, groups = distinct(ranked, FITTED)
+        state, found = tried_too(state, [s.start for s in chosen], criteria)
+        state = state.dispersed(best.typical)
+        rounds.append(tuple(s.name for s in chosen))
+        leader = min(found, key=state.loss)
+        if state.loss(best) - state.loss(leader) < price:
+            break
+        best = leader
+        alike[leader.effects[-1]] = groups[leader.effects[-1]]
+    return Discovery(base, best, alike, first, tuple(rounds))
+
+
+def _own_loss(problem: Problem, fit: Fit) -> float:
+    few, [at] = thinned(problem, LOOKED_AT, [fit])
+    return float(few.noise.loss(at.square, few.dispersion).sum())
+
+
+def screened(problem: Problem, base: Fit, names: Sequence[str]) -> list[Screened]:
+    """Terms on their lines about a set, the most promising first."""
+    few, [at] = thinned(problem, LOOKED_AT, [base])
+    kept, clock = base.vector[:-1], base.vector[-1:]
+    one = torch.ones(1, dtype=base.vector.dtype)
+    starts = [
+        replace(
+            problem.library.hypothesis((*base.effects, name)),
+            vector=torch.cat([kept, one, clock]),
+        )
+        for name in names
+        if name not in base.effects
+    ]
+    rolled = few.rolled_out(starts)
+    return sorted((_on_line(few, at, trial) for trial in rolled), key=lambda s: s.loss)
+
+
+def _on_line(problem: Problem, base: Fit, trial: Fit) -> Screened:
+    """r(a, b) = r_base + a move + J b, with the best a and b by reweighted least squares."""
+    noise, phi = problem.noise, problem.dispersion
+    assert base.jacobian is not None
+    columns = torch.cat([(trial.whitened - base.whitened).unsqueeze(-1), base.jacobian], -1)
+    precision = torch.cat([torch.zeros(1, dtype=columns.dtype), base.prior**-2])
+    precision[0] = 9.0**-1
+    centre = torch.cat([torch.zeros(1, dtype=columns.dtype), -base.vector])
+    square, step, weight = base.square, torch.zeros_like(centre), base.square
+    for _ in range(REWEIGHTED):
+        weight = noise.weight(square, phi) / phi
+        hessian = torch.einsum("ndp,ndq,n->pq", columns, columns, weight)
+        hessian = hessian + torch.diag(precision)
+        score = torch.einsum("ndp,nd,n->p", columns, base.whitened, weight) - precision * centre
+        step = -torch.linalg.solve(hessian, score)
+        step[0] = step[0].clamp(-FARTHEST, FARTHEST)
+        square = (base.whitened + columns @ step).square().sum(-1)
+    loss = float(noise.loss(square, phi).sum())
+    loss += 0.5 * float((precision * (step - centre).square()).sum())
+    root = weight.sqrt().unsqueeze(-1)
+    move, own = (root * columns[..., 0]).flatten(), (root.unsqueeze(-1) * base.jacobian).flatten(0, 1)
+    move = move - own @ torch.linalg.lstsq(own, move.unsqueeze(-1)).solution.squeeze(-1)
+    vector = torch.cat([base.vector[:-1] + step[1:-1], step[:1], base.vector[-1:] + step[-1:]])
+    return Screened(Hypothesis(trial.effects, trial.coordinates, vector), loss, float(step[0].sign()) * move)
+
+
+def distinct(
+    ranked: Sequence[Screened], most: int
+) -> tuple[list[Screened], dict[str, tuple[str, ...]]]:
+    """The best terms, none of whose lines runs like a better one's; and those that do."""
+    chosen: list[Screened] = []
+    units: list[Tensor] = []
+    groups: dict[str, list[str]] = {}
+    for each in ranked:
+        norm = float(each.move.norm())
+        if norm < 1e-9:
+            continue
+        unit = each.move / norm
+        near = [float(unit @ u) for u in units]
+        if near and max(near) > ALIKE:
+            groups[chosen[near.index(max(near))].name].append(each.name)
+        elif len(chosen) < most:
+            chosen.append(each)
+            units.append(unit)
+            groups[each.name] = []
+    return chosen, {name: tuple(own) for name, own in groups.items()}
