@@ -27,7 +27,7 @@ class Publisher(NamedTuple):
     """Who published a message."""
 
     node: str
-    """Only in bags of ROS 1."""
+    """Name of the publishing node; only in bags of ROS 1."""
     child: str
     frame: str
 
