@@ -112,7 +112,7 @@ class Curve:
     name: str
     metric: str
     band: pd.DataFrame
-    """By steps: mean, low and high over the runs."""
+    """Band by steps: mean, low and high over the runs."""
     runs: int
     """How many they are."""
     score: float | None
