@@ -99,7 +99,7 @@ class DriveRecorder:
         self.error = ""
         """Why no more can be recorded; empty if all is well."""
         self.last_stamp = -float("inf")
-        """Of the row taken last [s]."""
+        """Stamp of the row taken last [s]."""
         self._waiting: Deque[RecorderRow] = collections.deque()
         self._file = open(path, "x", newline="")  # noqa: SIM115  (closed by its thread)
         self._file.write(",".join(COLUMNS) + "\n")
