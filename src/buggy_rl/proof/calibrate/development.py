@@ -53,7 +53,7 @@ class DevelopmentConfig(Launching):
 
     @property
     def store(self) -> CaseStore:
-        """Where cases lie while they are worked on."""
+        """Store of the cases while they are worked on."""
         return CaseStore(Path(self.output), Path(self.output) / "truth")
 
     @property
