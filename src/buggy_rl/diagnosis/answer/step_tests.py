@@ -80,7 +80,7 @@ class Driven:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Of the tests, in the order of `step_tests`."""
+        """Quantities of the tests, in the order of `step_tests`."""
         lock, slow = f"{self.lock:.2f}", f"{self.slow:.2g} m/s"
         return (
             Quantity(

@@ -98,7 +98,7 @@ Drawing = tuple[str, str]  # caption and SVG element
 
 @dataclass(frozen=True)
 class Pictures:
-    """All that is drawn on the page; what there is nothing to draw of is empty."""
+    """Pictures of the page; what there is nothing to draw of is empty."""
 
     film: Film | None = None
     segments: Sequence[Drawing] = ()
@@ -230,7 +230,7 @@ def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[st
 
 
 def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[str, Any]:
-    """Where errors are that the repair does not explain; nothing where noise is left."""
+    """Places of errors that the repair does not explain; nothing where noise is left."""
     if not something_is_left(answer):
         return {}
     where = answer.located
@@ -246,7 +246,7 @@ def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[s
 
 
 def _alternatives(found: SearchResult, answer: Answer) -> list[tuple[str, list[str], list[str]]]:
-    """Of each effect that was searched for: alternatives not distinguishable, and rejected."""
+    """Alternatives to each effect that was searched for: not distinguishable, and rejected."""
     result = []
     for e in answer.effects:
         if e.name not in found.best.effects:

@@ -25,11 +25,11 @@ class MeterReading:
     left: float
     """Time left [s]."""
     spent: float = 0.0
-    """Since the plan began [s]."""
+    """Time since the plan began [s]."""
 
     @property
     def share(self) -> float:
-        """Of the time, that has passed: steps of few environments take longer than of many."""
+        """Share of the time that has passed: steps of few environments take longer than of many."""
         whole = self.spent + self.left
         return self.spent / whole if whole else 0.0
 
