@@ -24,7 +24,7 @@ class Summary(NamedTuple):
 
     recording: str
     stopped: str
-    """Why."""
+    """Why the drive ended."""
     steps: int
     missed: int
     """Steps whose command came later than a period after their deadline."""

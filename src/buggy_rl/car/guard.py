@@ -60,7 +60,7 @@ class Guard:
 
     @property
     def gone(self) -> bool:
-        """There is no board any more."""
+        """Whether there is no board any more."""
         return self._actuator.gone
 
     def hear(self, command: CommandMessage, now: float) -> None:

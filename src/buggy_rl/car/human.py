@@ -29,7 +29,7 @@ class HumanConfig(NamedTuple):
     steering_rise: float = 4.0
     """Rate of a steering key [1/s]."""
     steering_fall: float = 8.0
-    """Back towards the middle [1/s]."""
+    """Rate back towards the middle [1/s]."""
     dead_zone: float = 0.08
     """Dead zone of a stick about its middle."""
     two_way: bool = False

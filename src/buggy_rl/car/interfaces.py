@@ -71,7 +71,7 @@ class Actuator:
     at_rest: Command = NEUTRAL
     """What `neutral` writes."""
     gone: bool = False
-    """There is no board any more, and so nothing to stop: of a simulated one that has ended."""
+    """Whether no board is there any more, and so nothing to stop: a simulated one has ended."""
 
     @classmethod
     def board(cls, settings: Mapping[str, Any]) -> str:

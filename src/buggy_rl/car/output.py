@@ -27,7 +27,7 @@ class NeverBlocking(io.RawIOBase):
         return True
 
     def fileno(self) -> int:
-        """The descriptor."""
+        """Descriptor of the stream."""
         return self._descriptor
 
     def write(self, data: Any) -> int:

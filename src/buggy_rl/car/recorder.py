@@ -93,7 +93,7 @@ class DriveRecorder:
     def __init__(self, path: str, origin: float) -> None:
         self.path, self.origin = path, origin
         self.rows = 0
-        """Taken so far."""
+        """Rows taken so far."""
         self.left_out = 0
         """Rows that were left out so far."""
         self.error = ""

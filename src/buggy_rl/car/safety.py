@@ -119,7 +119,7 @@ class Polygon(NamedTuple):
 
 
 class Anywhere(NamedTuple):
-    """No fence."""
+    """Fence that encloses everything."""
 
     def holds(self, x: float, y: float) -> bool:
         """Whether a point is inside: always."""

@@ -101,7 +101,7 @@ class WatchdogProcess:
 
 
 def main(arguments: List[str]) -> int:
-    """The process."""
+    """Runs the process of the watchdog; returns its exit status."""
     descriptor, lock, parent, speed, about, times, two_way = arguments
     with StopSignals(ignored=(signal.SIGINT,)) as signals:  # at SIGINT the loop ends the drive
         link = socket.socket(fileno=int(descriptor))

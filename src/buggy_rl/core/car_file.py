@@ -111,7 +111,7 @@ class CarFile:
 
     @property
     def assumed(self) -> list[str]:
-        """What the file does not say."""
+        """Names of what the file does not say."""
         given = set(self.dimensions) | (
             {"sensor_to_cg"} if self.sensor.ahead is not None else set()
         )

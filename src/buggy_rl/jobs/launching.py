@@ -77,7 +77,7 @@ class Local:
         return Process(command)
 
     def close(self) -> None:
-        """Nothing but the jobs was started."""
+        """Does nothing: only jobs were started."""
 
 
 def make_launcher(launching: Launching, workers: int) -> Launcher:

@@ -19,7 +19,7 @@ from buggy_rl.policies.people import LIMITS, DriveConfig, LiveStep
 
 @dataclass(frozen=True)
 class DriveNote:
-    """One drive."""
+    """Options and result of one drive."""
 
     driver: str
     """human or scripted."""
@@ -38,9 +38,9 @@ class DriveNote:
     finished: bool = False
     """The drive ended by its own rules; false while it goes on and if it was broken off."""
     seconds: float = 0.0
-    """Driven [s]."""
+    """Time driven [s]."""
     waypoints: int = 0
-    """Closed."""
+    """Waypoints closed."""
     overruns: int = 0
     """Steps that came more than a period late."""
     slipped: float = 0.0

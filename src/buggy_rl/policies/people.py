@@ -47,7 +47,7 @@ class HumanConfig:
     steering_rise: float = 4.0
     """Rate of a steering key [1/s]."""
     steering_fall: float = 8.0
-    """Back towards the middle [1/s]."""
+    """Rate back towards the middle [1/s]."""
     dead_zone: float = 0.08
     """Dead zone of a stick about its middle."""
     two_way: bool = False
@@ -129,7 +129,7 @@ class LiveStep:
     values: tuple[float, ...]
     """[8] pose, velocity, action, as a recording's columns."""
     waypoints: int = 0
-    """Closed when the step was over."""
+    """Waypoints closed when the step was over."""
     following: int = 0
     """Index of the next waypoint before the step."""
     done: bool = False

@@ -84,7 +84,7 @@ class Camera:
         self._generator = torch.Generator().manual_seed(seed)
 
     def measure(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        """Measured from true motion.
+        """Measured pose and velocity of true motion.
 
         z(t) = S f(p + L)(t - latency) + b + e,  e ~ N(0, sigma^2), with L the lever arm and
         rotation of the camera, f the filter, S the scales and b the gyroscope bias; a drifting

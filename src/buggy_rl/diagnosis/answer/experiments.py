@@ -52,7 +52,7 @@ class DecisionRate:
         return asdict(self)
 
     def line(self) -> str:
-        """What to drive, and why."""
+        """Says what to drive, and why."""
         names = " and ".join("+".join(effects) or "nothing" for effects in self.between)
         return (
             f"{self.words}, {TIMES} times, each facing another way (expected to decide between "
@@ -132,7 +132,7 @@ def _rates(
 
 
 def _rolled_out(problem: Problem, truth: Candidate, known: Sequence[Candidate]) -> list[_Manoeuvre]:
-    """Every manoeuvre."""
+    """Rolls out every manoeuvre."""
     recordings, outside = simulated(problem, truth)
     segments = cut_segments(recordings, problem.segments.horizon * problem.segments.dt, 1.0)
     settings = problem.library.settings([(truth.fit, truth.fit.vector)])

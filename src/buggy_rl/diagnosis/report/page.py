@@ -138,7 +138,7 @@ def something_is_left(answer: Answer) -> bool:
 
 
 def _drawn(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
-    """Replayed segments."""
+    """Draws the replayed segments."""
     result = []
     for replay in replays(case, found):
         end = replay.begin + float(replay.time[-1])
@@ -281,7 +281,7 @@ def _proof(answer: Answer) -> dict[str, Any]:
 
 
 def _made(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[str]:
-    """What was compared, and how."""
+    """Says what was compared, and how."""
     segments, fit = case.problem.segments, found.best.fit
     seconds = sum(r.duration for r in case.recordings)
     scale = 1000 * fit.coordinates[-1].parameter.size  # [ms] the clock's prior scale

@@ -133,11 +133,11 @@ class StepBar:
         self._bar.close()
 
     def says(self, text: str) -> None:
-        """What is being done."""
+        """Shows what is being done."""
         self._bar.set_description_str(text)
 
     def show(self, reading: MeterReading) -> None:
-        """How far it is."""
+        """Shows how far it is."""
         self._bar.bar_format = PLANNED
         self._bar.total, self._bar.n = 1.0, reading.share
         done, planned = (tqdm.format_sizeof(n) for n in (reading.done, reading.planned))

@@ -49,7 +49,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Rollout:
-    """One of the plan."""
+    """Rollouts of one size within a plan."""
 
     stage: Stage
     environments: int
@@ -78,7 +78,7 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """Expected [s]."""
+        """Expected run time [s]."""
         return sum(map(self._seconds, self.rollouts))
 
     @property

@@ -167,7 +167,7 @@ def _score(features: Mapping[str, float], weights: Mapping[str, float]) -> float
 
 @cache
 def shipped() -> Calibration:
-    """What the package comes with."""
+    """Calibration that the package comes with."""
     return load_calibration(SHIPPED)
 
 

@@ -114,7 +114,7 @@ class Curve:
     band: pd.DataFrame
     """Band by steps: mean, low and high over the runs."""
     runs: int
-    """How many they are."""
+    """Number of the runs."""
     score: float | None
     """What the tuned pure pursuit closes on the same paths."""
 

@@ -31,9 +31,9 @@ class OptionRange:
     """Values of one option."""
 
     low: float = 0.0
-    """Smallest."""
+    """Smallest value."""
     high: float = 0.0
-    """Largest."""
+    """Largest value."""
     log: bool = False
     """Whether its logarithm is uniform."""
     integer: bool = False

@@ -104,5 +104,5 @@ class Residuals:
 
 
 def _engine(simulator: EnvBase) -> Any:
-    """What is below a simulator's effects."""
+    """Engine below a simulator's effects."""
     return simulator.base_env if isinstance(simulator, TransformedEnv) else simulator

@@ -58,7 +58,7 @@ class DevelopmentConfig(Launching):
 
     @property
     def file(self) -> Path:
-        """The ledger."""
+        """File of the ledger."""
         return Path(self.ledger or Path(self.output) / "development.jsonl")
 
 

@@ -125,7 +125,7 @@ class DrawConfig:
     drives: int = 2
     """Drives to be seen, and as many before the change where there is a baseline."""
     held_out: int = 1
-    """Sealed, to measure by."""
+    """Drives that are sealed, to measure by."""
     spread: list[float] = field(default_factory=lambda: [0.0])
     """Shares by which the plant's parameters are drawn off their own; only where its simulator is
     of its make, or quickly fitted anew."""

@@ -48,7 +48,7 @@ class TwinColumn:
 
 @dataclass(frozen=True)
 class TwinConfig:
-    """One twin."""
+    """Settings of one twin."""
 
     output: str = MISSING
     """Folder for before/, after/, car.yaml and answer/."""

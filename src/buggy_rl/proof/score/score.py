@@ -251,7 +251,7 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
 
 
 def _naming(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Right names."""
+    """Rows of right names."""
     one = of(outcomes, "one")
     clear = _clear(one)
     own = [o for o in clear if o.case.plant == o.case.simulator]

@@ -213,7 +213,7 @@ def judgements(config: TransferConfig) -> list[PolicyBatch]:
 
 
 def unjudged(config: TransferConfig) -> list[PolicyBatch]:
-    """What is still to be driven.
+    """Batches that are still to be driven.
 
     Raises:
         ValueError: A policy is not trained yet.

@@ -24,7 +24,7 @@ ALTERNATING = 0.1  # share of returning leaps that two publishers make; glitches
 
 
 class Publisher(NamedTuple):
-    """Who published a message."""
+    """Publisher of a message."""
 
     node: str
     """Name of the publishing node; only in bags of ROS 1."""

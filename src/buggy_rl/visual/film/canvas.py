@@ -168,7 +168,7 @@ class Pen:
         self._canvas.box((0, 0, WIDTH * unit - 1, height * unit - 1), 7 * unit, PANEL, ALPHA)
 
     def text(self, x: float, y: float, text: str, colour: RGB, anchor: str = LEFT) -> None:
-        """One line."""
+        """Writes one line."""
         self._canvas.text((x * self._unit, y * self._unit), text, 13 * self._unit, colour, anchor)
 
     def name(self, y: float, car: ShownCar, colour: RGB) -> None:

@@ -178,7 +178,7 @@ class Drawing:
             yield self._frame(shot)
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Does nothing: no process was started."""
 
     def _frame(self, shot: Shot) -> Frame:
         canvas, map_ = Canvas(self._size, FLAT), Map(shot.view, self._size)
