@@ -253,7 +253,7 @@ def _to_first_order(fit: Fit, vectors: Tensor) -> Tensor:
 def rewhitened(
     problem: Problem, fit: Fit, known: CrossValidated, change: Tensor, group: Tensor
 ) -> CrossValidated:
-    """Residuals under another noise model, without a rollout: held out at the same numbers.
+    """Cross-validation under another noise model, without a rollout: at the same numbers.
 
     Args:
         problem: With the new noise model.

@@ -43,7 +43,7 @@ CONDITIONS = {
     "x": Condition("position", "m", listed="position x"),
     "y": Condition("position", "m", listed="position y"),
 }
-"""Name of `localisation.features`, or of `constancy.conditions` -> its words."""
+"""Name of `residuals.drive_features`, or of `constancy.conditions` -> its words."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class PolicyConfig:
     activation: Literal["relu", "tanh", "elu"] = "relu"
     """Activation between the layers."""
     initial_sd: float = 0.3
-    """Standard deviation of either command at the start; learned, the same in every state."""
+    """Standard deviation of either command when training begins; learned, one in all states."""
     scaling: Literal["running", "none"] = "running"
     """`running` takes observations by their mean and sd over training; `none` as they are."""
 
