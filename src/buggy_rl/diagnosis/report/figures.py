@@ -142,7 +142,7 @@ class Film:
 
     caption: str
     uri: str
-    """Address of the picture, with its content."""
+    """URI of the picture."""
 
 
 def worst_segment(case: DiagnosisCase, found: SearchResult) -> Film | None:
