@@ -1,4 +1,4 @@
-"""From recordings of a small car to simulators of it, policies, and the physics left out.
+"""Turns recordings of a small car into simulators of it, policies, and the physics left out.
 
 Names are imported when they are first used, so that `import buggy_rl` costs no torch; docs/api.md
 shows each.

@@ -50,7 +50,7 @@ class Diagnosis:
     done: pipeline.Diagnosed
     """The answer with what it came from: segments, noise, all hypotheses that were fitted."""
     command: str = ""
-    """That asked it; empty for that of this process."""
+    """Command line that asked it; empty for that of this process."""
 
     @property
     def verdict(self) -> Verdict:
@@ -149,7 +149,7 @@ class Diagnosis:
         return "\n".join(self.lines)
 
     def _repr_html_(self) -> str:
-        """For a notebook: sentences, effects, and the segment that the repair changes most."""
+        """Shows sentences, effects, and the segment that the repair changes most, in a notebook."""
         said = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
         caption, picture = _drawn(self.done.case, self.done.found)[0]
         table = self.effects.to_html(index=False) if len(self.effects) else ""

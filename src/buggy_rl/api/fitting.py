@@ -26,12 +26,12 @@ class FittedSimulator:
     """A simulator with fitted parameters, and what the fit is worth."""
 
     simulator: str
-    """That was fitted: an engine's name, a .yaml or file.py:factory."""
+    """Simulator that was fitted: an engine's name, a .yaml or file.py:factory."""
     fit: Fit
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Of the engine."""
+    """Options of the engine."""
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """That were given and are those of the simulator where they were not fitted."""
+    """Parameters that were given and are those of the simulator where they were not fitted."""
 
     @property
     def estimates(self) -> pd.DataFrame:

@@ -23,12 +23,12 @@ KEPT = 400  # readings that wait to be recorded: 2 s at the camera's 200 Hz
 
 
 class CameraMount(NamedTuple):
-    """Where the camera is on the car."""
+    """Place and direction of the camera on the car."""
 
     x: float = 0.0
     """Camera ahead of the reference point [m]."""
     y: float = 0.0
-    """To its left [m]."""
+    """Camera to the left of the reference point [m]."""
     yaw: float = 0.0
     """The camera points to the left of the car's x axis by this angle [rad]."""
 
@@ -119,7 +119,7 @@ class T265(Sensor):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "T265":
-        """Of its settings, those of `CameraMount`."""
+        """Makes a camera from settings: the fields of `CameraMount`."""
         return cls(section(CameraMount, settings, "sensor", RANGES))
 
     def latest(self) -> Optional[Reading]:

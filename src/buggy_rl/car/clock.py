@@ -62,7 +62,7 @@ class Deadlines:
         self.overruns = 0
         """Steps that began after the deadline of the one that follows them."""
         self.slipped = 0.0
-        """By which the deadlines moved [s]."""
+        """Time by which the deadlines moved [s]."""
 
     def wait(self) -> None:
         """Sleeps until the next deadline; returns at once if that is over."""
@@ -122,7 +122,7 @@ class DeviceClock:
         self._offsets: Deque[float] = deque(maxlen=frames)
 
     def time(self, stamp: float, arrival: float) -> float:
-        """When a frame was measured [s], on the monotonic clock; NaN for a stamp that is none.
+        """Measurement time of a frame [s], on the monotonic clock; NaN for a stamp that is none.
 
         Args:
             stamp: By the device's clock [s].

@@ -17,15 +17,15 @@ class CarConfig(NamedTuple):
     sensor: Mapping[str, Any]
     """`kind` and settings of the driver, as of `devices.SENSORS`."""
     actuator: Mapping[str, Any]
-    """Likewise, `devices.ACTUATORS`."""
+    """`kind` and settings of the driver, as of `devices.ACTUATORS`."""
     pilot: Mapping[str, Any]
-    """Likewise, `devices.PILOTS`: the person with the button."""
+    """`kind` and settings of the person with the button, as of `devices.PILOTS`."""
     policy: Mapping[str, Any]
     """`kind` and settings, as of `driver.make_driver`."""
     output: str
     """Folder of the recordings."""
     geofence: Union[str, Mapping[str, Any]]
-    """Where the car may be, as of `geofence.make_geofence`."""
+    """Area where the car may be, as of `geofence.make_geofence`."""
     safety: Mapping[str, Any] = {}
     """Limits that differ from those of `Safety`."""
     two_way: bool = False
@@ -34,7 +34,7 @@ class CarConfig(NamedTuple):
     period: float = 0.01
     """Control period [s]; that of the policy."""
     speed: float = 1.0
-    """Of time; above 1 only for a simulated car."""
+    """Speed of time; above 1 only for a simulated car."""
 
     @property
     def at_rest(self) -> Command:
@@ -57,7 +57,7 @@ class CarConfig(NamedTuple):
 
     @property
     def fence(self) -> Geofence:
-        """Where the car may be."""
+        """Fence of the area where the car may be."""
         return make_geofence(self.geofence)
 
 

@@ -24,16 +24,16 @@ class Summary(NamedTuple):
 
     recording: str
     stopped: str
-    """Why."""
+    """Why the drive ended."""
     steps: int
     missed: int
     """Steps whose command came later than a period after their deadline."""
     loop_p50: float
-    """Of the time of a step [s], from waking up to the command."""
+    """Median time of a step [s], from waking up to the command."""
     loop_p99: float
     loop_max: float
     delay_max: float
-    """From a deadline to its command [s]."""
+    """Longest time from a deadline to its command [s]."""
     armings: int
     rows: int
     rows_left_out: int
@@ -54,7 +54,7 @@ class Summary(NamedTuple):
     """Writes that the board did not take."""
 
     def lines(self) -> List[str]:
-        """For people."""
+        """Says in lines for people how the drive went."""
         share = self.missed / max(1, self.steps)
         times = ", ".join(f"{1e3 * t:.2f}" for t in (self.loop_p50, self.loop_p99, self.loop_max))
         priority = "real-time" if self.realtime else "ordinary"

@@ -32,7 +32,7 @@ class PathDriver:
         self._begun = False
 
     def begin(self, reading: Reading) -> None:
-        """From a reading on."""
+        """Begins the path and the policy anew from a reading on."""
         self.policy.reset(self._path.placed(reading.pose) if self.course.placed else self._path)
         self._begun = True
 

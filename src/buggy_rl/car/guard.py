@@ -26,13 +26,13 @@ class GuardTimes(NamedTuple):
     timeout: float = 0.1
     """Age of a command at which the wheels get neutral."""
     retry: float = 0.003
-    """After a write that failed."""
+    """Wait after a write that failed."""
     repeat: float = 0.01
-    """Between writes of neutral that nobody asked for."""
+    """Time between writes of neutral that nobody asked for."""
     period: float = 0.01
-    """Of the loop's commands."""
+    """Period of the loop's commands."""
     look: float = 0.05
-    """Between two looks at what the board holds, where it can be read; at neutral it is read."""
+    """Time between two looks at what the board holds, where it can be read; read at neutral."""
 
 
 class Guard:
@@ -60,7 +60,7 @@ class Guard:
 
     @property
     def gone(self) -> bool:
-        """There is no board any more."""
+        """Whether there is no board any more."""
         return self._actuator.gone
 
     def hear(self, command: CommandMessage, now: float) -> None:

@@ -17,23 +17,23 @@ class HumanConfig(NamedTuple):
     """How keys and sticks become commands; `policies.human.HumanConfig` is the command line's."""
 
     silence: float = 0.08
-    """After so long without a message the command is neutral [s]; a step later it is applied."""
+    """Time without a message after which the command is neutral [s]; a step later it is applied."""
     top_throttle: float = 0.0
     """Throttle that the forward key goes to, in (-1, 1]; 0 is half of the drive."""
     throttle_rise: float = 1.0
-    """Of the forward key [1/s]; from no drive to half takes 1 s."""
+    """Rate of the forward key [1/s]; from no drive to half takes 1 s."""
     throttle_fall: float = 4.0
-    """After it was released [1/s]."""
+    """Rate after the forward key was released [1/s]."""
     lock: float = 1.0
     """Steering that a steering key goes to, in (0, 1]."""
     steering_rise: float = 4.0
-    """Of a steering key [1/s]."""
+    """Rate of a steering key [1/s]."""
     steering_fall: float = 8.0
-    """Back towards the middle [1/s]."""
+    """Rate back towards the middle [1/s]."""
     dead_zone: float = 0.08
-    """Of a stick about its middle."""
+    """Dead zone of a stick about its middle."""
     two_way: bool = False
-    """For a car with brakes and reverse: no drive is throttle 0, not -1."""
+    """Whether the car brakes and reverses: no drive is throttle 0, not -1."""
 
 
 def check_human(config: Any) -> None:
@@ -68,9 +68,9 @@ class Controls(NamedTuple):
     source: str = "keyboard"
     """keyboard, whose keys are ramped, or gamepad, whose sticks are taken as they are."""
     throttle: float = NO_DRIVE
-    """Of a gamepad the command; of a keyboard 1 while the forward key is held, else -1."""
+    """Command of a gamepad; of a keyboard 1 while the forward key is held, else -1."""
     steering: float = 0.0
-    """Of a gamepad the command; of a keyboard 1 to the left, -1 to the right, 0 for neither."""
+    """Command of a gamepad; of a keyboard 1 to the left, -1 to the right, 0 for neither."""
     neutral: bool = False
     """The neutral key: at once, without a ramp."""
     reverse: bool = False
@@ -184,10 +184,10 @@ LONGEST_PRESS = 0.2  # [s] in which the button arms if it does
 
 
 class Schedule(NamedTuple):
-    """When the button is pressed."""
+    """Times at which the button is pressed."""
 
     press_after: float = 0.5
-    """From the start, and from each disarming, until the button is pressed [s]."""
+    """Time from the start, and from each disarming, until the button is pressed [s]."""
     again: bool = False
     """Arms the car again after it was disarmed; false: once only."""
 
@@ -210,7 +210,7 @@ class ScriptedPilot(Pilot):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "ScriptedPilot":
-        """Of its settings, those of `Schedule`."""
+        """Makes a pilot from settings: the fields of `Schedule`."""
         return cls(section(Schedule, settings, "pilot", {"press_after": (0.02, 60.0)}))
 
     def command(self, dt: float) -> Optional[Command]:

@@ -23,13 +23,13 @@ class Reading(NamedTuple):
     """The motion of the car's reference point at an instant."""
 
     stamp: float
-    """When it was measured [s], on this computer's monotonic clock (`time.monotonic`)."""
+    """Time of the measurement [s], on this computer's monotonic clock (`time.monotonic`)."""
     pose: Tuple[float, float, float]
     """x, y [m], yaw [rad] in the world frame."""
     velocity: Tuple[float, float, float]
     """vx, vy [m/s], yaw_rate [rad/s] in the body frame: x forward, y left."""
     confidence: float = 1.0
-    """Of the tracker in its pose, from 0 (lost) to 1 (full)."""
+    """Confidence of the tracker in its pose, from 0 (lost) to 1 (full)."""
 
 
 class Sensor:
@@ -71,7 +71,7 @@ class Actuator:
     at_rest: Command = NEUTRAL
     """What `neutral` writes."""
     gone: bool = False
-    """There is no board any more, and so nothing to stop: of a simulated one that has ended."""
+    """Whether no board is there any more, and so nothing to stop: a simulated one has ended."""
 
     @classmethod
     def board(cls, settings: Mapping[str, Any]) -> str:

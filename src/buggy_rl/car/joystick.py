@@ -15,7 +15,7 @@ PULLED = 0.1  # of the throttle away from no drive, from which a person takes ov
 
 
 class PadLayout(NamedTuple):
-    """Where things are on the pad, as SDL counts them; the defaults are an Xbox pad's."""
+    """Axes and buttons of the pad, as SDL counts them; the defaults are an Xbox pad's."""
 
     steering_axis: int = 0
     """Left stick across."""
@@ -26,9 +26,9 @@ class PadLayout(NamedTuple):
     hold_button: int = 4
     """Left shoulder: held for the car to drive."""
     dead_zone: float = 0.08
-    """Of the stick about its middle."""
+    """Dead zone of the stick about its middle."""
     two_way: bool = False
-    """For a car with brakes and reverse: no drive is throttle 0, not -1; set by `car.two_way`."""
+    """Whether the car brakes and reverses: no drive is throttle 0, not -1; set by `car.two_way`."""
 
 
 RANGES = {
@@ -126,7 +126,7 @@ class Joystick(Pilot):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "Joystick":
-        """Of its settings, those of `PadLayout`.
+        """Makes a joystick from settings: the fields of `PadLayout`.
 
         Raises:
             ValueError: A setting is invalid, pygame is not installed, or no joystick is there.

@@ -77,7 +77,7 @@ class Keyboard(Pilot):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "Keyboard":
-        """Of its settings, those of `HumanConfig`."""
+        """Makes a keyboard from settings: the fields of `HumanConfig`."""
         return cls(section(HumanConfig, settings, "pilot", RANGES))
 
     def command(self, dt: float) -> Optional[Command]:

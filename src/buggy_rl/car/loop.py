@@ -58,7 +58,7 @@ class Parts(NamedTuple):
 
 
 class Loop:
-    """One drive.
+    """Loop of one drive.
 
     Args:
         parts: What it works with.

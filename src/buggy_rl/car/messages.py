@@ -17,31 +17,31 @@ REFUSED, TAKEN, READ_BACK = 0, 1, 2  # what became of a write
 
 
 class CommandMessage(NamedTuple):
-    """From the loop, once a step."""
+    """Message from the loop, once a step."""
 
     sequence: int
     """Counts up from 1; an older one is ignored."""
     stamp: float
-    """When the loop decided [s]."""
+    """Time at which the loop decided [s]."""
     throttle: float
     steering: float
     last: int = 0
     """1: the drive is over; write neutral and exit."""
 
     def pack(self) -> bytes:
-        """As bytes."""
+        """Packs the message as bytes."""
         return COMMAND.pack(*self)
 
 
 class Report(NamedTuple):
-    """From the watchdog, after each attempt to write."""
+    """Message from the watchdog, after each attempt to write."""
 
     sequence: int
-    """Of the last command heard."""
+    """Sequence number of the last command heard."""
     stamp: float
-    """When the actuator had taken or refused it [s]."""
+    """Time at which the actuator had taken or refused it [s]."""
     throttle: float
-    """As written, or as it could not be."""
+    """Throttle as written, or as it could not be."""
     steering: float
     taken: int
     """`TAKEN`, `READ_BACK` if the board was asked as well, `REFUSED` if it did not take it."""
@@ -49,7 +49,7 @@ class Report(NamedTuple):
     """`GOOD`, or why the wheels are kept neutral: one of the others."""
 
     def pack(self) -> bytes:
-        """As bytes."""
+        """Packs the report as bytes."""
         return REPORT.pack(*self)
 
 

@@ -106,7 +106,7 @@ class ClipVelocity:
         self._low, self._high = tuple(low), tuple(high)
 
     def reset(self) -> None:
-        """It remembers nothing."""
+        """Does nothing: the filter remembers nothing."""
 
     def filtered(self, velocity: Velocity) -> Velocity:
         """Each of the three within its bounds; NaN stays NaN."""

@@ -23,11 +23,11 @@ class NeverBlocking(io.RawIOBase):
         self._descriptor = descriptor
 
     def writable(self) -> bool:
-        """It is for writing."""
+        """Says that the stream is for writing."""
         return True
 
     def fileno(self) -> int:
-        """The descriptor."""
+        """Descriptor of the stream."""
         return self._descriptor
 
     def write(self, data: Any) -> int:
@@ -38,14 +38,14 @@ class NeverBlocking(io.RawIOBase):
 
 
 class UnblockedOutput:
-    """For as long as it lasts, descriptors 1 and 2 are pipes which a thread of its own empties.
+    """Pipes as descriptors 1 and 2 for as long as it lasts, which a thread of its own empties.
 
     The terminal, file or pipe behind them may be full or closed: only that thread waits for it. All
     that writes is covered, Python's `sys.stderr`, `os.write(2, ...)` and a driver's C library.
     """
 
     def __enter__(self) -> "UnblockedOutput":
-        """From here on nothing that is written waits."""
+        """Redirects both descriptors: from here on nothing that is written waits."""
         self._before = sys.stdout, sys.stderr
         self._saved: List[int] = []
         self._threads: List[threading.Thread] = []

@@ -248,11 +248,11 @@ class PursuitConfig(NamedTuple):
     look_ahead: float = 0.45
     """Distance to the point that is steered for [m]."""
     speed: float = 1.2
-    """To hold [m/s]."""
+    """Speed to hold [m/s]."""
     weave: float = 0.0
     """Share by which the speed swings about it, and the steering swings with it."""
     period: float = 3.0
-    """Of the swing of the speed [s]; that of the steering is a fifth."""
+    """Period of the swing of the speed [s]; that of the steering is a fifth."""
     drive_at_rest: float = 0.22
     """Drive in 0..1 that just moves the car."""
     drive_per_speed: float = 0.1
@@ -295,7 +295,7 @@ class Pursuit:
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any], two_way: bool = False) -> "Pursuit":
-        """Of its settings, those of `PursuitConfig`, for a car that may reverse."""
+        """Makes a pursuit, for a car that may reverse, from the fields of `PursuitConfig`."""
         return cls(section(PursuitConfig, settings, "policy", RANGES), two_way)
 
     def reset(self, path: Path) -> None:
@@ -317,7 +317,7 @@ class Pursuit:
         return self._throttle(drive, velocity[0]), max(-1.0, min(1.0, steering))
 
     def _throttle(self, drive: float, speed: float) -> float:
-        """Of a drive; below 0 it brakes a car that can, while that rolls."""
+        """Throttle of a drive; below 0 it brakes a car that can, while that rolls."""
         if not self.two_way:
             return 2 * max(0.0, min(1.0, drive)) - 1
         return max(-1.0 if speed > STANDS else 0.0, min(1.0, drive))
@@ -339,7 +339,7 @@ class Pursuit:
         return cos * dx + sin * dy, cos * dy - sin * dx
 
     def _go_on(self) -> bool:
-        """To the next point; false at the end of an open path."""
+        """Goes on to the next point; false at the end of an open path."""
         if self._at + 1 == len(self._points) and not self._closed:
             self.ended = COMPLETED
             return False

@@ -28,11 +28,12 @@ class Wiring(NamedTuple):
     bus: int = 1
     """Number of the I2C bus: N of /dev/i2c-N."""
     address: int = 0x40
-    """Of the board, 64 with no address pin bridged."""
+    """Address of the board, 64 with no address pin bridged."""
     frequency: float = 50.0
-    """Of the pulses [Hz]; a higher one acts sooner, where speed controller and servo take it."""
+    """Frequency of the pulses [Hz]; a higher one acts sooner, where speed controller and servo take
+    it."""
     oscillator: float = 25e6
-    """Of the board [Hz]; it is off by up to some per cent: docs/car.md, calibration."""
+    """Frequency of the board's oscillator [Hz]; off by some per cent: docs/car.md, calibration."""
     throttle_channel: int = 0
     steering_channel: int = 1
     throttle_trim: float = 0.0
@@ -48,8 +49,8 @@ class Wiring(NamedTuple):
     steering_direction: int = 1
     """-1 for a servo that turns the wheels to the right above 0.5."""
     two_way: bool = False
-    """For a speed controller with brake and reverse: throttle -1..1 is 0..1, and 0 is no drive; set
-    by `car.two_way`."""
+    """Whether the speed controller brakes and reverses: throttle -1..1 is 0..1, and 0 is no drive;
+    set by `car.two_way`."""
     heartbeat: str = ""
     """File of a GPIO's value, such as /sys/class/gpio/gpio216/value, that changes with each command
     written: it feeds the timer on the board's output-enable pin (docs/car.md). Empty for none."""
@@ -140,7 +141,7 @@ class PCA9685(Actuator):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "PCA9685":
-        """Of its settings, those of `Wiring`."""
+        """Makes a board from settings: the fields of `Wiring`."""
         return cls(section(Wiring, settings, "actuator", RANGES))
 
     @classmethod

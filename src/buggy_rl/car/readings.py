@@ -136,7 +136,7 @@ class ReadingJudge:
             self._healthy_since = now
 
     def age(self, now: float) -> float:
-        """Since the last good reading was measured [s]; infinite without one."""
+        """Time since the last good reading was measured [s]; infinite without one."""
         return now - self._trusted
 
     def fresh_for(self, now: float) -> float:

@@ -93,13 +93,13 @@ class DriveRecorder:
     def __init__(self, path: str, origin: float) -> None:
         self.path, self.origin = path, origin
         self.rows = 0
-        """Taken so far."""
+        """Rows taken so far."""
         self.left_out = 0
         """Rows that were left out so far."""
         self.error = ""
         """Why no more can be recorded; empty if all is well."""
         self.last_stamp = -float("inf")
-        """Of the row taken last [s]."""
+        """Stamp of the row taken last [s]."""
         self._waiting: Deque[RecorderRow] = collections.deque()
         self._file = open(path, "x", newline="")  # noqa: SIM115  (closed by its thread)
         self._file.write(",".join(COLUMNS) + "\n")

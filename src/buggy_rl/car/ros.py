@@ -26,7 +26,8 @@ class Odometry(NamedTuple):
 
     topic: str = "/odom"
     largest_variance: float = 0.1
-    """Of x or y in the message's covariance [m^2]; above it the tracker counts as lost."""
+    """Variance of x or y in the message's covariance [m^2] above which the tracker counts as
+    lost."""
 
 
 class Ackermann(NamedTuple):
@@ -42,11 +43,11 @@ class Ackermann(NamedTuple):
     throttle: str = "acceleration"
     """What the throttle asks for: acceleration or speed."""
     top_speed: float = 3.5
-    """At full throttle [m/s]."""
+    """Speed at full throttle [m/s]."""
     top_acceleration: float = 5.0
-    """At full throttle [m/s^2], where it asks for acceleration."""
+    """Acceleration at full throttle [m/s^2], where it asks for acceleration."""
     two_way: bool = False
-    """For a car that reverses: 0 is no drive, -1 full speed back, or a full brake where the
+    """Whether the car reverses: 0 is no drive, -1 full speed back, or a full brake where the
     throttle asks for acceleration; set by `car.two_way`."""
 
 
@@ -142,7 +143,7 @@ class OdometrySensor(Sensor):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "OdometrySensor":
-        """Of its settings, those of `Odometry`."""
+        """Makes a sensor from settings: the fields of `Odometry`."""
         return cls(section(Odometry, settings, "sensor", ODOMETRY_RANGES))
 
     def latest(self) -> Optional[Reading]:
@@ -192,7 +193,7 @@ class AckermannActuator(Actuator):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "AckermannActuator":
-        """Of its settings, those of `Ackermann`."""
+        """Makes an actuator from settings: the fields of `Ackermann`."""
         return cls(section(Ackermann, settings, "actuator", ACKERMANN_RANGES))
 
     @classmethod

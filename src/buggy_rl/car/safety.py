@@ -10,19 +10,19 @@ class Safety(NamedTuple):
     """Limits on readings, commands and time."""
 
     coast_after: float = 0.05
-    """Without a good reading [s]: no drive, steering kept. Five periods of the camera."""
+    """Time without a good reading [s]: no drive, steering kept. Five periods of the camera."""
     disarm_after: float = 0.25
-    """Without recovery [s]: no drive, wheels straight, to be armed again."""
+    """Time without recovery [s]: no drive, wheels straight, to be armed again."""
     recovered_after: float = 0.1
-    """Of good readings without a pause [s] before a coasting car drives on."""
+    """Time of good readings without a pause [s] before a coasting car drives on."""
     least_confidence: float = 0.5
-    """Of the tracker, in [0, 1]; the T265 says 0.33 for low, 0.67 for medium."""
+    """Confidence of the tracker, in [0, 1]; the T265 says 0.33 for low, 0.67 for medium."""
     farthest: float = 100.0
     """|x| and |y| of a sound pose [m]."""
     top_speed: float = 15.0
-    """Of a sound reading [m/s]; 1.5 times the fastest that cars of this class are driven."""
+    """Speed of a sound reading [m/s]; 1.5 times the fastest that cars of this class are driven."""
     top_yaw_rate: float = 25.0
-    """Of a sound reading [rad/s]; 3.5 times a small car's 7 rad/s."""
+    """Yaw rate of a sound reading [rad/s]; 3.5 times a small car's 7 rad/s."""
     jump_distance: float = 0.05
     """Granted between the change of position and the velocity times time [m]."""
     jump_angle: float = 0.1
@@ -119,7 +119,7 @@ class Polygon(NamedTuple):
 
 
 class Anywhere(NamedTuple):
-    """No fence."""
+    """Fence that encloses everything."""
 
     def holds(self, x: float, y: float) -> bool:
         """Whether a point is inside: always."""

@@ -22,7 +22,7 @@ SLOWEST_ANSWER = 0.04  # [s] to a write; a command at 100 kHz on the bus takes 0
 
 
 class Address(NamedTuple):
-    """Where the simulated car listens."""
+    """Address at which the simulated car listens."""
 
     address: str
     """File of its socket."""
@@ -44,7 +44,7 @@ class SimulatedSensor(Sensor):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "SimulatedSensor":
-        """Of its settings: `address`."""
+        """Makes a sensor from settings: `address`."""
         return cls(section(Address, settings, "sensor").address)
 
     def _run(self) -> None:
@@ -84,7 +84,7 @@ class SimulatedActuator(Actuator):
 
     @classmethod
     def from_dict(cls, settings: Mapping[str, Any]) -> "SimulatedActuator":
-        """Of its settings: `address`."""
+        """Makes an actuator from settings: `address`."""
         return cls(section(Address, settings, "actuator").address)
 
     @classmethod
@@ -142,7 +142,7 @@ def connected(address: str, role: bytes) -> socket.socket:
 
 
 def _lock_of(address: str) -> str:
-    """Beside the socket, whose folder goes with the car; nothing is locked where there is none."""
+    """File of a lock beside the socket, whose folder goes with the car; none where no socket is."""
     return address + ".lock" if os.path.exists(address) else ""
 
 

@@ -12,7 +12,7 @@ IF_FREE = (
     *("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF"),
     *("SIGXCPU", "SIGPOLL", "SIGPWR", "SIGSTKFLT"),
 )
-"""They end a process too, unless a library of it uses them."""
+"""Signals that end a process too, unless a library of it uses them."""
 
 
 class StopSignals:
@@ -29,7 +29,7 @@ class StopSignals:
         self._before: Dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> "StopSignals":
-        """From here on signals are caught."""
+        """Catches signals from here on."""
         for name in (*ALWAYS, *IF_FREE):
             number = getattr(signal, name, None)  # not every system has all
             if number is None:
@@ -76,12 +76,12 @@ class Parent:
 
     @property
     def gone(self) -> bool:
-        """It has ended."""
+        """Whether the starter has ended."""
         return bool(self._number) and os.getppid() != self._number
 
 
 def _signal_at_death(number: int) -> None:
-    """Without the C library's `prctl` the change of the parent alone tells."""
+    """Asks for a signal at the parent's end; without `prctl` its change alone tells."""
     try:
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number), 0, 0, 0)
     except (OSError, AttributeError):

@@ -52,7 +52,7 @@ class WatchdogProcess:
         self._over, self._ended = 0, False
 
     def run(self) -> int:
-        """Until the loop is gone and the wheels are neutral; returns the exit status."""
+        """Serves until the loop is gone and the wheels are neutral; returns the exit status."""
         self._link.setblocking(False)
         said = ""
         try:
@@ -65,7 +65,7 @@ class WatchdogProcess:
         return 1 if said or not done else 0
 
     def _serve(self) -> None:
-        """Until something ends it."""
+        """Serves until something ends it."""
         while not self._ended:
             wait = min(self.guard.wait(self._clock.now()) / self._clock.speed, LONGEST_WAIT)
             if select.select([self._link], [], [], wait)[0]:
@@ -101,7 +101,7 @@ class WatchdogProcess:
 
 
 def main(arguments: List[str]) -> int:
-    """The process."""
+    """Runs the process of the watchdog; returns its exit status."""
     descriptor, lock, parent, speed, about, times, two_way = arguments
     with StopSignals(ignored=(signal.SIGINT,)) as signals:  # at SIGINT the loop ends the drive
         link = socket.socket(fileno=int(descriptor))

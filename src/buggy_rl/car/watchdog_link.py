@@ -134,7 +134,7 @@ class Watchdog:
         self._stamp, self._asked = report.stamp, 0.0
 
     def _gap(self, until: float) -> float:
-        """Between two reports [s], less the time in which nothing was asked of it."""
+        """Time between two reports [s], less that in which nothing was asked of the watchdog."""
         return max(0.0, min(until - self._stamp, until - self._asked + self._period))
 
     @property
@@ -156,7 +156,7 @@ class Watchdog:
 
     @property
     def _silence(self) -> float:
-        """Since it was last heard [s]."""
+        """Time since the watchdog was last heard [s]."""
         return self._clock.now() - self._heard
 
     @property
@@ -205,7 +205,7 @@ class Watchdog:
 
     @property
     def trying(self) -> bool:
-        """It goes on trying to write neutral to a board that takes nothing."""
+        """Whether it goes on trying to write neutral to a board that takes nothing."""
         return self.failing and self.process.poll() is None
 
     def _say_goodbye(self) -> None:

@@ -1,4 +1,4 @@
-"""From the sample drives to two fitted simulators, a policy trained in each, and a blind test.
+"""Makes two fitted simulators of the sample drives, a policy trained in each, and a blind test.
 
     python scripts/demo.py [OUTPUT]
 

@@ -29,9 +29,9 @@ class SteeringGeometry:
     """Road-wheel angles at full command; None where they are not known."""
 
     left: float | None = None
-    """At +1, to the left [rad], positive."""
+    """Angle at +1, to the left [rad], positive."""
     right: float | None = None
-    """At -1, to the right [rad], positive too."""
+    """Angle at -1, to the right [rad], positive too."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class SensorMount:
 
     kind: SensorKind = "tracking_camera"
     ahead: float | None = None
-    """Of the centre of gravity [m]; the body frame sits at the sensor. None: scaled."""
+    """Distance ahead of the centre of gravity [m], where the body frame sits. None: scaled."""
     rate: float | None = None
     """Poses a second [Hz]."""
 
@@ -61,7 +61,7 @@ class CarFile:
     about: str = ""
     """One line: what it is."""
     dimensions: dict[str, float] = field(default_factory=dict)
-    """Those of `vehicle.VehicleDimensions` that are known; mass and wheelbase are needed."""
+    """Dimensions of `vehicle.VehicleDimensions` that are known; mass and wheelbase are needed."""
     drive: Drive = "rear"
     """Driven axle: rear, front or all."""
     steering: SteeringGeometry = field(default_factory=SteeringGeometry)
@@ -111,7 +111,7 @@ class CarFile:
 
     @property
     def assumed(self) -> list[str]:
-        """What the file does not say."""
+        """Names of what the file does not say."""
         given = set(self.dimensions) | (
             {"sensor_to_cg"} if self.sensor.ahead is not None else set()
         )

@@ -46,7 +46,7 @@ class Kernel:
     example: Callable[[int], tuple[Tensor, ...]]
     """Arguments for a batch of n."""
     batch: tuple[int | None, ...]
-    """Of each argument, the dimension of the batch; None where it has none."""
+    """Dimension of the batch of each argument; None where it has none."""
 
     def fastest(self, row: Tensor) -> Callable[..., Sequence[Tensor]]:
         """The package if it is `ready`, else the function."""
@@ -77,7 +77,7 @@ class Kernel:
         ]
 
     def file(self, folder: Path) -> Path:
-        """Its package."""
+        """File of the compiled kernel."""
         return folder / f"{self.name}-{kernel_digest()}.pt2"
 
     def compile(self, folder: Path) -> Path:
@@ -120,7 +120,7 @@ class _Module(torch.nn.Module):
 
 @cache
 def kernel_digest() -> str:
-    """Of the source, PyTorch and the processor."""
+    """Digest of the source, PyTorch and the processor."""
     parts = [torch.__version__, platform.machine(), _instructions()]
     for place in MADE_OF:
         path = SOURCE / place
@@ -130,7 +130,7 @@ def kernel_digest() -> str:
 
 
 def _instructions() -> str:
-    """Of the processor: a package may use all of them, and another processor have fewer."""
+    """Instructions of the processor: a package may use all, and another processor have fewer."""
     about = Path("/proc/cpuinfo")
     lines = about.read_text(errors="replace").splitlines() if about.exists() else []
     flags = [line for line in lines if line.lower().startswith(("flags", "features"))]

@@ -48,7 +48,7 @@ class LongitudinalCommand:
 
     @classmethod
     def of(cls, command: "str | Mapping[str, Any] | LongitudinalCommand") -> Self:
-        """From a kind's name or a mapping of the fields, as options of a simulator have it.
+        """Makes a command from a kind's name or a mapping of the fields, as options have it.
 
         Raises:
             ValueError: It is none.

@@ -43,9 +43,9 @@ class Scaled:
     """parameter' = parameter number^power."""
 
     parameter: str
-    """Of the simulator."""
+    """Name of the simulator's parameter."""
     number: str
-    """Of the effect, neutral at 1."""
+    """Name of the effect's parameter, neutral at 1."""
     power: float = 1.0
 
     def changed(self, value: Number, number: Number) -> Number:
@@ -69,9 +69,9 @@ class Added:
     """parameter' = parameter + factor number."""
 
     parameter: str
-    """Of the simulator."""
+    """Name of the simulator's parameter."""
     number: str
-    """Of the effect, neutral at 0."""
+    """Name of the effect's parameter, neutral at 0."""
     factor: float = 1.0
     """Unit of the parameter over that of the number."""
 

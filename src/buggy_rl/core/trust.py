@@ -143,7 +143,7 @@ def _is_installed(home: Path) -> bool:
 
 
 def _homes(top: str) -> Iterator[Path]:
-    """Where a top-level module lies; it is not imported."""
+    """Yields the places of a top-level module, which is not imported."""
     try:
         spec = spec_of(top)
     except (ImportError, ValueError):

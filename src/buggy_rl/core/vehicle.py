@@ -31,15 +31,15 @@ class VehicleDimensions:
     cg_to_front_axle: float = 0.081
     """Centre of gravity behind the front axle [m]."""
     track_width: float = 0.155
-    """Between the wheel centres of an axle [m]."""
+    """Distance between the wheel centres of an axle [m]."""
     wheel_radius: float = 0.0325
-    """Of the tread [m]."""
+    """Radius of the tread [m]."""
     wheel_width: float = 0.026
-    """Of the tread [m]."""
+    """Width of the tread [m]."""
     mass: float = 1.625
-    """With battery and computer [kg]."""
+    """Mass with battery and computer [kg]."""
     yaw_inertia: float = 0.0049
-    """About the vertical axis through the centre of gravity [kg m^2]."""
+    """Inertia about the vertical axis through the centre of gravity [kg m^2]."""
     cg_height: float = 0.045
     """Centre of gravity above the floor [m]."""
     sensor_to_cg: float = 0.022

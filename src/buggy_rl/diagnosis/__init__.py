@@ -1,1 +1,1 @@
-"""Where a simulator and drives differ: located, named, modelled, proven."""
+"""Finds where a simulator and drives differ: located, named, modelled, proven."""

@@ -71,8 +71,8 @@ class DiagnosisConfig:
     stretches: int = 60
     """Most rollout segments, spread evenly over the recordings."""
     threads: int = 1
-    """On which MuJoCo steps its environments. PyTorch has one: on two, steps as small as these
-    take twice as long."""
+    """Threads on which MuJoCo steps its environments. PyTorch has one: on two, steps as small as
+    these take twice as long."""
     minutes: float = 10.0
     """[min] that it may take: a slow simulator gets fewer rollouts, rounds that no time is left for
     are left out, and what is lost by that is said. Of an interrupted diagnosis that goes on, this

@@ -1,4 +1,4 @@
-"""From recordings and a simulator to the answer, stage by stage."""
+"""Leads from recordings and a simulator to the answer, stage by stage."""
 
 import math
 import time
@@ -66,7 +66,7 @@ class Diagnosed:
 
     @property
     def correction(self) -> Correction | None:
-        """Of what the simulator got wrong before anything changed, where a baseline was given."""
+        """Correction of what the simulator got wrong before anything changed, given a baseline."""
         return self.case.correction
 
     @property
@@ -192,7 +192,7 @@ def _preflight(
 
 
 def _step(config: DiagnosisConfig, drives: Drives) -> IntegrationStep:
-    """That the simulator needs for these drives; a user's own factory takes no options."""
+    """Integration step for these drives; a user's own factory takes no options."""
     if engine_of(config.simulator) not in ENGINES:
         return IntegrationStep()
     return fine_enough(

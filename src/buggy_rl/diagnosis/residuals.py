@@ -1,4 +1,4 @@
-"""Where simulator and drives part, and what no effect explains of it."""
+"""Residuals: where simulator and drives part, and what no effect explains of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Region:
     data_share: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "where": {feature: list(bounds) for feature, bounds in self.where.items()},
             "error_share": self.error_share,
@@ -53,7 +53,7 @@ class Interval:
     error_share: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "recording": self.recording,
             "from": self.begin,
@@ -64,7 +64,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Located:
-    """Where the excess error lives."""
+    """Place of the excess error: its channels, regions, intervals and lags."""
 
     channel_share: dict[str, float]
     regions: list[Region]
@@ -73,7 +73,7 @@ class Located:
     """Command -> channel -> time [s] after it at which errors follow it most; nan for none."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "channel_share": self.channel_share,
             "regions": [region.to_dict() for region in self.regions],
@@ -227,7 +227,7 @@ def _intervals(segments, instants, error, names) -> list[Interval]:
 
 
 def _lags(segments: Segments, instants: Tensor, change: Tensor) -> dict[str, dict[str, float]]:
-    """When errors follow changes of a command: the largest correlation at a positive lag.
+    """Lags at which errors follow changes of a command: the largest correlation at a positive lag.
 
     Commands are differenced first (prewhitened): a held command is like itself at any lag.
     """
@@ -265,7 +265,7 @@ class Unexplained:
     excess: float
     """Excess misfit."""
     share: float
-    """Of the excess that there was at first."""
+    """Share of the excess that there was at first."""
     channel: dict[str, float]
     """Share of each channel in it."""
     depends_on: list[str]

@@ -125,7 +125,7 @@ def standing_covariance(residuals: Tensor, sensed: Tensor, shrinkage: float) -> 
 
 
 def best_shrinkage(residuals: Tensor, sensed: Tensor, fold: Tensor) -> float:
-    """The one of `SHRINKAGES` under which each fold [N] is likeliest, given the others.
+    """Value of `SHRINKAGES` under which each fold [N] is likeliest, given the others.
 
     A segment has as many numbers as there are segments: their sample covariance is singular.
     """
@@ -158,7 +158,7 @@ class Correction:
     """What a simulator gets wrong on its baseline, as far as a network closes it."""
 
     effect: ResidualAcceleration | None
-    """At its strength; None where it did not help on what was held out."""
+    """Correction at its strength; None where it did not help on what was held out."""
     covariance: Tensor
     """[D, D] of what remains wrong, for `noise_model`."""
     before: float
@@ -168,7 +168,7 @@ class Correction:
     held_out: Tensor
     """|W e|^2 / D [N] of the baseline segments, network and covariance from the other folds."""
     noise: NoiseModel
-    """Of the baseline segments, the covariance from the other folds."""
+    """Noise model of the baseline segments, the covariance from the other folds."""
 
     @property
     def note(self) -> str:
@@ -179,7 +179,7 @@ class Correction:
         return f"{was}, with a correction learned there by {self.after:.2g}: so much is its own"
 
     def simulation(self, simulation: Simulation) -> Simulation:
-        """Of the corrected simulator."""
+        """Simulation of the corrected simulator."""
         if self.effect is None:
             return simulation
         return replace(simulation, standing=(self.effect,))

@@ -28,7 +28,7 @@ def body_of(simulator: Any) -> VehicleDimensions | None:
 
 
 def most_yaw_inertia(body: VehicleDimensions) -> float:
-    """Most that a body can have [kg m^2]: SLAB m (length^2 + width^2) / 12."""
+    """Largest yaw inertia that a body can have [kg m^2]: SLAB m (length^2 + width^2) / 12."""
     width = body.track_width + body.wheel_width
     return SLAB * body.mass * (body.length**2 + width**2) / 12
 

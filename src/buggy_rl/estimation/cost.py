@@ -41,7 +41,7 @@ class Cost:
     """Processes among which large batches are divided."""
 
     def seconds(self, environments: int, rows: int, share: float = 0.0) -> float:
-        """Of a rollout.
+        """Seconds of a rollout.
 
         Args:
             environments: B.
@@ -113,7 +113,7 @@ def _reset(simulation: Simulation, environments: int) -> float:
 
 
 def _one_each(effects: Sequence[str]) -> ParameterSets:
-    """As many sets as effects, each with one of them, so that all stand in the stack."""
+    """Makes as many sets as effects, each with one of them, so that all stand in the stack."""
     values: dict[str, dict[str, torch.Tensor]] = {}
     for index, effect in enumerate(effects):
         own = {p.name: torch.full((len(effects),), p.value) for p in effect_class(effect).declared}

@@ -30,7 +30,7 @@ DISPERSIONS = torch.logspace(0, 3, 31, dtype=torch.float64)  # [noise variances]
 
 @dataclass(frozen=True)
 class Evidence:
-    """Of one hypothesis."""
+    """Evidence of one hypothesis."""
 
     log_evidence: float
     """[nats] at the best spread, variation and dispersion."""
@@ -141,7 +141,7 @@ class BaselineMisfit:
     """Excess misfit of a simulator on recordings on which it counts as right."""
 
     mean: float = 0.0
-    """Below 0 where the sensor is less noisy than it is taken for."""
+    """Mean excess misfit; below 0 where the sensor is less noisy than it is taken for."""
     error: float = 0.0
     """Standard error of the mean over as many blocks as the new recordings have."""
 
@@ -178,7 +178,7 @@ NO_BASELINE = BaselineMisfit()
 
 
 def baseline_misfit(square: Tensor, group: Tensor, others: int) -> BaselineMisfit:
-    """From the spread between blocks: what a simulator gets wrong differs between recordings.
+    """Misfit by the spread between blocks: what a simulator gets wrong differs between recordings.
 
     Args:
         square: [N] |W e|^2 / D of segments of baseline recordings.
@@ -253,7 +253,7 @@ def _to_first_order(fit: Fit, vectors: Tensor) -> Tensor:
 def rewhitened(
     problem: Problem, fit: Fit, known: CrossValidated, change: Tensor, group: Tensor
 ) -> CrossValidated:
-    """Under another noise model, without a rollout: held out at the same numbers.
+    """Cross-validation under another noise model, without a rollout: at the same numbers.
 
     Args:
         problem: With the new noise model.
@@ -312,7 +312,7 @@ def jackknife(
 def advantage(
     noise: NoiseModel, dispersion: float, better: CrossValidated, worse: CrossValidated
 ) -> float:
-    """Of `better` over `worse`, on what was held out [nats]."""
+    """Advantage of `better` over `worse`, on what was held out [nats]."""
     return float(
         (noise.loss(worse.square, dispersion) - noise.loss(better.square, dispersion)).sum()
     )

@@ -19,7 +19,7 @@ class Estimate:
     """One fitted parameter."""
 
     parameter: Parameter
-    """As declared, with the value the fit started from."""
+    """Parameter as declared, with the value the fit started from."""
     value: float
     low: float
     """Lower end of the 95 % interval."""

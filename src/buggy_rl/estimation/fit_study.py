@@ -232,7 +232,7 @@ def _digests(asked: Question) -> Question:
 
 
 def model_file(config: StudyConfig, name: str) -> Path:
-    """Where a model of the study lies."""
+    """File of a model of the study."""
     return Path(config.output) / "models" / f"{file_name(name)}.pt"
 
 

@@ -35,7 +35,7 @@ class Fit(Hypothesis):
         return self.whitened.square().sum(-1)
 
     def __getitem__(self, rows: Tensor) -> "Fit":
-        """On some of the segments."""
+        """Fit on some of the segments."""
         jacobian = None if self.jacobian is None else self.jacobian[rows]
         return replace(self, whitened=self.whitened[rows], jacobian=jacobian)
 
@@ -52,7 +52,7 @@ class Problem:
     """Squares are divided by it: the mean squared standardised residual that is expected."""
 
     def __getitem__(self, index: Tensor) -> "Problem":
-        """On some of the segments."""
+        """Problem on some of the segments."""
         return replace(self, segments=self.segments[index], noise=self.noise[index])
 
     def whitened(self, rows: Sequence[tuple[Hypothesis, Tensor]]) -> list[Tensor]:
@@ -135,7 +135,7 @@ def fitted(
 def _best(
     problem: Problem, fits: Mapping[int, Fit], steps: Mapping[int, Sequence[Hypothesis]]
 ) -> dict[int, Fit]:
-    """Of each fit the best of its steps; the fit itself where none is better.
+    """Best of the steps of each fit; the fit itself where none is better.
 
     The first, which most often is the best, comes with its derivatives; in a small batch all do.
     """
@@ -152,7 +152,7 @@ def _best(
 
 
 def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> list[Hypothesis]:
-    """Where damped steps lead; none where the first is expected to gain nothing."""
+    """Hypotheses to which damped steps lead; none where the first is expected to gain nothing."""
     curvature, score = normal_equations(problem, fit)
     hessian = curvature.sum(0) + torch.diag(fit.prior**-2)
     gradient = score.sum(0) + fit.vector / fit.prior**2
@@ -210,7 +210,7 @@ def _differences(fit: Hypothesis) -> list[Tensor]:
 
 
 def _with_derivatives(fit: Fit, steps: Sequence[Tensor], moved: Sequence[Tensor]) -> Fit:
-    """By one-sided differences, from whitened residuals [N, D] at each step; as it is without."""
+    """Fit with one-sided differences of whitened residuals [N, D] at each step, if any."""
     if not steps:
         return fit
     columns = [(m - fit.whitened) / float(s.sum()) for m, s in zip(moved, steps, strict=True)]

@@ -107,7 +107,7 @@ class Hypothesis:
 
     @property
     def as_stamped(self) -> "Hypothesis":
-        """Without the clock's coordinate: commands act when they are stamped.
+        """Hypothesis without the clock's coordinate: commands act when they are stamped.
 
         A clock offset belongs to a recording. A simulator's file holds none, so what a file
         predicts is what its hypothesis predicts as stamped.
@@ -169,7 +169,7 @@ class Library:
 
     @property
     def names(self) -> list[str]:
-        """All that a hypothesis may hold; a parameter that is an effect has that name alone."""
+        """Names that a hypothesis may hold; a parameter that is an effect has that name alone."""
         own = self.parameters if self.own else ()
         return [*self.effects, *(OWN + n for n in own if n not in self.inside.replaced)]
 

@@ -51,7 +51,7 @@ class Inside:
         return {own[0].parameter for own in self.changes.values() if len(own) == 1}
 
     def parameters_of(self, effect: str) -> tuple[str, ...]:
-        """Those that an effect changes; none where it is wrapped around the simulator."""
+        """Parameters that an effect changes; none where it is wrapped around the simulator."""
         return tuple(c.parameter for c in self.changes.get(effect, ()))
 
     def bounded(self, effect: str, number: EffectParameter) -> EffectParameter:

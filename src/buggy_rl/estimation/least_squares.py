@@ -116,7 +116,7 @@ class RolloutResiduals:
         return jackknife(curvature, score, precision, group, information)[1].numpy()
 
     def with_free_starts(self, scaled: NDArray) -> "RolloutResiduals":
-        """The same with rollouts that start as measured, each start off by an unknown noise.
+        """Residuals of rollouts that start as measured, each start off by an unknown noise.
 
         To first order the residual of a segment is e + A b, b ~ N(0, S) its start error; b
         integrated out leaves the covariance s^2 I + A S A^T, whitened here. s is the scatter of

@@ -65,7 +65,7 @@ class ParabolaResponse:
 
 @cache
 def parabola_response(rho: float, rows: int) -> ParabolaResponse:
-    """Of a parabola over so many rows, to noise whose rows are correlated by rho^|lag|."""
+    """Response of a parabola over so many rows to noise whose rows are correlated by rho^|lag|."""
     middle = savgol_coeffs(rows, 2)
     rest = -middle
     rest[rows // 2] += 1.0

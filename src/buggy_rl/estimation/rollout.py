@@ -42,7 +42,7 @@ class ParameterSets:
         return len(next(iter((*values, *self.parameters.values(), self.clock_offset))))
 
     def map(self, change: Callable[[Tensor], Tensor]) -> "ParameterSets":
-        """The same with every tensor changed."""
+        """Sets with every tensor changed."""
         return ParameterSets(
             {e: {p: change(v) for p, v in values.items()} for e, values in self.effects.items()},
             {name: change(v) for name, v in self.parameters.items()},
@@ -56,7 +56,7 @@ ALONE = Workers(1)
 
 
 def tell_nobody(environments: int, rows: int) -> None:
-    """Of a rollout that has ended."""
+    """Tells nobody of a rollout that has ended."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,15 @@ class Simulation:
     standing: Sequence[Effect] = ()
     """Effects in every rollout, with one value for all environments."""
     options: Options = field(default_factory=dict)
-    """Of effects under test: what they must know of this simulator."""
+    """Options of effects under test: what they must know of this simulator."""
     workers: Workers = ALONE
-    """Among which parameter sets are divided; then `make` and effects can be pickled."""
+    """Processes among which parameter sets are divided; then `make` and effects can be pickled."""
     rolled: Callable[[int, int], None] = tell_nobody
     """Told of every rollout when it has ended: environments and steps."""
 
     @property
     def alone(self) -> "Simulation":
-        """The same in one process that tells nobody, which can be pickled."""
+        """Simulation in one process that tells nobody, which can be pickled."""
         return replace(self, workers=ALONE, rolled=tell_nobody)
 
     def apart(

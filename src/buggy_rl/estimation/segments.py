@@ -91,7 +91,7 @@ class Segments:
         return replace(self, **parts)
 
     def shortened(self, rows: int) -> "Segments":
-        """The same, of rollouts of so many rows."""
+        """Segments of rollouts of so many rows."""
         length = self.start + rows + 1
         parts = ("pose", "velocity", "smooth_pose", "smooth_velocity", "action")
         return replace(self, **{name: getattr(self, name)[:, :length] for name in parts})
@@ -101,7 +101,7 @@ class Segments:
         return self.recording * 1_000_000 + self.row // self.pose.shape[1]
 
     def spread(self, most: int) -> "Segments":
-        """At most so many of them, spread evenly over the recordings."""
+        """Segments spread evenly over the recordings, at most so many of them."""
         if len(self) <= most:
             return self
         return self[torch.linspace(0, len(self) - 1, most).round().long()]

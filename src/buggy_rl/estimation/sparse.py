@@ -31,11 +31,11 @@ class Proposal:
 
     start: Hypothesis
     loss: float
-    """Of the superposition, with its prior penalty [nats]."""
+    """Loss of the superposition, with its prior penalty [nats]."""
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Its effects, sorted."""
+        """Effects of the proposal, sorted."""
         return tuple(sorted(self.start.effects))
 
 
@@ -56,7 +56,7 @@ class Secants:
     def of(
         cls, problem: Problem, base: Fit, trials: Sequence[Fit], removals: Sequence[Fit] = ()
     ) -> "Secants":
-        """From rollouts of trials and removals; the base has its derivatives."""
+        """Makes secants from rollouts of trials and removals; the base has its derivatives."""
         assert base.jacobian is not None
         moves = [fit.whitened - base.whitened for fit in (*removals, *trials)]
         columns = [base.whitened.unsqueeze(-1), base.jacobian, torch.stack(moves, -1)]

@@ -43,7 +43,7 @@ class ComparedSimulator:
     make: Callable[[int], EnvBase]
     """Builds it for a number of cars."""
     filter_width: int = 1
-    """It is started from velocities filtered by a past mean of so many rows; 1: as measured."""
+    """Rows of the past mean that filters the velocities at the start; 1: as measured."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ class HeldOut:
 
     segments: Segments
     recordings: Sequence[Recording]
-    """That they were cut from."""
+    """Recordings that the segments were cut from."""
 
 
 def held_out_segments(recordings: Sequence[Recording], count: int) -> HeldOut:
-    """At most `count` segments over whole held-out recordings.
+    """Cuts at most `count` segments over whole held-out recordings.
 
     Raises:
         ValueError: The recordings are too short for a single one.

@@ -39,7 +39,7 @@ class Workers:
         self._closed = False
 
     def __reduce__(self) -> tuple[type["Workers"], tuple[int]]:
-        """In another process there is nobody else."""
+        """Pickles one process alone: in another process there is nobody else."""
         return Workers, (1,)
 
     def __enter__(self) -> Self:

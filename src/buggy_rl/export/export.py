@@ -1,4 +1,4 @@
-"""From best.pt to the files of the car, once runtime and training were seen to agree."""
+"""Makes the files of the car from best.pt, once runtime and training were seen to agree."""
 
 import tempfile
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ class ExportConfig:
     random_steps: int = 1000
     """Steps on random poses and velocities that are compared."""
     seed: int = 0
-    """Of those."""
+    """Seed of the random steps."""
     threads: int = 1
     """Threads of PyTorch."""
 

@@ -86,7 +86,7 @@ def _finite(motion: np.ndarray) -> np.ndarray:
 
 
 def _limits(replay: ReplayedSegment, column: int) -> tuple[float, float]:
-    """Around all lines of a column, but no further from the measured one than `MARGIN`."""
+    """Limits around all lines of a column, but no further from the measured one than `MARGIN`."""
     own = replay.measured[:, column]
     low, high = float(own.min()), float(own.max())
     margin = MARGIN * max(high - low, LEAST_EXTENT)

@@ -34,7 +34,7 @@ class Panels:
 
 
 def inspection_figure(panels: Panels) -> Figure:
-    """All of it on one sheet."""
+    """Draws maps, coverage and delays on one sheet."""
     figure = Figure(figsize=(13, 10), layout="constrained")
     parts: Any = figure.subfigures(3, 1, height_ratios=[1.6, 1, 1])
     maps, coverage, delays = parts

@@ -95,7 +95,7 @@ def situation_figure(errors: InstantErrors) -> Figure:
 
 
 def _scale(size: np.ndarray) -> Normalize:
-    """From 0 to the brightest quantile; noise alone is 1."""
+    """Scale of colours from 0 to the brightest quantile; noise alone is 1."""
     most = float(np.quantile(size, BRIGHTEST)) if len(size) else 0.0
     return Normalize(0.0, max(most, 2.0))
 

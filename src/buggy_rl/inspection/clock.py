@@ -29,7 +29,7 @@ class RowStamps:
     """[T] s, without the jumps of a clock that was set."""
     evidence: str
     jumps: list[Jump] = field(default_factory=list)
-    """Where it was set."""
+    """Jumps at which the clock was set."""
 
     @property
     def period(self) -> float:
@@ -49,7 +49,7 @@ class RowStamps:
 
     @property
     def seconds(self) -> float:
-        """From the first stamp to the last [s]."""
+        """Time from the first stamp to the last [s]."""
         return float(self.t[-1] - self.t[0])
 
 

@@ -41,16 +41,16 @@ class Guess:
     """`table.column`."""
     evidence: str
     unit: str = ""
-    """Of the file, where it is not the standard one."""
+    """Unit of the column in the file, where it is not the standard one."""
     sign: float = 1.0
     values: ndarray | None = None
     """[N] of a command, on the grid of the signals."""
     delay: float | None = None
-    """From a command to what it does [s]."""
+    """Time from a command to what it does [s]."""
     strength: float = 0.0
     """Absolute correlation."""
     centre: float = 0.0
-    """Of a steering command: its value on straight paths."""
+    """Value of a steering command on straight paths."""
 
     @property
     def middle(self) -> float:

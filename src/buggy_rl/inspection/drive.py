@@ -37,7 +37,7 @@ class DriveFacts:
     name: str
     raw: RawDrive | None = None
     clocks: dict[str, RowStamps] = field(default_factory=dict)
-    """By table."""
+    """Time stamps by table."""
     pose: Pose | None = None
     others: list[Pose] = field(default_factory=list)
     """Further plausible poses."""

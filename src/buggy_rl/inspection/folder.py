@@ -39,7 +39,7 @@ class ColumnFacts:
     """What it is, or may be; empty where nothing is known."""
 
     def line(self) -> str:
-        """All of it in words."""
+        """Says all facts of the column in words."""
         blank = f", {self.blank:.0%} blank" if self.blank else ""
         guess = f": {self.guess}" if self.guess else ""
         return f"{self.name}: {self.low:.5g} to {self.high:.5g}, {self.rate:.3g} Hz{blank}{guess}"
@@ -140,7 +140,7 @@ class Inspection:
     first: list[str]
     """What to know before anything else, one line each."""
     columns: list[ColumnFacts]
-    """Of the longest drive: every numeric column."""
+    """Every numeric column of the longest drive."""
 
 
 def inspect_folder(

@@ -42,7 +42,7 @@ class Pose:
     degrees: bool
     """Yaw is in degrees."""
     sign: float
-    """Of yaw."""
+    """Sign of yaw."""
     xy: ndarray
     """[T, 2] m."""
     yaw: ndarray
@@ -51,7 +51,7 @@ class Pose:
     cosine: float
     """Mean of course minus yaw while moving; of its magnitude where the car reverses."""
     unit: str = "m"
-    """Of the position in the file."""
+    """Unit of the position in the file."""
     backward: float = 0.0
     """Share of the moving time in which the course is against the heading."""
 

@@ -24,7 +24,7 @@ class RawDrive:
 
     name: str
     tables: dict[str, Table]
-    """By the file's name without its ending; an only table by "", so that drives compare."""
+    """Tables by the file's name without its ending; an only table by "", so that drives compare."""
     files: dict[str, str]
     """The same names -> names of the files."""
 
@@ -174,11 +174,11 @@ class ColumnResponse:
     column: str
     correlation: float
     lag: float
-    """By which the signal follows the column [s]."""
+    """Time by which the signal follows the column [s]."""
     slope: float
-    """Of the column's values per unit of the signal, at that lag."""
+    """Change of the column's values per unit of the signal, at that lag."""
     offset: float
-    """Of the column where the signal is zero."""
+    """Value of the column where the signal is zero."""
 
 
 def make_signals(

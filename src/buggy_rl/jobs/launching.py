@@ -1,4 +1,4 @@
-"""Where jobs run (this machine, Ray, Slurm), and the lost ones started again."""
+"""Runs jobs on this machine, Ray or Slurm, and starts the lost ones again."""
 
 import importlib
 import time
@@ -28,7 +28,7 @@ LAUNCHERS = ("local", "ray", "submitit")
 
 @dataclass(frozen=True, kw_only=True)  # so that fields of those who inherit it come first
 class Launching:
-    """Where independent jobs run; their results do not depend on it."""
+    """Place where independent jobs run; their results do not depend on it."""
 
     launcher: Literal["local", "ray", "submitit"] = "local"
     """local, ray (a cluster of machines) or submitit (Slurm); docs/policies.md."""
@@ -77,7 +77,7 @@ class Local:
         return Process(command)
 
     def close(self) -> None:
-        """Nothing but the jobs was started."""
+        """Does nothing: only jobs were started."""
 
 
 def make_launcher(launching: Launching, workers: int) -> Launcher:

@@ -43,7 +43,7 @@ class OnSubmitit:
         self._cluster = options.pop("cluster", "slurm")
 
     def start(self, command: Command) -> "SubmittedHandle":
-        """Submits one.
+        """Submits one job.
 
         Raises:
             ValueError: submitit does not take the options, or finds no such cluster.
@@ -62,7 +62,7 @@ class OnSubmitit:
         return SubmittedHandle(self._submitit, job, command)
 
     def close(self) -> None:
-        """Nothing but the jobs was started."""
+        """Does nothing: only jobs were started."""
 
 
 class Attended:

@@ -70,7 +70,7 @@ class Scores:
     """Scores of each episode; all [N], on the device of the environment."""
 
     waypoints: Tensor
-    """Closed."""
+    """Waypoints closed."""
     kept_on: Tensor
     """Share of the steps before the car left the path or, with a track reset, for which it was not
     held; 1 also when the path was completed."""
@@ -79,7 +79,7 @@ class Scores:
     lateral_rms: Tensor
     """Root mean square of it [m]."""
     lateral_max: Tensor
-    """Largest of it [m]."""
+    """Largest distance from the path [m]."""
     heading_mean: Tensor
     """Mean absolute heading error [rad]."""
     speed: Tensor

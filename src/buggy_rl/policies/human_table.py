@@ -19,18 +19,18 @@ from buggy_rl.policies.people import LIMITS, DriveConfig, LiveStep
 
 @dataclass(frozen=True)
 class DriveNote:
-    """One drive."""
+    """Options and result of one drive."""
 
     driver: str
     """human or scripted."""
     input: str
     """keyboard, gamepad, joystick or pure_pursuit."""
     simulator: str
-    """As it was named."""
+    """Simulator as it was named."""
     course: str
-    """Likewise."""
+    """Course as it was named."""
     seed: int
-    """Of the simulator's noise."""
+    """Seed of the simulator's noise."""
     date: str
     """Begin, ISO 8601."""
     limit: float
@@ -38,17 +38,17 @@ class DriveNote:
     finished: bool = False
     """The drive ended by its own rules; false while it goes on and if it was broken off."""
     seconds: float = 0.0
-    """Driven [s]."""
+    """Time driven [s]."""
     waypoints: int = 0
-    """Closed."""
+    """Waypoints closed."""
     overruns: int = 0
     """Steps that came more than a period late."""
     slipped: float = 0.0
-    """By which real time ran ahead of the drive [s]; above 0 it was driven slower than real."""
+    """Time by which real time ran ahead of the drive [s]; above 0: driven slower than real."""
 
     @classmethod
     def of(cls, config: DriveConfig) -> "DriveNote":
-        """At the begin of a drive."""
+        """Makes the note at the begin of a drive."""
         scripted = config.driver == "scripted"
         who, what = ("scripted", "pure_pursuit") if scripted else ("human", config.driver)
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
@@ -56,7 +56,7 @@ class DriveNote:
         return cls(who, what, config.simulator, config.course, config.seed, date, limit)
 
     def ended(self, last: LiveStep, deadlines: Deadlines) -> "DriveNote":
-        """At the end of the drive that `last` is the last row of."""
+        """Note at the end of the drive that `last` is the last row of."""
         return replace(
             self,
             finished=True,

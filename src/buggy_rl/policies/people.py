@@ -35,23 +35,23 @@ class HumanConfig:
     """How keys and sticks become commands."""
 
     silence: float = 0.08
-    """After so long without a message the command is neutral [s]; a step later it is applied."""
+    """Time without a message after which the command is neutral [s]; a step later it is applied."""
     top_throttle: float = 0.0
     """Throttle that the forward key goes to, in (-1, 1]; 0 is half of the drive."""
     throttle_rise: float = 1.0
-    """Of the forward key [1/s]; from no drive to half takes 1 s."""
+    """Rate of the forward key [1/s]; from no drive to half takes 1 s."""
     throttle_fall: float = 4.0
-    """After it was released [1/s]."""
+    """Rate after the forward key was released [1/s]."""
     lock: float = 1.0
     """Steering that a steering key goes to, in (0, 1]."""
     steering_rise: float = 4.0
-    """Of a steering key [1/s]."""
+    """Rate of a steering key [1/s]."""
     steering_fall: float = 8.0
-    """Back towards the middle [1/s]."""
+    """Rate back towards the middle [1/s]."""
     dead_zone: float = 0.08
-    """Of a stick about its middle."""
+    """Dead zone of a stick about its middle."""
     two_way: bool = False
-    """For a car with brakes and reverse: no drive is throttle 0, not -1."""
+    """Whether the car brakes and reverses: no drive is throttle 0, not -1."""
 
     def __post_init__(self) -> None:
         check_human(self)
@@ -81,21 +81,21 @@ class DriveConfig:
     course: CourseName = "lap"
     """lap, infinity, random, or none for a floor without waypoints."""
     seconds: float = 0.0
-    """Of driving at most [s]; 0 is the original study's length (10, random 5), none 60."""
+    """Driving time at most [s]; 0 is the original study's length (10, random 5), none 60."""
     driver: DriverName = "keyboard"
     """keyboard or gamepad in the browser, joystick on this machine, or scripted (pure pursuit)."""
     countdown: float = 3.0
-    """Before the car may drive [s]; none for a scripted driver."""
+    """Time before the car may drive [s]; none for a scripted driver."""
     view: bool = True
     """Shows the drive in the browser; a keyboard or gamepad needs it."""
     camera: Literal["chase", "top"] = "chase"
-    """Behind the car, or above it; C changes it."""
+    """Camera behind the car, or above it; C changes it."""
     port: int = 0
-    """Of the page with the keys, on 127.0.0.1; 0 takes a free one."""
+    """Port of the page with the keys, on 127.0.0.1; 0 takes a free one."""
     human: HumanConfig = field(default_factory=HumanConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     seed: int = 0
-    """Of the simulator's noise, if it has any."""
+    """Seed of the simulator's noise, if it has any."""
     threads: int = 1
     """Threads of PyTorch."""
 
@@ -116,7 +116,7 @@ class DriveConfig:
 
     @property
     def steps(self) -> int:
-        """Of the longest drive."""
+        """Steps of the longest drive."""
         return round(self.seconds / CONTROL_PERIOD) if self.seconds else LIMITS[self.course]
 
 
@@ -125,11 +125,11 @@ class LiveStep:
     """One step: the motion before it, its command, and how far the car had come."""
 
     time: float
-    """Since the start [s]."""
+    """Time since the start [s]."""
     values: tuple[float, ...]
     """[8] pose, velocity, action, as a recording's columns."""
     waypoints: int = 0
-    """Closed when the step was over."""
+    """Waypoints closed when the step was over."""
     following: int = 0
     """Index of the next waypoint before the step."""
     done: bool = False

@@ -33,7 +33,7 @@ class BlindDemoConfig:
     output: str = MISSING
     """Folder of drives, answer and picture; what is sealed lies in OUTPUT_sealed."""
     seed: int = -1
-    """Below 0: that of the case in OUTPUT, or a random one."""
+    """Seed of the case; below 0: that of the case in OUTPUT, or a random one."""
     effects: int = 1
     """How many are concealed, 0 to 3."""
     seconds: float = 45.0
@@ -47,7 +47,7 @@ class BlindDemoConfig:
 
     @property
     def store(self) -> CaseStore:
-        """Where it lies."""
+        """Store of the case."""
         return CaseStore(Path(self.output), Path(f"{self.output}_sealed"))
 
 
@@ -98,7 +98,7 @@ def _residuals(file: Path, segments: Segments) -> Tensor:
 
 
 def _with_start(rows: Tensor) -> TensorDict:
-    """With the start itself as the first row."""
+    """Rows with the start itself as the first one."""
     begin = torch.cat([torch.zeros_like(rows[:, :1, :3]), rows[:, :1, 3:]], -1)
     whole = torch.cat([begin, rows], 1)
     return TensorDict({keys.POSE: whole[..., :3], keys.VELOCITY: whole[..., 3:]}, whole.shape[:2])

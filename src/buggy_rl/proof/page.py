@@ -22,7 +22,7 @@ GOOD, BAD = COLOURS[1], COLOURS[0]
 
 
 def pictures(score: Score) -> dict[str, Picture]:
-    """All of them, by the end of their file's name; those without a case are left out."""
+    """Pictures by the end of their file's name; those without a case are left out."""
     found = {"figures": targets(score.rows), "classes": classes(score.breakdown)}
     if score.calibration:
         found["confidence"] = _confidence(score)
@@ -263,7 +263,7 @@ def reason(o: ScoredCase) -> str:
 
 
 def _outside(o: ScoredCase) -> str:
-    """Of a case outside the library."""
+    """Why an answer to a case outside the library did not pass."""
     if o.verdict == "no_mismatch":
         return "not seen"
     return "taken for what the library has" if o.sure_and_wrong else "named, though not surely"
@@ -280,7 +280,7 @@ def _undecidable(o: ScoredCase) -> list[str]:
 
 
 def _missed(o: ScoredCase) -> list[str]:
-    """Of effects of the library."""
+    """Why an answer about effects of the library did not pass."""
     if not o.said:
         return ["not seen" if o.verdict == "no_mismatch" else "no name earned its place"]
     truth = set(o.case.truth)

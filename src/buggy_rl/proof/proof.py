@@ -70,7 +70,7 @@ class ProofConfig(Launching):
 
     @property
     def store(self) -> CaseStore:
-        """Where its cases lie."""
+        """Store of its cases."""
         output = Path(self.output)
         sealed = Path(self.sealed) if self.sealed else Path(f"{output}_sealed")
         return CaseStore(output, sealed, Path(self.hashes) if self.hashes else None)

@@ -25,13 +25,13 @@ class CameraConfig:
     """
 
     position_noise: float = 0.0007
-    """Of each of x and y [m]."""
+    """Noise of each of x and y [m]."""
     yaw_noise: float = 0.002
-    """Of yaw [rad]."""
+    """Noise of yaw [rad]."""
     velocity_noise: float = 0.025
-    """Of each of vx and vy [m/s]."""
+    """Noise of each of vx and vy [m/s]."""
     yaw_rate_noise: float = 0.03
-    """Of the yaw rate [rad/s]."""
+    """Noise of the yaw rate [rad/s]."""
     lever_arm_x: float = 0.0
     """Position of the camera ahead of its nominal one [m]."""
     lever_arm_y: float = 0.0
@@ -84,7 +84,7 @@ class Camera:
         self._generator = torch.Generator().manual_seed(seed)
 
     def measure(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        """Measured from true motion.
+        """Measured pose and velocity of true motion.
 
         z(t) = S f(p + L)(t - latency) + b + e,  e ~ N(0, sigma^2), with L the lever arm and
         rotation of the camera, f the filter, S the scales and b the gyroscope bias; a drifting

@@ -98,7 +98,7 @@ class TrackerMount:
     x: float = 0.0
     """Ahead of the reference point [m]."""
     y: float = 0.0
-    """To the left of the reference point [m]."""
+    """Position of the tracker to the left of the reference point [m]."""
     yaw: float = 0.0
     """Rotation of the tracker to the left of the car [rad]."""
 
@@ -108,7 +108,7 @@ class SourceTable:
     """One of several tables of a drive."""
 
     file: str = MISSING
-    """In the folder of the drive, e.g. `pose.csv`; names then read `pose.x`."""
+    """File of the table in the folder of the drive, e.g. `pose.csv`; names then read `pose.x`."""
     time: dict[str, str] = field(default_factory=dict)
     """Columns of the stamp and their units, which add up: `{sec: s, nanosec: ns}`."""
 

@@ -1,4 +1,4 @@
-"""From paths to recordings; a refused recording does not stop the others."""
+"""Loads recordings from paths; a refused recording does not stop the others."""
 
 import glob
 from collections import Counter

@@ -1,4 +1,4 @@
-"""From the columns of a file to SI units, body frame and commands in [-1, 1]."""
+"""Converts the columns of a file to SI units, body frame and commands in [-1, 1]."""
 
 from collections.abc import Mapping
 

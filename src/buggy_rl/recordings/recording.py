@@ -31,7 +31,7 @@ class Recording:
     dt: float
     """Control period [s]."""
     source: str = ""
-    """The file."""
+    """File that it was read from."""
     notes: list[str] = field(default_factory=list)
     """What was cut or derived while reading, one line each."""
     command: LongitudinalCommand = ONE_WAY

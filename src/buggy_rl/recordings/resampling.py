@@ -1,4 +1,4 @@
-"""From checked rows to a uniform grid, and the filters of recorded velocities."""
+"""Resamples checked rows to a uniform grid, and filters recorded velocities."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

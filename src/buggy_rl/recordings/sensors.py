@@ -32,7 +32,7 @@ class SensorErrors:
     leaps: float = 0.0
     """Glitches a minute: the position leaps and returns."""
     leap: float = 0.3
-    """How far [m]."""
+    """Length of a leap [m]."""
     freezes: float = 0.0
     """Times a minute that the pose repeats bit for bit for a few rows."""
     holes: float = 0.0

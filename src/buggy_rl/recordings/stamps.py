@@ -24,7 +24,7 @@ class Jump(NamedTuple):
     row: int
     """The first row after it."""
     size: float
-    """By how much [s]; negative where it was set back."""
+    """Time by which the clock was set [s]; negative where it was set back."""
 
     def __str__(self) -> str:
         way = "back" if self.size < 0 else "forward"

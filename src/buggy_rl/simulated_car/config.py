@@ -22,17 +22,17 @@ class SimulatedCarConfig:
     camera: CameraConfig = field(default_factory=CameraConfig)
     """Errors of the camera; without noise a car that stands looks like a frozen sensor."""
     seed: int = 0
-    """Of the camera's noise."""
+    """Seed of the camera's noise."""
     speed: float = 1.0
-    """Of time; 4 drives a minute in 15 s where the simulator keeps up."""
+    """Speed of time; 4 drives a minute in 15 s where the simulator keeps up."""
     x: float = 0.0
-    """Where the car starts [m]."""
+    """Position along x at the start [m]."""
     y: float = 0.0
-    """Likewise [m]."""
+    """Position along y at the start [m]."""
     yaw: float = 0.0
-    """Likewise [rad]."""
+    """Heading at the start [rad]."""
     failsafe: float = 0.0
-    """Without a write for so long the board's own hardware makes neutral [s]; 0 has none."""
+    """Time without a write after which the board's own hardware makes neutral [s]; 0 has none."""
     compiled: bool = False
     """PyTorch compiles the reference car: 10 s to start, then 1 ms a step instead of 4."""
 

@@ -102,13 +102,13 @@ class SimulatedCar:
         return self.ask("state")["now"]
 
     def close(self) -> None:
-        """Stops it."""
+        """Stops the process."""
         self._process.terminate()
         self._process.wait()
         self._folder.cleanup()
 
     def __enter__(self) -> "SimulatedCar":
-        """The car."""
+        """Enters with the car as it runs."""
         return self
 
     def __exit__(
@@ -117,7 +117,7 @@ class SimulatedCar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stops it."""
+        """Stops the car."""
         # It may have stopped by itself, or not stop.
         with contextlib.suppress(OSError, subprocess.TimeoutExpired):
             self.ask("stop")

@@ -31,7 +31,7 @@ class OnCarConfig:
     course: str = "lap"
     """lap, infinity, random, or a CSV of waypoints."""
     seconds: float = 10.0
-    """Of driving [s]."""
+    """Driving time [s]."""
     pursuit: dict[str, float] = field(default_factory=dict)
     """Settings of the pursuit, as pursuit.speed=1.5; src/buggy_rl/car/path.py lists them."""
     safety: dict[str, float] = field(default_factory=dict)

@@ -144,7 +144,7 @@ class SimulatedBoard:
         return True
 
     def acting(self) -> Command:
-        """What acts now."""
+        """Command that acts now."""
         with self._lock:
             last = self._log[-1]
             silent = self._clock.now() - last[0]

@@ -20,7 +20,7 @@ class Passage:
     past: deque[Reading]
     """The readings so far, the present one last."""
     held: Reading
-    """The one before the fault began."""
+    """Reading before the fault began."""
     size: float
     """How bad: of a jump [m], of a step of the clock [s], of a drift [m/s]."""
     count: int = 0

@@ -152,7 +152,7 @@ def _received(link: socket.socket) -> bytes:
 
 
 def main(arguments: list[str]) -> None:
-    """The process."""
+    """Runs the process of the simulated car."""
     file, address, *family = arguments
     parent = Parent(int(family[0]), family[1] == "1") if family else Parent(0)
 

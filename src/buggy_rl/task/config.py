@@ -55,8 +55,8 @@ class TaskConfig:
 
     paths: PathConfig = field(default_factory=PathConfig)
     transforms: dict[str, TransformConfig] = field(default_factory=default_transforms)
-    """By place: last_action, command, noise, filter, clip, waypoints, target_speed, observation,
-    history, leave_path, path_end, rewards, step_limit, or a place of one's own."""
+    """Transforms by place: last_action, command, noise, filter, clip, waypoints, target_speed,
+    observation, history, leave_path, path_end, rewards, step_limit, or a place of one's own."""
 
 
 def evaluation_transforms(transforms: dict[str, TransformConfig]) -> dict[str, TransformConfig]:

@@ -35,7 +35,7 @@ class Alternative:
 
     effects: tuple[str, ...]
     nats: float
-    """By which it is worse than the selected one."""
+    """Nats by which it is worse than the selected one."""
     excess: float
     """Excess misfit on what was held out."""
     log_evidence: float | None = None
@@ -57,7 +57,7 @@ class Alternative:
         return sorted(alternatives, key=lambda a: a.nats)[:WRITTEN]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "causes": self.effects,
             "nats": self.nats,
@@ -81,7 +81,7 @@ class Answer:
     """The closest ones, best first."""
     notes: list[str] = field(default_factory=list)
     posterior: Posterior | None = None
-    """Of all sets that were fitted."""
+    """Posterior of all sets that were fitted."""
     manoeuvres: list[DecisionRate] = field(default_factory=list)
     """How probably each decides between the leading hypotheses, the highest first."""
     equivalents: list[Equivalents] = field(default_factory=list)
@@ -91,16 +91,16 @@ class Answer:
     sensors: list[SensorFinding] = field(default_factory=list)
     """What sensors beside the tracker say without a simulator."""
     form: list[FormFault] = field(default_factory=list)
-    """Where the repaired simulator is wrong to one side, the largest first."""
+    """Faults of form, where the repaired simulator is wrong to one side, the largest first."""
     repair: Repair = field(default_factory=Repair)
     """What `repaired.yaml` has, as it was validated."""
     left_out: list[str] = field(default_factory=list)
-    """For which there was no time, in words; `notes` say it."""
+    """Parts for which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
     """What must be known before anything else, such as commands that do not predict the motion."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes the content of `diagnosis.json`."""
         return _finite(
             {
                 "schema": SCHEMA,

@@ -55,7 +55,7 @@ class Behaviour:
         return f"{self.words}: car {value} {unit} ({low} to {high}), simulator {given} {unit}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return asdict(self)
 
 
@@ -73,11 +73,11 @@ class Tested:
 
     @property
     def size(self) -> float:
-        """Of which a form error is a share; not below what matters, so that no interval is 0."""
+        """Size of which a form error is a share; no less than what matters: no interval is 0."""
         return max(abs(self.value), abs(self.given), self.quantity.least, FINEST)
 
     def half_width(self, form: FormError) -> float:
-        """Of its 95 % interval."""
+        """Half width of its 95 % interval."""
         return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
 
 
@@ -132,7 +132,7 @@ def driven_of(case: DiagnosisCase) -> Driven:
 
 
 def differing(found: Sequence[Behaviour]) -> list[Behaviour]:
-    """Those that differ, the clearest first."""
+    """Quantities that differ, the clearest first."""
     return sorted((b for b in found if b.differs), key=_clearness, reverse=True)
 
 
@@ -214,12 +214,12 @@ class FormFault:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return asdict(self)
 
 
 def form_faults(problem: Problem, found: SearchResult) -> list[FormFault]:
-    """Of the best description, the largest first; one for each channel at most."""
+    """Form faults of the best description, the largest first; one for each channel at most."""
     best = found.described.fit
     settings = problem.library.settings([(best, best.vector)])
     residual = problem.simulation.residuals(problem.segments, settings)[0]  # (N, K, 6)

@@ -25,15 +25,15 @@ class Equivalents:
     """Effects in each other's place."""
 
     effects: tuple[str, ...]
-    """The one of the best hypothesis, then the others, the most probable first."""
+    """Effects: that of the best hypothesis, then the others, the most probable first."""
     probability: float
-    """Of all sets with any of them."""
+    """Probability of all sets with any of them."""
     shares: tuple[float, ...]
     """Probability of the first, and of each of the others in its place."""
     nats: float
-    """By which the predictions of the least alike of them differ from the first one's."""
+    """Nats by which the predictions of the least alike of them differ from the first one's."""
     sentences: tuple[str, ...]
-    """Of each, with its numbers."""
+    """Sentence of each, with its numbers."""
     decided_by: str = ""
     """Manoeuvre that is predicted to decide; empty where none is."""
 
@@ -46,7 +46,7 @@ class Equivalents:
         return f"Either {', or '.join(self.sentences)}: these recordings cannot tell [{text}]."
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "effects": list(self.effects),
             "probability": self.probability,
@@ -131,6 +131,6 @@ def alike(found: SearchResult, effect: str, least: float) -> dict[str, float]:
 
 
 def probability_of_any(found: SearchResult, effects: Sequence[str]) -> float:
-    """Of all sets with at least one of some effects."""
+    """Probability of all sets with at least one of some effects."""
     sets = found.posterior.sets.items()
     return min(1.0, sum(p for own, p in sets if {*own} & {*effects}))

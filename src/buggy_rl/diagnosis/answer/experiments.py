@@ -37,9 +37,9 @@ class DecisionRate:
     """How probably a manoeuvre decides."""
 
     manoeuvre: str
-    """Its name."""
+    """Name of the manoeuvre."""
     words: str
-    """For a driver."""
+    """Words for a driver."""
     rate: float
     """Probability with which the true one of `between` is decided afterwards."""
     expected: float
@@ -48,11 +48,11 @@ class DecisionRate:
     """The leading hypotheses, the most probable first."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return asdict(self)
 
     def line(self) -> str:
-        """What to drive, and why."""
+        """Says what to drive, and why."""
         names = " and ".join("+".join(effects) or "nothing" for effects in self.between)
         return (
             f"{self.words}, {TIMES} times, each facing another way (expected to decide between "
@@ -66,7 +66,7 @@ def manoeuvre_suggestions(rates: Sequence[DecisionRate]) -> list[str]:
 
 
 def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
-    """Of every manoeuvre, the highest first; none where nothing is left open.
+    """Decision rates of every manoeuvre, the highest first; none where nothing is left open.
 
     Args:
         problem: What was driven, with the noise model and dispersion that the search came to.
@@ -132,7 +132,7 @@ def _rates(
 
 
 def _rolled_out(problem: Problem, truth: Candidate, known: Sequence[Candidate]) -> list[_Manoeuvre]:
-    """Every manoeuvre."""
+    """Rolls out every manoeuvre."""
     recordings, outside = simulated(problem, truth)
     segments = cut_segments(recordings, problem.segments.horizon * problem.segments.dt, 1.0)
     settings = problem.library.settings([(truth.fit, truth.fit.vector)])

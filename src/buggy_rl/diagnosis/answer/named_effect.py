@@ -89,7 +89,7 @@ class NamedEffect:
         return f"{self.sentence[:1].upper()}{self.sentence[1:]} [{text}]."
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "name": self.name,
             "kind": self.kind,

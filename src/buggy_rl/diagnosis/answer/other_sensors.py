@@ -57,7 +57,7 @@ class SensorFinding:
     """Bounds of the 95 % interval."""
 
     def line(self) -> str:
-        """In words; a pose that comes before the gyroscope has the two exchanged."""
+        """Says it in words; a pose that comes before the gyroscope has the two exchanged."""
         words, ends = self.words, (self.value, self.low, self.high)
         if self.name == "pose_lateness" and self.value < 0:
             words, ends = EARLY, (-self.value, -self.high, -self.low)
@@ -68,7 +68,7 @@ class SensorFinding:
         return f"{words} {value} {unit} ({low} to {high})"
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return asdict(self)
 
 

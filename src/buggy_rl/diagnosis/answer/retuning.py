@@ -24,9 +24,9 @@ class Retuned:
     """A simulator whose own parameters were fitted to the recordings."""
 
     values: dict[str, float]
-    """All of them."""
+    """Values of all its parameters."""
     wrong: list[NamedEffect]
-    """Those that have certainly moved, the farthest first; their gain is still open."""
+    """Parameters that have certainly moved, the farthest first; their gain is still open."""
     covariance: Tensor
     """[P, P] of all their normalised values, in the order of the simulator's declaration."""
 

@@ -30,7 +30,7 @@ class Section:
     """What is told to be done; empty for what takes no time."""
     say: Say
     part: Part | None = None
-    """Of the plan, which is asked for time."""
+    """Part of the plan, which is asked for time."""
     otherwise: Say | None = None
     """What is said where there is no time for it."""
     left_out: str = ""

@@ -29,7 +29,7 @@ from buggy_rl.estimation.hypothesis import OWN
 
 @dataclass(frozen=True)
 class Confidence:
-    """Of one effect of the best hypothesis."""
+    """Confidence in one effect of the best hypothesis."""
 
     probability: float
     alternatives: dict[str, float]
@@ -39,7 +39,7 @@ class Confidence:
 
 
 def confidences(found: SearchResult, posterior: Posterior) -> dict[str, Confidence]:
-    """Of each effect of the best hypothesis, by the posterior of all sets."""
+    """Confidence in each effect of the best hypothesis, by the posterior of all sets."""
     result = {}
     for effect in found.best.effects:
         others = posterior.in_place_of(effect)

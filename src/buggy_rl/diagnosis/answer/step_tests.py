@@ -63,7 +63,7 @@ class Driven:
 
     @classmethod
     def of(cls, segments: Segments, rest: float) -> "Driven":
-        """What segments show."""
+        """Speeds and commands that segments show."""
         speed = segments.smooth_velocity[..., 0].flatten()
         throttle, steering = segments.action.flatten(0, 1).unbind(-1)
         ahead = speed > 0
@@ -80,7 +80,7 @@ class Driven:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Of the tests, in the order of `step_tests`."""
+        """Quantities of the tests, in the order of `step_tests`."""
         lock, slow = f"{self.lock:.2f}", f"{self.slow:.2g} m/s"
         return (
             Quantity(

@@ -9,16 +9,16 @@ class Condition:
     """A quantity of what was driven."""
 
     words: str
-    """In a sentence."""
+    """Words in a sentence."""
     unit: str = ""
     listed: str = ""
-    """In the report's list of regions; empty for `words`."""
+    """Words in the report's list of regions; empty for `words`."""
     listed_unit: str = ""
     """The unit there; empty for `unit`."""
     scale: float = 1.0
     """How many of the unit of the report are 1 of what is computed with."""
     varying: str = ""
-    """Of a segment's mean, with which an effect's numbers vary; empty for `words`."""
+    """Words for a segment's mean, with which an effect's numbers vary; empty for `words`."""
 
 
 CONDITIONS = {
@@ -43,7 +43,7 @@ CONDITIONS = {
     "x": Condition("position", "m", listed="position x"),
     "y": Condition("position", "m", listed="position y"),
 }
-"""Name of `localisation.features`, or of `constancy.conditions` -> its words."""
+"""Name of `residuals.drive_features`, or of `constancy.conditions` -> its words."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class ReadingWords:
     words: str
     unit: str
     fault: str = ""
-    """Where a simulator is wrong to one side in it; empty for `words`."""
+    """Words for what a simulator gets wrong to one side; empty for `words`."""
     listed: str = ""
-    """In the report; empty for `words`."""
+    """Words in the report; empty for `words`."""
 
 
 READINGS = {

@@ -33,9 +33,9 @@ class YawResponse:
     """Shares of the yaw rate's variance that commands explain where they were not fitted."""
 
     given: float
-    """By the steering column."""
+    """Share that the steering column explains."""
     exchanged: float
-    """By the throttle column in its place."""
+    """Share that the throttle column explains in its place."""
     steers: bool
     """Whether it is steered and rolls: nothing is expected of a constant steering, nor of a car
     that slides or stands."""

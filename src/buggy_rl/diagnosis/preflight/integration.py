@@ -22,7 +22,7 @@ class IntegrationStep:
     """The integration step with which a simulator is looked at."""
 
     options: dict[str, Any] = field(default_factory=dict)
-    """Of the simulator, where it is not the one that it was given with."""
+    """Options of the simulator, where its step is not the one that it was given with."""
     note: str = ""
 
 

@@ -63,7 +63,7 @@ class Repair:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it."""
+        """Makes its entry in `diagnosis.json`."""
         return {
             "values": {effect: dict(own) for effect, own in self.values.items()},
             "position_median": {f"{horizon:g} s": of for horizon, of in self.median.items()},

@@ -43,7 +43,7 @@ class Proof:
         return tuned < after and self.retuned[SAID] < self.after[SAID]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `diagnosis.json` has it, under `fit`."""
+        """Makes its entry in `diagnosis.json`, under `fit`."""
         squares = ("before", "after", "retuned", "noise_floor", "black_box")
         return {
             "metric": "1 s open-loop",

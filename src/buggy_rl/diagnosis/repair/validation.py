@@ -36,9 +36,10 @@ class Errors:
     """Distances of rollouts from what was measured, by horizon [s]."""
 
     mean_square: dict[float, float] = field(default_factory=dict)
-    """Over segments and over time up to the horizon [m^2], the original's equation 5.2."""
+    """Mean square over segments and over time up to the horizon [m^2], the original's equation
+    5.2."""
     median: dict[float, float] = field(default_factory=dict)
-    """Over segments, of the root of each one's own mean square [m]."""
+    """Median over segments of the root of each one's own mean square [m]."""
     square: Tensor = field(default_factory=lambda: torch.empty(0))
     """|W e|^2 / D [N] of the segments that are fitted to, each when it was held out."""
 

@@ -44,7 +44,7 @@ def left_errors(case: DiagnosisCase, found: SearchResult) -> tuple[Simulation, P
 
 
 def errors(case: DiagnosisCase, found: SearchResult) -> InstantErrors:
-    """Of the repaired simulator, or else as given, on all segments, by `localisation.charged`."""
+    """Errors of the repaired simulator, or else as given, on all segments, by `charged`."""
     simulation, settings = left_errors(case, found)
     change, instants = charged(simulation, case.problem.segments, case.problem.noise.sd, settings)
     size = (change.square().mean(-1) / 2).sqrt()  # a difference of two readings has twice the noise
@@ -142,7 +142,7 @@ class Film:
 
     caption: str
     uri: str
-    """Of the picture."""
+    """URI of the picture."""
 
 
 def worst_segment(case: DiagnosisCase, found: SearchResult) -> Film | None:

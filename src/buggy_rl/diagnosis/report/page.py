@@ -98,7 +98,7 @@ Drawing = tuple[str, str]  # caption and SVG element
 
 @dataclass(frozen=True)
 class Pictures:
-    """All that is drawn on the page; what there is nothing to draw of is empty."""
+    """Pictures of the page; what there is nothing to draw of is empty."""
 
     film: Film | None = None
     segments: Sequence[Drawing] = ()
@@ -138,7 +138,7 @@ def something_is_left(answer: Answer) -> bool:
 
 
 def _drawn(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
-    """Replayed segments."""
+    """Draws the replayed segments."""
     result = []
     for replay in replays(case, found):
         end = replay.begin + float(replay.time[-1])
@@ -230,7 +230,7 @@ def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[st
 
 
 def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[str, Any]:
-    """Where errors are that the repair does not explain; nothing where noise is left."""
+    """Places of errors that the repair does not explain; nothing where noise is left."""
     if not something_is_left(answer):
         return {}
     where = answer.located
@@ -246,7 +246,7 @@ def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[s
 
 
 def _alternatives(found: SearchResult, answer: Answer) -> list[tuple[str, list[str], list[str]]]:
-    """Of each effect that was searched for: alternatives not distinguishable, and rejected."""
+    """Alternatives to each effect that was searched for: not distinguishable, and rejected."""
     result = []
     for e in answer.effects:
         if e.name not in found.best.effects:
@@ -281,7 +281,7 @@ def _proof(answer: Answer) -> dict[str, Any]:
 
 
 def _made(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[str]:
-    """What was compared, and how."""
+    """Says what was compared, and how."""
     segments, fit = case.problem.segments, found.best.fit
     seconds = sum(r.duration for r in case.recordings)
     scale = 1000 * fit.coordinates[-1].parameter.size  # [ms] the clock's prior scale

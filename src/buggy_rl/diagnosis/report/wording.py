@@ -48,7 +48,7 @@ def plain(name: str) -> str:
 
 
 def capital(text: str) -> str:
-    """With its first letter in upper case; the others stay as they are."""
+    """Text with its first letter in upper case; the others stay as they are."""
     return text[:1].upper() + text[1:]
 
 

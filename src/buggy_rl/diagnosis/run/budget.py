@@ -24,7 +24,7 @@ class Budget:
     sizes: tuple[float, ...] = TRIAL_SIZES
     """[prior scales] at which each effect is rolled out before anything is fitted."""
     share: float = 1.0
-    """Of the segments."""
+    """Share of the segments."""
     anew: bool = True
     """Whether what is held out is rolled out anew; predicted to first order otherwise."""
     longer: bool = True
@@ -36,7 +36,7 @@ class Budget:
         return sum(self.fitted.values())
 
     def segments(self, count: int) -> int:
-        """Of `count` segments those that are used."""
+        """Number of segments that are used, of `count`."""
         return min(count, max(LEAST_SEGMENTS, round(self.share * count)))
 
     def loss(self, count: int) -> str:

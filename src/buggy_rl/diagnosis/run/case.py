@@ -32,11 +32,11 @@ class DiagnosisCase:
     criteria: Criteria
     drives: Drives
     retuned_from: Simulation | None = None
-    """Of the simulator as it was given, where it has been re-tuned since."""
+    """Simulation of the simulator as it was given, where it has been re-tuned since."""
     budget: Budget = FULL
     """How much the search may roll out."""
     correction: Correction | None = None
-    """Of what the simulator got wrong on its baseline, where one was given."""
+    """Correction of what the simulator got wrong on its baseline, where one was given."""
     tuned: "Retuned | None" = None
     """The simulator's own parameters, where it has been re-tuned."""
 
@@ -47,7 +47,7 @@ class DiagnosisCase:
 
     @property
     def names(self) -> list[str]:
-        """Of the recordings."""
+        """Names of the recordings."""
         return [recording.name for recording in self.recordings]
 
     @property
@@ -57,7 +57,7 @@ class DiagnosisCase:
 
     @property
     def given(self) -> Simulation:
-        """Of the simulator as it was given."""
+        """Simulation of the simulator as it was given."""
         return self.retuned_from or self.problem.simulation
 
     @property

@@ -17,7 +17,7 @@ class Criteria:
     """[N] blocks of segments that are held out together."""
     usual: BaselineMisfit = NO_BASELINE
     baseline: Problem | None = None
-    """On segments on which the simulator counts as right."""
+    """Problem on segments on which the simulator counts as right."""
     rules: SearchConfig = DEFAULTS
     anew: bool = True
     """Whether what is held out is rolled out anew; predicted to first order otherwise."""

@@ -15,11 +15,12 @@ class Drives:
 
     recordings: Sequence[Recording]
     segments: Segments
-    """Of the recordings, as many as are asked for, spread evenly."""
+    """Segments of the recordings, as many as are asked for, spread evenly."""
     longer: Mapping[float, Segments] = field(default_factory=dict)
     """Horizon [s] beyond that of `segments` -> all segments of that length."""
     baseline: Segments | None = None
-    """Of recordings on which the simulator counts as right, likewise spread; None without any."""
+    """Segments of recordings on which the simulator counts as right, likewise spread; None without
+    any."""
 
     @classmethod
     def cut(
@@ -51,7 +52,7 @@ class Drives:
 
 
 def segments_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Segments:
-    """As many segments as are asked for, spread evenly over recordings."""
+    """Cuts as many segments as are asked for, spread evenly over recordings."""
     return cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)
 
 

@@ -27,7 +27,7 @@ class FleetConfig(DiagnosisConfig, Launching):
     recordings: list[str] = field(default_factory=list)
     """Files and folders that it should have predicted."""
     cars: str = ""
-    """In place of recordings: a folder that holds a folder of recordings for each car; each is
+    """Folder, in place of recordings, that holds a folder of recordings for each car; each is
     diagnosed by itself, `workers` at a time on any launcher."""
 
     def __post_init__(self) -> None:

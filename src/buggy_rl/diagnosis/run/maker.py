@@ -20,7 +20,7 @@ class Maker:
     simulator: str | Factory
     """Any engine, .yaml, .pt or file.py:factory, or a factory itself."""
     parameters: Mapping[str, float] | None = None
-    """Of its own, where they are not as its file says."""
+    """Parameters of the simulator, where they are not as its file says."""
     options: Mapping[str, Any] = field(default_factory=dict)
     _built: dict[int, EnvBase] = field(default_factory=dict, repr=False, compare=False)
 

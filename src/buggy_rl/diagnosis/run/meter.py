@@ -25,11 +25,11 @@ class MeterReading:
     left: float
     """Time left [s]."""
     spent: float = 0.0
-    """Since the plan began [s]."""
+    """Time since the plan began [s]."""
 
     @property
     def share(self) -> float:
-        """Of the time, that has passed: steps of few environments take longer than of many."""
+        """Share of the time that has passed: steps of few environments take longer than of many."""
         whole = self.spent + self.left
         return self.spent / whole if whole else 0.0
 
@@ -133,11 +133,11 @@ class StepBar:
         self._bar.close()
 
     def says(self, text: str) -> None:
-        """What is being done."""
+        """Shows what is being done."""
         self._bar.set_description_str(text)
 
     def show(self, reading: MeterReading) -> None:
-        """How far it is."""
+        """Shows how far it is."""
         self._bar.bar_format = PLANNED
         self._bar.total, self._bar.n = 1.0, reading.share
         done, planned = (tqdm.format_sizeof(n) for n in (reading.done, reading.planned))

@@ -23,7 +23,7 @@ class Opened:
     """A simulator, and the library that is compared with it."""
 
     simulation: Simulation
-    """With what effects must know of the simulator."""
+    """Simulation with what effects must know of the simulator."""
     library: Library
     """What the simulator may lack, or have wrong."""
     notes: list[str]

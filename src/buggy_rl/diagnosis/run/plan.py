@@ -34,7 +34,7 @@ class Question:
     """What the size of a diagnosis depends on."""
 
     segments: int
-    """Of the recordings, all that there are up to `stretches`."""
+    """Segments of the recordings, all that there are up to `stretches`."""
     rows: int
     """Steps of one."""
     trials: int
@@ -49,20 +49,20 @@ class Question:
 
 @dataclass(frozen=True)
 class Rollout:
-    """One of the plan."""
+    """Rollouts of one size within a plan."""
 
     stage: Stage
     environments: int
     rows: int
     share: float = 0.0
-    """Of the library's effects that stand in the stack."""
+    """Share of the library's effects that stand in the stack."""
     times: int = 1
     part: str = ""
     """`round`, `refitted` or `longer`, which may be left out where time is up."""
 
     @property
     def steps(self) -> int:
-        """Of environments."""
+        """Steps of environments."""
         return self.environments * self.rows * self.times
 
 
@@ -78,12 +78,12 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """Expected [s]."""
+        """Expected run time [s]."""
         return sum(map(self._seconds, self.rollouts))
 
     @property
     def steps(self) -> int:
-        """Of environments, expected."""
+        """Steps of environments, expected."""
         return sum(r.steps for r in self.rollouts)
 
     def before(self, stage: Stage) -> tuple[float, int]:
@@ -201,7 +201,7 @@ def _rolled_trials(environments: int, rows: int, part: str = "") -> Iterator[Rol
 
 
 def _fits(sets: int, count: int, rows: int, budget: Budget, part: str = "") -> Iterator[Rollout]:
-    """Of one batch: start, steps, derivatives where a damped one was best, held out."""
+    """Rollouts of one batch: start, steps, derivatives where a damped one was best, held out."""
     many, times = sets * count, min(USUAL, budget.iterations)
     yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5, part=part)
     yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times, part)

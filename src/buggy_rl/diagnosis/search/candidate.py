@@ -23,7 +23,7 @@ class Candidate:
 
     @property
     def effects(self) -> Effects:
-        """Of the hypothesis."""
+        """Effects of the hypothesis."""
         return self.fit.effects
 
     @property

@@ -28,7 +28,8 @@ class HypothesisEvidence:
     sd: tuple[float, ...]
     """[prior scales] standard deviation of each by leaving out blocks."""
     correlation: tuple[float, ...]
-    """Of each pair of coordinates, row by row below the diagonal; earlier ledgers have none."""
+    """Correlation of each pair of coordinates, row by row below the diagonal; earlier ledgers have
+    none."""
     at_bound: tuple[str, ...]
     """Effects with a number at a bound of its range."""
     held_out: tuple[float, ...]
@@ -95,7 +96,7 @@ class CaseEvidence:
     dispersion: float
     """[noise variances] that the search came to."""
     hypotheses: tuple[HypothesisEvidence, ...]
-    """All that were fitted, the simulator as given among them; the most evident first."""
+    """Hypotheses that were fitted, the simulator as given among them; the most evident first."""
 
     @property
     def fitted(self) -> list[HypothesisEvidence]:
@@ -123,7 +124,7 @@ class CaseEvidence:
 
     @property
     def rounded(self) -> "CaseEvidence":
-        """The same with `DIGITS` digits of every number."""
+        """Evidence with `DIGITS` digits of every number."""
         return CaseEvidence.from_dict(rounded(self.to_dict()))
 
     def to_dict(self) -> dict[str, Any]:

@@ -27,11 +27,11 @@ class Variation:
     """How much better an effect would do if its parameters were not the same in all segments."""
 
     condition: str = ""
-    """With which they change most significantly."""
+    """Condition with which the parameters change most significantly."""
     closes: float = 0.0
     """Excess misfit that is closed more, on what was held out."""
     nats: float = 0.0
-    """By which it does better there."""
+    """Nats by which it does better there."""
 
 
 def conditions(segments: Segments, instants: Tensor) -> dict[str, Tensor]:

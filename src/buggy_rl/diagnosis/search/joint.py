@@ -67,12 +67,12 @@ class JointSearch:
     proposed: list[Proposal]
     """All sets, by the loss of their superposition about the simulator as given."""
     left_out: tuple[str, ...] = ()
-    """For which there was no time, in words."""
+    """Parts for which there was no time, in words."""
 
     def result(
         self, posterior: Posterior, varying: Callable[[Effects], Mapping[str, str]]
     ) -> SearchResult:
-        """With the most probable answer as the best; nothing, where that is most probable.
+        """Result with the most probable answer as the best; nothing, where that is most probable.
 
         Args:
             posterior: Of what was fitted.
@@ -260,7 +260,7 @@ def _about(state: State, key: Effects, criteria: Criteria, budget: Budget) -> St
 def _secants(
     problem: Problem, base: Fit, removals: Sequence[Fit], sizes: Sequence[float]
 ) -> Secants:
-    """About a base, on some of the segments: they only propose what is fitted to all."""
+    """Secants about a base, on some of the segments: they only propose what is fitted to all."""
     few, [at, *less] = thinned(problem, LOOKED_AT, [base, *removals])
     return Secants.of(few, at, few.rolled_out(trials(problem, base, sizes)), less)
 

@@ -28,7 +28,7 @@ class Limit:
     numbers: Mapping[str, str]
     """Number of `becomes` -> that of `effect` which it is then."""
     words: str
-    """Added to the sentence of `becomes`."""
+    """Words added to the sentence of `becomes`."""
 
 
 def covers_what_was_driven(candidate: Candidate, segments: Segments) -> bool:

@@ -109,7 +109,7 @@ def _hypothesis(
 
 
 def _correlation(covariance: torch.Tensor) -> tuple[float, ...]:
-    """Of each pair of numbers, row by row below the diagonal."""
+    """Correlation of each pair of numbers, row by row below the diagonal."""
     sd = covariance.diagonal().clamp_min(1e-12).sqrt()
     rows, columns = torch.tril_indices(len(sd), len(sd), -1)
     return tuple((covariance / torch.outer(sd, sd))[rows, columns].tolist())

@@ -23,7 +23,7 @@ from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
-"""One, or an array of them."""
+"""Number, or an array of them."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class FormError:
     """A factor of the deviation by leaving out blocks, and two shares of a number."""
 
     chance: float = 1.0
-    """Of the deviation by leaving out blocks, which does not see what all blocks share."""
+    """Factor of the deviation by leaving out blocks, which does not see what all blocks share."""
     always: float = 0.0
-    """By which a number is off although nothing remains."""
+    """Share by which a number is off although nothing remains."""
     remains: float = 1.0
-    """Of what remains."""
+    """Share of what remains."""
 
     def sd(self, z: Numbers, by_blocks: Numbers, share: Numbers) -> Numbers:
         """Standard deviation of a number z [prior scales]."""
@@ -59,7 +59,7 @@ class Calibration:
     unknown: Mapping[str, float]
     """Feature of a case -> weight for physics that no effect describes."""
     form_error: FormError = field(default_factory=FormError)
-    """Of numbers: by how much more they are off than by chance."""
+    """Form error of numbers: by how much more they are off than by chance."""
     cases: int = 0
     """Cases that the weights were fitted to; 0 where they are not from any."""
     step_error: FormError = field(default_factory=FormError)
@@ -78,11 +78,11 @@ class Posterior:
     sets: Mapping[Effects, float]
     """Set of effects, sorted -> probability; the empty one is nothing."""
     unknown: float
-    """That no effect describes what is missing."""
+    """Probability that no effect describes what is missing."""
 
     @property
     def nothing(self) -> float:
-        """That nothing is missing."""
+        """Probability that nothing is missing."""
         return self.sets.get((), 0.0)
 
     @property
@@ -107,7 +107,7 @@ class Posterior:
         return median if median in named else max(named, key=lambda e: named[e], default=())
 
     def merged(self, same: Mapping[Effects, Effects]) -> "Posterior":
-        """With the probability of sets that are another one in other words added to that one's.
+        """Posterior with sets that are another one in other words counted as that one.
 
         Args:
             same: Set -> the one that it is the same as.
@@ -119,11 +119,11 @@ class Posterior:
         return Posterior(sets, self.unknown)
 
     def of(self, effect: str) -> float:
-        """That an effect is missing, alone or beside others."""
+        """Probability that an effect is missing, alone or beside others."""
         return sum(p for effects, p in self.sets.items() if effect in effects)
 
     def whatever_else(self, effect: str) -> float:
-        """That an effect is missing if effects are at all, whatever else may be missing."""
+        """Probability that an effect is missing if any are, whatever else may be missing."""
         named = 1.0 - self.nothing - self.unknown
         return self.of(effect) / named if named > 0 else 0.0
 
@@ -147,7 +147,7 @@ def certainly_missing(whatever_else: float, probability: float) -> bool:
 
 
 def posterior(case: CaseEvidence, calibration: Calibration | None = None) -> Posterior:
-    """Of what was observed of a search, by the shipped calibration unless another is given.
+    """Posterior of what was observed of a search, by the shipped calibration unless one is given.
 
     What the calibration's cases cannot rule out (`Calibration.lapse`) goes to unknown physics.
     """
@@ -167,7 +167,7 @@ def _score(features: Mapping[str, float], weights: Mapping[str, float]) -> float
 
 @cache
 def shipped() -> Calibration:
-    """What the package comes with."""
+    """Calibration that the package comes with."""
     return load_calibration(SHIPPED)
 
 

@@ -16,7 +16,7 @@ from buggy_rl.estimation.noise_model import NoiseModel, noise_model
 
 
 def held_out_loss(noise: NoiseModel, dispersion: float, candidate: Candidate) -> float:
-    """Of a candidate on what was held out, with its prior penalty [nats]."""
+    """Loss of a candidate on what was held out, with its prior penalty [nats]."""
     losses = noise.loss(candidate.cross_validated.square, dispersion)
     return float(losses.sum() + candidate.fit.penalty())
 
@@ -30,9 +30,9 @@ class SearchResult:
     noise: NoiseModel
     dispersion: float
     posterior: Posterior
-    """Of the sets that were fitted, of nothing, and of what no effect describes."""
+    """Posterior of the sets that were fitted, of nothing, and of what no effect describes."""
     log_evidence: Mapping[Effects, float] = field(default_factory=dict)
-    """Of each hypothesis [nats]."""
+    """Log evidence of each hypothesis [nats]."""
     varies: Mapping[str, str] = field(default_factory=dict)
     """Effect of the best hypothesis -> condition that its numbers vary with, where they do."""
     same: Mapping[Effects, Effects] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class SearchResult:
         return replace(problem, noise=self.noise, dispersion=self.dispersion)
 
     def loss(self, candidate: Candidate) -> float:
-        """On what was held out, with its prior penalty [nats]."""
+        """Loss on what was held out, with its prior penalty [nats]."""
         return held_out_loss(self.noise, self.dispersion, candidate)
 
     def without(self, effect: str) -> float:
@@ -100,11 +100,11 @@ class State:
         return leading(self.tried.values(), self.loss)
 
     def loss(self, candidate: Candidate) -> float:
-        """On what was held out, with its prior penalty [nats]."""
+        """Loss on what was held out, with its prior penalty [nats]."""
         return held_out_loss(self.problem.noise, self.problem.dispersion, candidate)
 
     def dispersed(self, dispersion: float) -> "State":
-        """Under another dispersion, of at least 1."""
+        """State under another dispersion, of at least 1."""
         return replace(self, problem=replace(self.problem, dispersion=max(1.0, dispersion)))
 
 

@@ -161,7 +161,7 @@ class SpeedRamp(RememberingCommand):
 
 
 class LeastSpeed(CommandEffect):
-    """Below the least speed that it controls, the controller lets the car roll; above, all acts.
+    """Least speed that the controller controls: below, it lets the car roll; above, all acts.
 
     A sensorless motor cannot be controlled at a crawl. Unlike a dead band it takes nothing from the
     setpoints above: at the least speed the command jumps.
@@ -235,7 +235,7 @@ class SpeedIntegral(CommandEffect):
     coasting: tuple[float, float] = (0.5, 0.25)
     """c0 [m/s^2] and c1 [1/s] of the simulated car without a force of the motor."""
     speed_gain: float = 10.0
-    """Of the simulated controller: acceleration over the speed that is missing [1/s]."""
+    """Gain of the simulated controller: acceleration over the speed that is missing [1/s]."""
     full_speed: float = 5.0
     """Setpoint of a full command [m/s]."""
 

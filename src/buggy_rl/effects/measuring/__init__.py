@@ -140,7 +140,7 @@ def _assign(options: Options, names: list[str], measured: Mapping[str, Any]) -> 
 
 
 def _dimensions(make: Make, typical: VehicleDimensions) -> VehicleDimensions:
-    """Of the simulator: as it says itself, or else as its steps show."""
+    """Dimensions of the simulator: as it says itself, or else as its steps show."""
     says = getattr(make(1), "vehicle", None)
     return measured_dimensions(make, typical) if says is None else says()
 
@@ -157,7 +157,7 @@ def _lock(lock: float | None) -> dict[str, Any]:
 
 
 def _declared_lock(make: Make) -> float | None:
-    """Of a simulator that declares its steering."""
+    """Steering lock of a simulator that declares its steering; None for any other."""
     values = getattr(make(1), "values", {})
     locks = [
         float((values[name] * (values[bend].tanh() if bend else 1.0)).max())
@@ -184,4 +184,4 @@ _PARTS: dict[str, Callable[[Make, VehicleDimensions, Mapping[str, Any]], dict[st
 """What a simulator shows, each of its car and of what the parts before it in the chain showed."""
 
 CHAINS = (("drive", "tyres"), ("servo", "body", "command"))
-"""Of parts. Those of one follow each other: tyres need the drive's coasting."""
+"""Chains of parts. Those of one follow each other: tyres need the drive's coasting."""

@@ -109,7 +109,7 @@ def _sliding(
 def _side_forces(
     d: VehicleDimensions, angle: Tensor, at_cg: Tensor, after: Tensor, dt: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Of one slide, velocities [41, 3] of the centre of gravity before and after a step."""
+    """Side forces of one slide, velocities [41, 3] of the centre of gravity around a step."""
     nothing = torch.zeros_like(at_cg)
     motion = Motion(nothing, at_cg, after, nothing[:, :2], dt)
     ax, ay, yaw = motion.acceleration

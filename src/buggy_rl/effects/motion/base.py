@@ -206,7 +206,7 @@ class MotionEffect(Effect):
         """Change [n, 3] of the velocity of the centre of gravity over the step, body frame."""
 
     def _change_and_state(self, motion: Motion) -> tuple[Tensor, Tensor | None]:
-        """That change, and the latent state [n, state_size] after the step, where there is one."""
+        """Change of the velocity, and the latent state [n, state_size] after the step, if any."""
         return self._change(motion), None
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:

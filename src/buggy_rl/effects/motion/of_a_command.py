@@ -36,7 +36,7 @@ class DragBrake(MotionEffect):
     onset: float = 0.0
     """Drive in 0..1 at which the simulated motor begins to give force."""
     reverse_onset: float = 0.0
-    """Likewise of brake and reverse."""
+    """Command in 0..1 at which the simulated brake and reverse begin to give force."""
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

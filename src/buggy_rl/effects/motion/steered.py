@@ -27,7 +27,7 @@ class FrontAxle:
 
 
 def steered_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle) -> Tensor:
-    """Where the front axle moves, plus the slip angle that gives its side force.
+    """Direction in which the front axle moves, plus the slip angle that gives its side force.
 
     delta = atan2(vy + a r, |vx|) + (c D / C) tan(asin(F_f / (D N_f)) / c), negative in reverse,
     where wheels that are turned to the left point to the right of where they roll. F_f =

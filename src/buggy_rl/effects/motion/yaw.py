@@ -100,7 +100,7 @@ class OneSidedDrag(YawEffect):
 
     @classmethod
     def _force(cls, values: Mapping[str, float], car: VehicleDimensions) -> tuple[float, float]:
-        """Of the wheel, over the car's mass [N/kg] and as it is [N]: I dr/dt = F t / 2."""
+        """Force of the wheel, over the car's mass [N/kg] and as it is [N]: I dr/dt = F t / 2."""
         moment = car.yaw_inertia * abs(values["yaw_acceleration"])
         force = moment / (0.5 * car.track_width)
         return force / car.mass, force

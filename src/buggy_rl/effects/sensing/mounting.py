@@ -1,4 +1,4 @@
-"""Where the sensor is mounted and in which direction, its scale factor and its bias."""
+"""Mounting of the sensor: its place, direction, scale factor and bias."""
 
 import math
 from collections.abc import Mapping

@@ -78,7 +78,7 @@ class FrictionChange:
 
     @classmethod
     def of(cls, numbers: Tensor, axles: slice, two_way: bool = False) -> Self:
-        """From all the numbers side by side [19] and the axles that are driven."""
+        """Makes a change from all the numbers side by side [19] and the axles that are driven."""
         front_arm, rear_arm, mass, yaw_inertia = numbers[:4].unbind()
         friction, stiffness, shape = numbers[4:10].view(3, 2, 1).unbind()
         speed_loss, resistance = numbers[10:14].view(2, 2).unbind()
@@ -102,7 +102,7 @@ class FrictionChange:
 
     @property
     def share(self) -> Tensor:
-        """Of the weight, [2, 1]: b / L and a / L."""
+        """Shares of the weight, [2, 1]: b / L and a / L."""
         return torch.stack([self.rear_arm, self.front_arm]).unsqueeze(-1) / self.wheelbase
 
     @property

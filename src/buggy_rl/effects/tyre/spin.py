@@ -47,7 +47,7 @@ class DrivenAxles:
     dt: Tensor
     """Control period [s]."""
     axles: slice
-    """Those of front and rear axle that are driven."""
+    """Front and rear axle, those that are driven."""
 
     @property
     def shares(self) -> Tensor:

@@ -19,13 +19,13 @@ class SpeedConfig:
     """How fast to drive, and the throttle for it."""
 
     top_speed: Number = field(default=3.2, metadata=within(1.5, 4.0))
-    """On a straight [m/s]."""
+    """Speed on a straight [m/s]."""
     lateral_acceleration: Number = field(default=5.0, metadata=within(2.0, 9.0))
-    """In a bend [m/s^2]."""
+    """Lateral acceleration in a bend [m/s^2]."""
     braking: Number = field(default=1.5, metadata=within(0.4, 4.0))
     """Deceleration counted on without drive [m/s^2]."""
     unseen_speed: Number = field(default=2.0, metadata=within(1.0, 4.0))
-    """To be slowed down to by the last waypoint in sight: what comes after may bend [m/s]."""
+    """Speed to be slowed down to by the last waypoint in sight: what comes after may bend [m/s]."""
     drive_at_rest: Number = field(default=0.2, metadata=within(0.1, 0.3))
     """Drive in 0..1 that just moves the car."""
     drive_per_speed: Number = field(default=0.07, metadata=within(0.02, 0.15))
@@ -66,7 +66,7 @@ def heading(step: Tensor) -> Tensor:
 
 
 def curvature(waypoints: Tensor) -> Tensor:
-    """Of the circle through each three waypoints in a row [*, W - 2] [1/m], positive to the left.
+    """Curvature of circles through three waypoints in a row [*, W - 2] [1/m], positive to the left.
 
     kappa = 2 (a x b) / (|a| |b| |a + b|)
     """

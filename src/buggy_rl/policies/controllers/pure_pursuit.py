@@ -32,7 +32,7 @@ class PurePursuitConfig:
     seconds: Number = field(default=0.12, metadata=within(0.0, 0.4))
     """Further look-ahead for each m/s [s]."""
     delay: Number = field(default=0.1, metadata=within(0.0, 0.25))
-    """From a command to the car's answer [s]."""
+    """Time from a command to the car's answer [s]."""
     full_lock: Number = field(default=0.36, metadata=within(0.25, 0.5))
     """Road-wheel angle at steering 1 [rad]."""
     understeer: Number = field(default=0.03, metadata=within(0.0, 0.15))

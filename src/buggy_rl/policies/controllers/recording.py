@@ -32,7 +32,7 @@ class RecordConfig:
     seconds: float = 40.0
     """Length of each [s]."""
     seed: int = 0
-    """Of the starts, the driver and the camera's noise."""
+    """Seed of the starts, the driver and the camera's noise."""
     format: str = "csv"
     """csv or parquet."""
     prefix: str = "drive"

@@ -22,7 +22,7 @@ class Driver(Protocol):
     """Who drives about the room."""
 
     def start_pose(self, batch_size: Sequence[int]) -> Tensor:
-        """Where its cars start, [*batch, 3]."""
+        """Poses at which its cars start, [*batch, 3]."""
         ...
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -39,11 +39,11 @@ class RoomConfig:
     clearance: float = 0.3
     """Kept between the tracking sensor and a wall [m]."""
     turning_radius: float = 0.75
-    """Of a slow turn at 80 % of the lock [m]."""
+    """Radius of a slow turn at 80 % of the lock [m]."""
     lateral_acceleration: float = 5.5
-    """That a fast turn reaches [m/s^2]."""
+    """Lateral acceleration that a fast turn reaches [m/s^2]."""
     reaction: float = 0.2
-    """From seeing to the car's answer [s]."""
+    """Time from seeing to the car's answer [s]."""
     drive_at_rest: float = 0.22
     """Drive in 0..1 that just moves the car."""
     drive_per_speed: float = 0.1

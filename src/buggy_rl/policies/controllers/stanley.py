@@ -34,7 +34,7 @@ class StanleyConfig:
     softening: Number = field(default=1.0, metadata=within(0.2, 3.0))
     """Added to the speed, so that a slow car does not steer wildly [m/s]."""
     delay: Number = field(default=0.1, metadata=within(0.0, 0.25))
-    """From a command to the car's answer [s]."""
+    """Time from a command to the car's answer [s]."""
     full_lock: Number = field(default=0.36, metadata=within(0.25, 0.5))
     """Road-wheel angle at steering 1 [rad]."""
     understeer: Number = field(default=0.03, metadata=within(0.0, 0.15))

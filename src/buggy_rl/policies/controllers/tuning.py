@@ -26,9 +26,9 @@ class TuningConfig:
     """Extent of a search, and what its result must keep to."""
 
     steps: int = 1000
-    """Of each drive of the search."""
+    """Steps of each drive of the search."""
     rounds: int = 4
-    """Of the search, each nearer to the best so far."""
+    """Rounds of the search, each nearer to the best so far."""
     lateral_limit: float = 0.15
     """RMS distance from the path that the best may have [m]; when nothing keeps to it, the one that
     strays least is taken."""
@@ -36,7 +36,7 @@ class TuningConfig:
     """Share of steps that the best may be outside what a learned simulator was trained on: what
     such a simulator says of faster drivers is worth little."""
     seed: int = 0
-    """Of the search."""
+    """Seed of the search."""
 
 
 @dataclass(frozen=True)

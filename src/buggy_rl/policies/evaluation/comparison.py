@@ -34,7 +34,7 @@ class Comparison:
     """What the runs of all groups say together."""
 
     bands: dict[tuple[str, str], pd.DataFrame]
-    """By group and metric: mean, low and high over the steps that all its runs have."""
+    """Bands by group and metric: mean, low and high over the steps that all its runs have."""
     table: pd.DataFrame
     """A row for each group and metric: final and best value, mean and sd over its runs."""
     differences: pd.DataFrame

@@ -92,7 +92,7 @@ class DrivenTrack:
     velocity: Tensor
     """[T + 1, 3]"""
     waypoints: float
-    """Closed."""
+    """Waypoints closed."""
     lateral_mean: float
     """Mean distance from the path [m]."""
 
@@ -108,7 +108,7 @@ class Panel:
     """[W, 2] of the path; a closed one ends where it begins."""
     track: DrivenTrack
     compared: DrivenTrack
-    """Pure pursuit's."""
+    """Drive of pure pursuit on the same path."""
 
 
 def policy_panels(

@@ -83,7 +83,7 @@ class Result:
     place: str
     course: str
     scores: Scores
-    """Of all its drives; [seeds * drives]."""
+    """Scores of all its drives; [seeds * drives]."""
     seeds: tuple[float, ...]
     """Mean waypoints of each seed."""
 
@@ -227,15 +227,15 @@ class DriverTablesConfig:
     engine: EngineConfig = field(default_factory=EngineConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     drivers: list[str] = field(default_factory=lambda: list(DRIVERS))
-    """Of pure_pursuit, stanley."""
+    """Controllers to tune, of pure_pursuit, stanley."""
     tuning_paths: int = 16
     """Training paths that every candidate is scored on."""
     candidates: int = 96
     """Sets of numbers tried in a round, each by a car on every path."""
     rounds: int = 5
-    """Of the search, each nearer to the best so far."""
+    """Rounds of the search, each nearer to the best so far."""
     steps: int = STEPS
-    """Of each drive of the search."""
+    """Steps of each drive of the search."""
     lateral_limit: float = 0.15
     """RMS distance from the path that the best may have [m]."""
     range_limit: float = 0.05
@@ -243,7 +243,7 @@ class DriverTablesConfig:
     random_paths: int = 10
     """Training paths that the tuned controllers are scored on, beside all validation paths."""
     seed: int = 0
-    """Of the search."""
+    """Seed of the search."""
     threads: int = 1
     """Threads of PyTorch."""
 
@@ -290,7 +290,7 @@ class DriverResult:
     scores: Scores
 
     def row(self) -> dict[str, float | str]:
-        """As a row of a table, means over the paths."""
+        """Row of a table, means over the paths."""
         return {"driver": self.driver, "course": self.course, **self.scores.means()}
 
 

@@ -31,9 +31,9 @@ class PolicyConfig:
     hidden: list[int] = field(default_factory=lambda: [64, 64])
     """Widths of the hidden layers, of the actor as of the critic."""
     activation: Literal["relu", "tanh", "elu"] = "relu"
-    """Between the layers."""
+    """Activation between the layers."""
     initial_sd: float = 0.3
-    """Of either command when training begins; it is learned, and the same in every state."""
+    """Standard deviation of either command when training begins; learned, one in all states."""
     scaling: Literal["running", "none"] = "running"
     """`running` takes observations by their mean and sd over training; `none` as they are."""
 

@@ -41,12 +41,12 @@ MEMORY = 1_000_000_000  # [bytes] that Ray reserves a process; benchmarks/README
 
 @dataclass(frozen=True)
 class CollectorConfig:
-    """Where the environments of a training are stepped."""
+    """Processes in which the environments of a training are stepped."""
 
     backend: Literal["in_process", "ray", "distributed", "rpc"] = "in_process"
     """in_process, or TorchRL's collector of that name (docs/policies.md)."""
     processes: int = 2
-    """Of another backend than in_process; ppo.cars are divided among them."""
+    """Processes of another backend than in_process; ppo.cars are divided among them."""
     options: dict[str, Any] = field(default_factory=dict)
     """Further options of the backend's collector, such as options.launcher=submitit (distributed,
     rpc) or options.ray_init_config.address=auto."""
@@ -57,7 +57,7 @@ class ResumableCollector(Collector):
 
     @property
     def state(self) -> TensorDictBase:
-        """From which the next batch begins; may be replaced by that of another run."""
+        """State from which the next batch begins; may be replaced by that of another run."""
         return self._carrier
 
     @state.setter
@@ -186,9 +186,9 @@ class PartMaker:
     """Environments of this process."""
     stagger: bool
     seed: int
-    """Of the run; each process draws from its own."""
+    """Seed of the run; each process draws from its own."""
     number: int
-    """Of the process."""
+    """Number of the process."""
     driver: int = field(default_factory=os.getpid)
     """Process that asked for them."""
 

@@ -59,23 +59,23 @@ class PPOConfig:
     learning_rate: float = 3e-3
     """Adam's, at the start."""
     schedule: Literal["linear", "constant"] = "linear"
-    """Of the learning rate: down to nothing over the training, or as it is."""
+    """Schedule of the learning rate: down to nothing over the training, or as it is."""
     discount: float = 0.98
-    """Of the reward, a step (gamma)."""
+    """Discount of the reward, a step (gamma)."""
     trace: float = 0.95
-    """Of the advantage estimate, a step (lambda)."""
+    """Decay of the advantage estimate, a step (lambda)."""
     clip: float = 0.2
-    """Of the likelihood ratio, either way."""
+    """Clipping of the likelihood ratio, either way."""
     value_weight: float = 0.5
-    """Of the critic's loss."""
+    """Weight of the critic's loss."""
     entropy_weight: float = 0.0
-    """Of the entropy bonus; 0 leaves it out."""
+    """Weight of the entropy bonus; 0 leaves it out."""
     gradient_norm: float = 1.0
     """Longest gradient."""
     stagger: bool = True
     """Starts the first episodes at random ages, so that resets spread over time."""
     seed: int = 0
-    """Of the order of minibatches."""
+    """Seed of the order of minibatches."""
     compiled: Literal["auto", "always", "never"] = "auto"
     """Whether PyTorch compiles loss and gradient; auto: where a C++ compiler is at hand and the
     training has a million steps. The numbers are the same to rounding."""
@@ -382,5 +382,5 @@ class PPO:
 
 
 def _last(episodes: dict[str, Any]) -> dict[str, Any]:
-    """Of the state of `Episodes` what holds whoever steps the environments."""
+    """State of `Episodes` that does not depend on who steps the environments."""
     return {"last": episodes["last"]}

@@ -63,7 +63,7 @@ class PolicyRunConfig:
     validations: int = 6
     """Validations during training, evenly spaced; the best policy is kept."""
     validation_steps: int = 1000
-    """Of an episode in validation."""
+    """Steps of an episode in validation."""
     checkpoint_batches: int = 10
     """Batches between two checkpoints."""
     seed: int = 0

@@ -112,9 +112,9 @@ class Curve:
     name: str
     metric: str
     band: pd.DataFrame
-    """By steps: mean, low and high over the runs."""
+    """Band by steps: mean, low and high over the runs."""
     runs: int
-    """How many they are."""
+    """Number of the runs."""
     score: float | None
     """What the tuned pure pursuit closes on the same paths."""
 

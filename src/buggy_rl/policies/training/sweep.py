@@ -31,9 +31,9 @@ class OptionRange:
     """Values of one option."""
 
     low: float = 0.0
-    """Smallest."""
+    """Smallest value."""
     high: float = 0.0
-    """Largest."""
+    """Largest value."""
     log: bool = False
     """Whether its logarithm is uniform."""
     integer: bool = False
@@ -72,9 +72,9 @@ class SweepConfig(Launching):
     steps: int = 1_000_000
     """PPO steps of a trial."""
     validations: int = 6
-    """Of each trial; after each it may be pruned."""
+    """Validations of each trial; after each it may be pruned."""
     trials: int = 48
-    """In all."""
+    """Trials in all."""
     together: int = 8
     """Trials of a round; more than `workers` waste nothing but proposals."""
     startup: int = 8
@@ -82,12 +82,12 @@ class SweepConfig(Launching):
     best: int = 3
     """Settings that are trained again with further seeds."""
     seeds: list[int] = field(default_factory=lambda: [1, 2, 3, 4, 5])
-    """Those seeds."""
+    """Seeds of those trainings."""
     confirm_steps: int = 0
     """PPO steps of each of them; 0: as many as a trial. What learns fastest in a short trial need
     not be the best of a whole training."""
     seed: int = 0
-    """Of the search, and of every trial's training."""
+    """Seed of the search, and of every trial's training."""
     workers: int = 2
     """Trainings at a time."""
 
@@ -102,7 +102,7 @@ class SweepConfig(Launching):
 
     @property
     def folder(self) -> Path:
-        """Of the sweep."""
+        """Folder of the sweep."""
         return Path(self.output)
 
     @property
@@ -123,7 +123,7 @@ class Ended(NamedTuple):
 
     number: int
     values: Mapping[str, Any]
-    """Its settings."""
+    """Settings of the trial."""
     curve: list[float]
     """Waypoints on the validation paths, validation after validation."""
     state: str

@@ -24,7 +24,7 @@ def named(
     parameters: Numbers | None = None,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """One effect."""
+    """Answer that names one effect."""
     effect = {"name": name, "confidence": confidence, "parameters": dict(parameters or {})}
     return {"verdict": verdict, "effects": [effect], "notes": list(notes)}
 

@@ -32,7 +32,7 @@ class Asked:
 
     @cached_property
     def corrected(self) -> Simulation:
-        """Of the simulator; with baseline recordings, corrected as the diagnosis does it.
+        """Simulation of the simulator, with baseline recordings corrected as the diagnosis does it.
 
         What the simulator got wrong before anything changed is closed by the same small network
         (`correct`), so that a method sees what is left: what has changed.

@@ -45,7 +45,7 @@ class Feature:
     vector: tuple[float, ...]
     """Coordinates of the trial; a coefficient of the column is in units of it."""
     scaled: tuple[bool, ...]
-    """Which of them grow with the coefficient; the others are what they are."""
+    """Whether each coordinate grows with the coefficient; the others are what they are."""
     both_ways: bool
     """Whether a negative coefficient makes sense."""
 

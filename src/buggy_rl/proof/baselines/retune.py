@@ -33,12 +33,12 @@ CERTAINLY_MOVED = 2.0  # [standard deviations] by which it must have moved as we
 
 @dataclass(frozen=True)
 class Move:
-    """Of one parameter."""
+    """Move of one parameter."""
 
     parameter: EffectParameter
-    """As it was before."""
+    """Parameter as it was before."""
     coordinate: float
-    """Where it came to [prior scales]."""
+    """Coordinate that it came to [prior scales]."""
     spread: float
     """Standard deviation of that."""
 
@@ -81,11 +81,11 @@ class Tuned:
 
     moves: list[Move]
     gain: float
-    """On what was held out, over the simulator as it was [nats]."""
+    """Gain on what was held out, over the simulator as it was [nats]."""
 
     @property
     def values(self) -> dict[str, float]:
-        """Of all parameters."""
+        """Values of all parameters."""
         return {m.parameter.name: float(m.parameter.value_at(m.coordinate)) for m in self.moves}
 
 

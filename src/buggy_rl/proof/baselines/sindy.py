@@ -100,7 +100,7 @@ def _spread(x: np.ndarray, y: np.ndarray, coefficients: np.ndarray) -> np.ndarra
 def _numbers(
     found: Columns, coefficients: np.ndarray, spread: np.ndarray, name: str
 ) -> dict[str, dict[str, Any]]:
-    """Of the parts of a vector all, of the places of a patch the strongest."""
+    """Numbers of an effect: all parts of a vector, but of the places of a patch the strongest."""
     own = [i for i, feature in enumerate(found.features) if feature.effect == name]
     own.sort(key=lambda i: abs(coefficients[i]))
     if not all(found.features[own[0]].scaled):

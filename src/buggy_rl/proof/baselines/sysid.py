@@ -90,7 +90,7 @@ class Residuals:
     simulation: Simulation
     segments: Segments
     parameters: Sequence[Parameter]
-    """That are free, each scaled to its range."""
+    """Parameters that are free, each scaled to its range."""
 
     def __call__(self, x: np.ndarray, _params: Any) -> tuple[list[np.ndarray], None, None]:
         """Residuals [M] of vectors [P], or [M, C] of [P, C]."""
@@ -104,5 +104,5 @@ class Residuals:
 
 
 def _engine(simulator: EnvBase) -> Any:
-    """What is below a simulator's effects."""
+    """Engine below a simulator's effects."""
     return simulator.base_env if isinstance(simulator, TransformedEnv) else simulator

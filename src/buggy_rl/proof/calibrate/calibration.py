@@ -43,7 +43,7 @@ class CalibrateConfig:
     apply: bool = False
     """Counts what the weights that the package ships give, and fits none."""
     weights: str = ""
-    """With `apply=true`: a file of other weights, to be counted in their place."""
+    """File of other weights, with `apply=true`: to be counted in their place."""
     without: list[str] = field(default_factory=list)
     """Features that get no weight, to see what they tell; not to be written."""
     write: bool = False
@@ -116,7 +116,7 @@ def group(entry: Entry) -> str:
 
 
 def feature_table(entries: Sequence[Entry], without: Collection[str] = ()) -> FeatureTable:
-    """Of a ledger's cases, but for some features.
+    """Table of a ledger's cases, but for some features.
 
     Raises:
         ValueError: There is no such feature.

@@ -53,12 +53,12 @@ class DevelopmentConfig(Launching):
 
     @property
     def store(self) -> CaseStore:
-        """Where cases lie while they are worked on."""
+        """Store of the cases while they are worked on."""
         return CaseStore(Path(self.output), Path(self.output) / "truth")
 
     @property
     def file(self) -> Path:
-        """The ledger."""
+        """File of the ledger."""
         return Path(self.ledger or Path(self.output) / "development.jsonl")
 
 

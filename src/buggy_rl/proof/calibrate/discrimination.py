@@ -42,7 +42,7 @@ class Sample:
 
 
 def samples(entries: Sequence[Mapping[str, Any]]) -> list[Sample]:
-    """Of all cases in which the simulator as given is off by more than is usual."""
+    """Samples of all cases in which the simulator as given is off by more than is usual."""
     found = []
     for entry in entries:
         truth = tuple(sorted(entry["case"]["concealed"]))

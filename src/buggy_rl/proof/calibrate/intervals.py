@@ -58,12 +58,12 @@ class Number:
     group: str
 
     def half_width(self, form: FormError) -> float:
-        """Of its 95 % interval [prior scales]."""
+        """Half width of its 95 % interval [prior scales]."""
         return NORMAL * form.sd(self.z, self.by_blocks, self.share)
 
 
 def scored_numbers(entries: Sequence[Entry]) -> list[Number]:
-    """Of all cases whose true set was fitted, and has a number in truth."""
+    """Numbers of all cases whose true set was fitted, and has a number in truth."""
     found = []
     for entry in entries:
         if not truth(entry) or unknown(entry):
@@ -168,7 +168,7 @@ class StepQuantity:
     group: str
 
     def half_width(self, form: FormError) -> float:
-        """Of its 95 % interval, in its unit."""
+        """Half width of its 95 % interval, in its unit."""
         return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
 
     def holds(self, form: FormError) -> bool:
@@ -209,7 +209,7 @@ def step_quantities(ready: Opened, found: JointSearch, case: Case) -> list[dict[
 
 
 def steps(entries: Sequence[Entry]) -> list[StepQuantity]:
-    """Of all cases whose line has them."""
+    """Quantities of all cases whose line has them."""
     return [StepQuantity(**line, group=group(e)) for e in entries for line in e.get("steps", ())]
 
 

@@ -50,7 +50,7 @@ class Answered(Protocol):
         ...
 
     def whatever_else(self, effect: str) -> float:
-        """That it is if effects are missing at all."""
+        """Probability that an effect is missing if effects are missing at all."""
         ...
 
 
@@ -58,13 +58,13 @@ Said = Sequence[tuple[Entry, Answered]]
 
 
 def lowest_loss(entry: Entry) -> Posterior:
-    """All on the hypothesis with the lowest held-out loss: what is named without calibration."""
+    """Posterior all on the hypothesis of lowest held-out loss, as named without calibration."""
     best = min(CaseEvidence.from_dict(entry).fitted, key=lambda h: h.loss)
     return Posterior({best.effects: 1.0}, 0.0)
 
 
 def best_single(entry: Entry) -> Posterior:
-    """All on the effect, or none, with the lowest held-out loss of those fitted alone."""
+    """Posterior all on the effect, or none, of lowest held-out loss of those fitted alone."""
     alone = [h for h in CaseEvidence.from_dict(entry).fitted if len(h.effects) < 2]
     return Posterior({min(alone, key=lambda h: h.loss).effects: 1.0}, 0.0)
 

@@ -97,7 +97,7 @@ class Case:
     command: str = "throttle"
     """What the car's first command is, of `COMMANDS`; others than a throttle on the reference."""
     rate: int = 100
-    """At which it is commanded and recorded [Hz], of `RATES`."""
+    """Rate at which it is commanded and recorded [Hz], of `RATES`."""
     scale: float = BUGGY
     """Length of a reference car over the buggy's; its speeds and times go with the root."""
 

@@ -86,14 +86,14 @@ class DrawConfig:
     cases: int = 200
     """Number of cases; 0 with `each` for all there are."""
     each: bool = False
-    """Instead of drawing families: every effect once, then `nothing` cases with none."""
+    """Every effect once instead of drawn families, then `nothing` cases with none."""
     nothing: int = 20
-    """With `each`: cases in which nothing is concealed."""
+    """Cases in which nothing is concealed, with `each`."""
     names: list[str] = field(default_factory=list)
     """Effects that may be concealed; empty for all that a plant can."""
     library: str = "published"
-    """Where `names` is empty and not `each` is drawn: `published`, the effects of the published
-    sets, or `present`, all; what has got a name since is then not drawn as unknown."""
+    """Effects that are drawn where `names` is empty and not `each`: `published`, those of the
+    published sets, or `present`, all; what has got a name since is then not drawn as unknown."""
     families: list[str] = field(
         default_factory=lambda: (
             ["nothing"] * 5 + ["one"] * 9 + ["two"] * 3 + ["three"] + ["unknown"] * 2
@@ -108,8 +108,8 @@ class DrawConfig:
             + ["mujoco", "reference_mujoco", "commonroad_mujoco", "commonroad_single_track"]
         )
     )
-    """In over half of them the simulator is not of the plant's make; in a quarter it is MuJoCo,
-    whose diagnosis takes four times as long as others."""
+    """Pairings that are drawn: in over half of them the simulator is not of the plant's make; in a
+    quarter it is MuJoCo, whose diagnosis takes four times as long as others."""
     nuisances: list[str] = field(
         default_factory=lambda: (
             ["white"] * 4
@@ -123,14 +123,14 @@ class DrawConfig:
     seconds: list[float] = field(default_factory=lambda: [45.0] * 3 + [20.0, 90.0])
     """Length of each drive [s]."""
     drives: int = 2
-    """To be seen, and as many before the change where there is a baseline."""
+    """Drives to be seen, and as many before the change where there is a baseline."""
     held_out: int = 1
-    """Sealed, to measure by."""
+    """Drives that are sealed, to measure by."""
     spread: list[float] = field(default_factory=lambda: [0.0])
     """Shares by which the plant's parameters are drawn off their own; only where its simulator is
     of its make, or quickly fitted anew."""
     rates: list[int] = field(default_factory=lambda: [100])
-    """At which cars are commanded and recorded [Hz]; learned simulators at 100 only."""
+    """Rates at which cars are commanded and recorded [Hz]; learned simulators at 100 only."""
     scales: list[float] = field(default_factory=lambda: [BUGGY])
     """Lengths of reference cars over the buggy's; sizes of effects are scaled to them."""
 
@@ -251,7 +251,7 @@ def _able(pairing: Pairing, can: frozenset[str], settings: DrawConfig) -> list[s
 
 
 def _drawable(able: Sequence[str], pairing: Pairing, settings: DrawConfig) -> list[str]:
-    """Of what a pairing can have, what is drawn where no names are given."""
+    """Effects, of those that a pairing can have, that are drawn where no names are given."""
     if settings.names:
         return list(able)
     if settings.library == "published":

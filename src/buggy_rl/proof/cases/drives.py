@@ -79,9 +79,9 @@ class TrueMotion:
     """True motion of a case's cars, [cars, T] each."""
 
     changed: TensorDict
-    """Of the car with what is concealed: the drives to be seen, then those held out."""
+    """Motion of the car with what is concealed: the drives to be seen, then those held out."""
     clean: TensorDict | None
-    """Of the car before, where baseline drives are given."""
+    """Motion of the car before, where baseline drives are given."""
 
 
 Driver = Callable[[TensorDictBase], TensorDictBase]

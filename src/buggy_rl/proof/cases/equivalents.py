@@ -1,4 +1,4 @@
-"""When an answer says the same as the truth: equal effects, and equal numbers of an effect.
+"""Decides when an answer says the same as the truth: equal effects, and equal numbers of each.
 
 A fault in a car's own physics is not always the textbook's term at the commands or on the velocity:
 where the two differ by a known factor, an answer is measured against the textbook's number.

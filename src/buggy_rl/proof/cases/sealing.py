@@ -56,7 +56,7 @@ TOGETHER = 16  # cases that are driven in one batch
 
 @dataclass(frozen=True)
 class CaseStore:
-    """Where the cases of a run lie."""
+    """Store of the cases of a run."""
 
     output: Path
     sealed: Path

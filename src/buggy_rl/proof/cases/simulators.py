@@ -94,7 +94,7 @@ def stamped_off(true: TensorDict, early: bool, rows: int = 1) -> TensorDict:
 
 
 def _thinned(data: TensorDict, every: int) -> TensorDict:
-    """Of a recording at 100 Hz, the frames of every so many control periods."""
+    """Frames of a recording at 100 Hz, those of every so many control periods."""
     if every == 1:
         return data
     row = (data[keys.TIME][:, 0] / CONTROL_PERIOD).round().long()

@@ -48,7 +48,7 @@ class TwinColumn:
 
 @dataclass(frozen=True)
 class TwinConfig:
-    """One twin."""
+    """Settings of one twin."""
 
     output: str = MISSING
     """Folder for before/, after/, car.yaml and answer/."""
@@ -57,7 +57,7 @@ class TwinConfig:
     command: str = "throttle_brake_reverse"
     """Kind of the first command, in the place of the car file's."""
     kind: str = ""
-    """Of the sensor, in the place of the car file's."""
+    """Kind of the sensor, in the place of the car file's."""
     sensor: dict[str, Any] = field(default_factory=dict)
     """Errors that differ from those of this kind of sensor (`recordings.sensors`)."""
     truth: dict[str, float] = field(default_factory=dict)
@@ -65,11 +65,11 @@ class TwinConfig:
     changed: dict[str, float] = field(default_factory=dict)
     """Parameters that have changed after, as values in their units."""
     drives: int = 3
-    """Before, and as many after."""
+    """Drives before, and as many after."""
     seconds: float = 60.0
     """Length of each [s]."""
     period: float = CONTROL_PERIOD
-    """At which the car is simulated and driven [s]."""
+    """Period at which the car is simulated and driven [s]."""
     seed: int = 0
     table: dict[str, TwinColumn] = field(default_factory=dict)
     """Channel -> column: t, x, y, yaw, qw, qx, qy, qz, vx, vy, speed, yaw_rate, throttle,
@@ -79,7 +79,7 @@ class TwinConfig:
     room: RoomConfig = field(
         default_factory=lambda: RoomConfig(drive_at_rest=0.22, drive_per_speed=0.06)
     )
-    """Of the driver, for the buggy; scaled to the car."""
+    """Room of the driver, for the buggy; scaled to the car."""
 
 
 def car_content(config: TwinConfig) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def car_content(config: TwinConfig) -> dict[str, Any]:
 
 
 def parameters(config: TwinConfig, car: str, changed: bool) -> dict[str, float]:
-    """Of the true car, before or after the change.
+    """Parameters of the true car, before or after the change.
 
     Raises:
         ValueError: The single track has no such parameter.

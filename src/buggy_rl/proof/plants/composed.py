@@ -132,7 +132,7 @@ NAMED_SINCE = (  # patterns of sorts that the library has got a name for since t
     ("seen_yaw", "time", "linear", "none"),  # heading drift
     ("seen_yaw", "time", "even", "none"),
 )
-"""Where it acts, of what, its shape and memory; an empty part is any."""
+"""Place where it acts, of what, its shape and memory; an empty part is any."""
 
 
 def _named_since(name: str) -> bool:

@@ -98,7 +98,7 @@ class Mechanics:
         return command
 
     def _linkage(self, memory: NDArray, rack: NDArray, lateral: NDArray | float) -> NDArray:
-        """Where the linkage [n] holds the wheels."""
+        """Wheel position [n] at which the linkage holds."""
         faults = self.faults
         if "steering_backlash" in faults:
             half = 0.5 * faults["steering_backlash.width"]

@@ -45,13 +45,13 @@ class ScoredCase:
     """answered, crashed or timed out."""
     verdict: str = ""
     said: tuple[ScoredEffect, ...] = ()
-    """In the order of the answer."""
+    """Effects in the order of the answer."""
     suggested: bool = False
     """Whether a manoeuvre was named that would decide."""
     nats: float | None = None
-    """By which the true structure beats the simulator as given."""
+    """Nats by which the true structure beats the simulator as given."""
     margin: float | None = None
-    """By which it beats every other single effect, or each of several what lacks it."""
+    """Nats by which it beats every other single effect, or each of several what lacks it."""
     oracle: dict[str, dict[str, float]] = field(default_factory=dict)
     """Effect -> parameter -> value, of the true structure fitted to the same drives."""
     held_out: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -173,7 +173,7 @@ def _decided(store: CaseStore, case: Case) -> bool | None:
 def outcome(
     case: Case, about: Mapping[str, Any], answer: Mapping[str, Any], weighed: Mapping[str, Any]
 ) -> ScoredCase:
-    """From files.
+    """Makes a scored case from files.
 
     Args:
         case: The truth.
@@ -242,7 +242,7 @@ class Ledger:
         return found
 
     def open(self, cases: Sequence[Case]) -> list[Case]:
-        """Those of the cases that are not entered.
+        """Cases that are not entered.
 
         Raises:
             ValueError: An entered case differs: the file is of other settings.

@@ -153,16 +153,16 @@ class Score:
 
     rows: list[ScoreRow]
     breakdown: dict[str, dict[str, Figure]]
-    """By what -> class -> share of first names that are right, of single effects."""
+    """Share of first names that are right, of single effects: by what -> class -> share."""
     false_positives: dict[str, Figure]
-    """By nuisance, of cases in which nothing is concealed."""
+    """False positives by nuisance, of cases in which nothing is concealed."""
     confusion: dict[str, Counter]
     """What was true -> what was named first -> count."""
     calibration: list[tuple[float, float, int]]
     coverage: list[tuple[float, float]]
     failing: list[ScoredCase]
     single: list[ScoredCase]
-    """Those with one effect, one by one."""
+    """Cases with one effect, one by one."""
 
     def lines(self) -> list[str]:
         """The score in plain text."""
@@ -211,7 +211,7 @@ def classes(
 
 
 def of(outcomes: Iterable[ScoredCase], family: str) -> list[ScoredCase]:
-    """Those of one family."""
+    """Cases of one family."""
     return [o for o in outcomes if o.case.family == family]
 
 
@@ -251,7 +251,7 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
 
 
 def _naming(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Right names."""
+    """Rows of right names."""
     one = of(outcomes, "one")
     clear = _clear(one)
     own = [o for o in clear if o.case.plant == o.case.simulator]

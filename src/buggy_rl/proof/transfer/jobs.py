@@ -89,7 +89,7 @@ def _training(config: TransferConfig, policy: Trained, scripts: Path) -> Job:
 
 
 def _files(options: list[str]) -> tuple[str, ...]:
-    """Those of a script's options that are files."""
+    """Files among a script's options."""
     return tuple(option for option in options if option.endswith((".yaml", ".yml")))
 
 

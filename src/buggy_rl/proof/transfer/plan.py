@@ -43,7 +43,7 @@ class TransferConfig(Launching):
     """What is concealed, as cars.CAR.EFFECT.PARAMETER=VALUE; new ones go to the end. A car of {}
     is one with nothing wrong, for control: it is shown, and not counted in means."""
     arms: list[str] = field(default_factory=lambda: list(ARMS))
-    """Where policies are trained: any of unrepaired, repaired, learned, randomised."""
+    """Simulators that policies are trained in: any of unrepaired, repaired, learned, randomised."""
     seeds: list[int] = field(default_factory=lambda: [0, 1, 2])
     """One policy for each."""
     drives: int = 4
@@ -51,7 +51,7 @@ class TransferConfig(Launching):
     seconds: float = 30.0
     """Length of each [s]."""
     seed: int = 0
-    """Of drivers and cameras."""
+    """Seed of drivers and cameras."""
     diagnosis: list[str] = field(default_factory=lambda: ["stretches=60"])
     """Options of scripts/diagnose.py; MuJoCo takes its time, so not all stretches of a second."""
     model: list[str] = field(default_factory=lambda: list(LEARNED))
@@ -64,7 +64,7 @@ class TransferConfig(Launching):
     steps: int = 3_000_000
     """The budget: steps of PPO for each policy."""
     judged_seconds: float = 60.0
-    """Of a drive on lap and infinity [s]; on the tight path it is 5 s."""
+    """Length of a drive on lap and infinity [s]; on the tight path it is 5 s."""
     judged_drives: int = 5
     """Drives of each policy on each path, which differ by the camera's noise."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
@@ -134,7 +134,7 @@ class TransferConfig(Launching):
         return [Trained(*place, seed) for place in self.places() for seed in self.seeds]
 
     def folder(self, policy: "Trained") -> Path:
-        """Of a policy."""
+        """Folder of a policy."""
         above = self.car(policy.car) if policy.car else Path(self.output)
         return above / "policies" / f"{policy.arm}_{policy.seed}"
 

@@ -88,7 +88,7 @@ def _drives(file: Path) -> list[dict[str, Any]]:
 
 
 def counted(drives: pd.DataFrame) -> pd.DataFrame:
-    """Without the cars that have nothing wrong, unless there are no others."""
+    """Drives without the cars that have nothing wrong, unless there are no others."""
     return drives if drives.control.all() else drives.loc[~drives.control]
 
 
@@ -124,7 +124,7 @@ def targets(drives: pd.DataFrame) -> list[Target]:
 
 
 def original_loss() -> dict[str, tuple[float, float]]:
-    """Of the original study's policies: waypoints closed in simulation and lost from there."""
+    """Loss of the original study's policies: waypoints closed in simulation and lost from there."""
     lost, own = ORIGINAL["lost"]["mean"], ORIGINAL["own simulator"].values()
     return {kind: (fmean(float(row[kind]) for row in own), float(lost[kind])) for kind in lost}
 
@@ -170,9 +170,9 @@ class PolicyBatch:
     policies: tuple[tuple[str, int, str], ...]
     """Arm, seed and file of each."""
     seconds: float
-    """Of a drive on the endless paths [s]."""
+    """Length of a drive on the endless paths [s]."""
     drives: int
-    """Of each policy on each path."""
+    """Drives of each policy on each path."""
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class PolicyBatch:
         return self.file.exists() and json.loads(self.file.read_text())["asked"] == self.settings
 
     def cars(self, count: int) -> EnvBase:
-        """So many, of this place."""
+        """Makes `count` cars of this place, one an environment."""
         if self.case is None:
             return make_simulator(self.place, count)
         return make_plant(self.case.plant, count, self.case.faults)
@@ -213,7 +213,7 @@ def judgements(config: TransferConfig) -> list[PolicyBatch]:
 
 
 def unjudged(config: TransferConfig) -> list[PolicyBatch]:
-    """What is still to be driven.
+    """Batches that are still to be driven.
 
     Raises:
         ValueError: A policy is not trained yet.

@@ -104,7 +104,7 @@ class _Commands:
     places: dict[str, tuple[str, str]]
     """Channel -> topic and field."""
     series: dict[str, Series]
-    """By topic; its values are those of its channels, in their order."""
+    """Series by topic; its values are those of its channels, in their order."""
 
     @classmethod
     def read(cls, path: Path, bag: Any, columns: ColumnMap) -> "_Commands":

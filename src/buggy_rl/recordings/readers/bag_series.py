@@ -24,10 +24,10 @@ ALTERNATING = 0.1  # share of returning leaps that two publishers make; glitches
 
 
 class Publisher(NamedTuple):
-    """Who published a message."""
+    """Publisher of a message."""
 
     node: str
-    """Only in bags of ROS 1."""
+    """Name of the publishing node; only in bags of ROS 1."""
     child: str
     frame: str
 

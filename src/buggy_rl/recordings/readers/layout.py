@@ -23,7 +23,7 @@ PREAMBLE = 100  # lines within which the first row is looked for; exports of mot
 
 @dataclass
 class TableLayout:
-    """Where the rows of a table in text are."""
+    """Separator, header and lines of the rows of a table in text."""
 
     separator: str
     header: str
@@ -89,7 +89,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """The one that makes the most numbers of the first lines; without any, that of the header."""
+    """Separator that makes the most numbers of the first lines; without any, that of the header."""
     sample = [line for line in lines[:PREAMBLE] if line.strip() and "\0" not in line]
     rows = [line for line in sample if not COMMENT.match(line)][-SAMPLE:]
     if not rows:
@@ -159,7 +159,7 @@ def _select(
 
 
 FORMATS = ("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S")
-"""Of dates that are not ISO 8601, the day before the month."""
+"""Formats of dates that are not ISO 8601, the day before the month."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""From commands to road-wheel angle and wheel force: what the two bicycle engines share.
+"""Turns commands into road-wheel angle and wheel force: what the two bicycle engines share.
 
 A command passes a dead time, a first-order lag and a static map.
 """

@@ -158,9 +158,9 @@ class LongitudinalLaw:
     """Motor and brakes of one kind of command."""
 
     drive: DriveForce = motor_force
-    """Of the motor, shared between the axles as the drive is."""
+    """Force of the motor, shared between the axles as the drive is."""
     brake: DriveForce | None = None
-    """Of brakes with a share of their own; None where the motor's force is all there is."""
+    """Force of brakes with a share of their own; None where the motor's force is all there is."""
     parameters: tuple = ()
     """Rows like those of `parameters.ACTUATION` that it has beside them."""
     replaced: tuple[str, ...] = ()

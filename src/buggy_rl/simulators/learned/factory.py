@@ -13,7 +13,7 @@ from buggy_rl.simulators.learned.base import DynamicsModel, Ensemble
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Which model."""
+    """Kind and size of a model."""
 
     kind: str = "mlp"
     """A name in `MODELS`: mlp, temporal_cnn, gru, transformer."""

@@ -102,11 +102,12 @@ class TrainingConfig:
     patience: int = 12
     """Epochs without a better validation loss after which training stops."""
     learning_rate: float = 2e-3
-    """Of Adam; cosine decay to a hundredth with the rollout loss, constant with one_step."""
+    """Learning rate of Adam; cosine decay to a hundredth with the rollout loss, constant with
+    one_step."""
     weight_decay: float = 1e-5
     """Decoupled weight decay (AdamW) with the rollout loss."""
     seed: int = 0
-    """Of the initial weights and the order of the data."""
+    """Seed of the initial weights and the order of the data."""
 
 
 def model_question(

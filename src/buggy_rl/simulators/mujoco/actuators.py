@@ -1,4 +1,4 @@
-"""From commands to road-wheel angle and drive: dead time, lag, steering range, speed controller.
+"""Turns commands into road-wheel angle and drive: dead time, lag, steering range, speed control.
 
 Arrays, of NumPy or PyTorch, are [n, 2] over environments, columns throttle and steering; a
 parameter is [1] where all environments share it, else [n].

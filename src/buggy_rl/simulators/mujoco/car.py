@@ -74,7 +74,7 @@ class CompiledCar:
 
     @property
     def timestep(self) -> float:
-        """Of the physics [s]."""
+        """Timestep of the physics [s]."""
         return self.model.opt.timestep
 
 

@@ -102,13 +102,13 @@ class ChassisMotion(NamedTuple):
     """Planar motion of the chassis, in axes along and across its heading."""
 
     cos: Array
-    """Of the heading, [n]."""
+    """Cosine of the heading, [n]."""
     sin: Array
     vx: Array
-    """Of the body frame [m/s]."""
+    """Velocity of the body frame [m/s]."""
     vy: Array
     yaw_rate: Array
-    """About the vertical [rad/s]."""
+    """Yaw rate about the vertical [rad/s]."""
 
 
 class WheelState(NamedTuple):

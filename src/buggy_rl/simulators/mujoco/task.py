@@ -114,7 +114,7 @@ class DriveTask(control.Task):
         physics.command(action)
 
     def after_step(self, physics: BuggyPhysics) -> None:
-        """Nothing to do."""
+        """Does nothing."""
 
     def action_spec(self, physics: BuggyPhysics) -> specs.BoundedArray:
         """Throttle, steering in [-1, 1]."""
@@ -132,7 +132,7 @@ class DriveTask(control.Task):
         return 0.0
 
     def get_termination(self, physics: BuggyPhysics) -> None:
-        """Never."""
+        """Never terminates."""
 
 
 def make_environment(

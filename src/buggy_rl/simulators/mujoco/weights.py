@@ -38,17 +38,17 @@ class Weights:
     wheel_mass: float
     """[kg]"""
     spin_inertia: float
-    """Of a wheel [kg m^2]."""
+    """Spin inertia of a wheel [kg m^2]."""
     tilt_inertia: float
-    """Of a wheel [kg m^2]."""
+    """Tilt inertia of a wheel [kg m^2]."""
     driveline_inertia: float
     """Motor and gears, reduced to one rear wheel [kg m^2]."""
     spring_rate: float
-    """Of a wheel [N/m]."""
+    """Spring rate of a wheel [N/m]."""
     spring_damping: float
-    """Of a wheel [N s/m]."""
+    """Damping of a wheel [N s/m]."""
     suspension_travel: float
-    """To each side [m]."""
+    """Travel to each side [m]."""
     strut_armature: float
     """[kg]"""
     steering_armature: float

@@ -122,7 +122,7 @@ class ReferenceCar:
 
     @property
     def kernel(self) -> Kernel | None:
-        """Of its substep; without one PyTorch steps it."""
+        """Kernel of its substep; without one PyTorch steps it."""
         if self.faults.active:
             return None
         if self.build.usual:

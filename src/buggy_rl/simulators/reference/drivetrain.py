@@ -1,4 +1,4 @@
-"""From throttle to tread: battery, speed controller, DC motor, open differential, wheels.
+"""Drivetrain, throttle to tread: battery, speed controller, DC motor, open differential, wheels.
 
 Spins are kept as tread speeds u = R omega [m/s] and inertias as masses at the tread J / R^2 [kg].
 """

@@ -177,7 +177,7 @@ def as_tensors(
     device: torch.device | None,
     similarity: Similarity | None = None,
 ) -> dict[str, Tensor]:
-    """The same as float tensors, each checked against its range.
+    """Makes float tensors of faults, each checked against its range.
 
     Args:
         faults: As `flattened` takes them.

@@ -270,7 +270,7 @@ class Build:
 
     @property
     def parts(self) -> tuple[VehicleDimensions, Similarity, LongitudinalCommand]:
-        """Its fields, in their order."""
+        """Fields of the build, in their order."""
         return self.dimensions, self.similarity, self.command
 
     def numbers(self, like: Tensor) -> Tensor:

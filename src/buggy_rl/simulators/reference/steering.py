@@ -1,4 +1,4 @@
-"""From steering command to the directions of the front wheels: servo and linkage."""
+"""Steering from the command to the directions of the front wheels: servo and linkage."""
 
 import math
 from collections.abc import Mapping
@@ -183,7 +183,7 @@ class SteeringServo:
         return past_left + (command + self.dead).clamp_max(0.0)
 
     def linked(self, rack: Tensor, roll: Tensor) -> Tensor:
-        """Where the linkage [*] holds the wheels, for a rack [*] and the car's roll [*] [m/s^2].
+        """Wheel position [*] held by the linkage, for a rack [*] and the car's roll [*] [m/s^2].
 
         Tyres take up the play p against the bend, a / sqrt(a^2 + a_0^2) of half of it; the map is
         bent to (1 - k) x + k x^3; a stop ends it.

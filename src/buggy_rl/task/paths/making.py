@@ -1,4 +1,4 @@
-"""From a config to paths."""
+"""Makes paths from a config."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -32,23 +32,23 @@ class PathConfig:
     kind: Kind = "simplex"
     """simplex (random), lap, infinity, circle, tight (one hard random path), or file."""
     part: Part = "training"
-    """Of the random paths: training or validation; they share none."""
+    """Part of the random paths: training or validation; they share none."""
     count: int = 1000
     """Random paths for training."""
     validation_count: int = 10
     """Random paths for validation."""
     waypoints: int = 500
-    """Of a random path."""
+    """Waypoints of a random path."""
     spacing: float = 0.2
-    """From waypoint to waypoint along the path [m]; closed paths take the nearest that fits."""
+    """Distance between waypoints along the path [m]; closed paths take the nearest that fits."""
     room: float = 20.0
     """Side of the square that the noise of a random path can fill [m]."""
     sharpest_radius: float = 0.6
     """Tightest turn of a random path [m]; 0 leaves the noise as it is, cusps and all."""
     radius: float = 1.0
-    """Of lap, infinity and circle [m]."""
+    """Radius of lap, infinity and circle [m]."""
     straight: float = 2.0
-    """Of the lap [m]."""
+    """Length of a straight of the lap [m]."""
     file: str = ""
     """CSV with columns x, y [m]; closed when its last row repeats its first."""
     mirrored: bool = False
@@ -56,7 +56,7 @@ class PathConfig:
     placed: bool = False
     """Puts every path somewhere in the room, in any direction, instead of at the origin."""
     seed: int = 0
-    """Of noise and places."""
+    """Seed of noise and places."""
     car: str = ""
     """Car, by name or file, that every length here and in the task's transforms is scaled to; empty
     for the buggy."""
@@ -73,7 +73,7 @@ class ShowPathsConfig:
     shown: int = 5
     """Random paths that are picked out; the others are drawn faintly."""
     waypoints: int = 100
-    """Of each random path that are drawn; the original study's figures show as many."""
+    """Waypoints of each random path that are drawn; the original study's figures show as many."""
 
 
 def path_sets(config: ShowPathsConfig) -> dict[str, PathSet]:

@@ -34,7 +34,7 @@ def along_arcs(pieces: Sequence[tuple[float, float]], spacing: float) -> NDArray
 
 
 def _chord(run: NDArray, curvature: float, yaw: float) -> NDArray:
-    """From the start of an arc to its points after [*] m: [*, 2]."""
+    """Vectors from the start of an arc to its points after [*] m: [*, 2]."""
     half = run * curvature / 2
     chord = run * np.sinc(half / math.pi)
     return np.stack([chord * np.cos(yaw + half), chord * np.sin(yaw + half)], -1)

@@ -1,4 +1,4 @@
-"""From the true motion to what a policy sees: noise, filter and clip, then one row of numbers."""
+"""Makes what a policy sees of the true motion: noise, filter and clip, then one row of numbers."""
 
 import math
 from collections.abc import Sequence

@@ -65,11 +65,11 @@ class Scale:
         return cls((front + rear) / 2, axle, half_length, half_width, dimensions.wheel_radius)
 
     def point(self, x: float, y: float, z: float) -> list[float]:
-        """From fractions to metres in the body frame."""
+        """Converts a point from fractions to metres in the body frame."""
         return [self.middle + x * self.length, y * self.width, z * self.radius]
 
     def section(self, section: meshes.Section) -> meshes.Section:
-        """Likewise."""
+        """Converts a section from fractions to metres in the body frame."""
         x, foot, top, low, high = section
         width, radius = self.width, self.radius
         along = self.middle + x * self.length

@@ -1,4 +1,4 @@
-"""Where the picture is taken from: behind the car, above it, or from where all can be seen."""
+"""Cameras of a film: behind the car, above it, or from where all can be seen."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ FARTHEST = 2.6  # [m] to which a moving camera draws back for a ghost that is fa
 
 
 def chase_view(tracks: Sequence[Track], time: float, aspect: float) -> View:
-    """From behind and above, with a heading that follows the car's."""
+    """View from behind and above, with a heading that follows the car's."""
     del aspect
     x, y, yaw = _followed(tracks, time)
     apart = _apart(tracks, time)
@@ -29,7 +29,7 @@ def chase_view(tracks: Sequence[Track], time: float, aspect: float) -> View:
 
 
 def top(tracks: Sequence[Track], time: float, aspect: float) -> View:
-    """From above, x to the right and y up, over the car."""
+    """View from above, x to the right and y up, over the car."""
     del aspect
     x, y, _ = _followed(tracks, time)
     distance = 2.0 + min(1.2 * _apart(tracks, time), FARTHEST)
@@ -51,7 +51,7 @@ def fixed(tracks: Sequence[Track], time: float, aspect: float) -> View:
 
 
 def together(tracks: Sequence[Track], time: float, aspect: float) -> View:
-    """From the south, as near as all cars fit into the picture."""
+    """View from the south, as near as all cars fit into the picture."""
     (x, y, _), _, _ = tracks[0].at(time)
     apart = [[_difference(tracks[0], ghost, time, axis) for axis in (0, 1)] for ghost in tracks[1:]]
     low, high = np.min([[0.0, 0.0], *apart], 0), np.max([[0.0, 0.0], *apart], 0)
@@ -88,7 +88,7 @@ def _apart(tracks: Sequence[Track], time: float) -> float:
 
 
 def _difference(car: Track, ghost: Track, time: float, axis: int) -> float:
-    """From the car to the ghost along an axis [m], smoothed: a ghost that restarts leaps."""
+    """Distance from car to ghost along an axis [m], smoothed: a ghost that restarts leaps."""
     other = np.interp(car.time, ghost.time, ghost.pose[:, axis])
     return float(_smoothed(car, other - car.pose[:, axis], time))
 

@@ -21,7 +21,7 @@ def rgb(colour: str) -> RGB:
 
 
 def pixel(colour: RGB) -> tuple[int, int, int]:
-    """The same in 0..255."""
+    """Pixel of a colour, each part in 0..255."""
     red, green, blue = (round(255 * part) for part in colour)
     return red, green, blue
 
@@ -36,7 +36,7 @@ GHOST_TINT = 0.55  # share of its paint in the colour of every part of the ghost
 
 
 def mixed(one: RGB, other: RGB, share: float) -> RGB:
-    """Between two colours: the other for `share` 1."""
+    """Colour between two others: the other for `share` 1."""
     red, green, blue = ((1 - share) * a + share * b for a, b in zip(one, other, strict=True))
     return red, green, blue
 
@@ -89,7 +89,7 @@ class Canvas:
         self._draw.text((x, y), text, _fill(colour, 1.0), font(round(LARGER * size)), anchor)
 
     def reduced(self) -> Image.Image:
-        """In the size of the result."""
+        """Image in the size of the result."""
         return self.image.reduce(LARGER)
 
 
@@ -168,7 +168,7 @@ class Pen:
         self._canvas.box((0, 0, WIDTH * unit - 1, height * unit - 1), 7 * unit, PANEL, ALPHA)
 
     def text(self, x: float, y: float, text: str, colour: RGB, anchor: str = LEFT) -> None:
-        """One line."""
+        """Writes one line."""
         self._canvas.text((x * self._unit, y * self._unit), text, 13 * self._unit, colour, anchor)
 
     def name(self, y: float, car: ShownCar, colour: RGB) -> None:

@@ -1,4 +1,4 @@
-"""From tracks to shots: what each frame shows, computed alike for a whole film and a live view."""
+"""Makes shots of tracks: what each frame shows, computed alike for a whole film and a live view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class Director:
     aspect: float = 4 / 3
     """Width of the picture over its height."""
     full_lock: float = wheels.FULL_LOCK
-    """Of the road wheels at steering 1 [rad]."""
+    """Angle of the road wheels at steering 1 [rad]."""
     dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
 
     def __post_init__(self) -> None:

@@ -56,7 +56,7 @@ class Marks:
 
 
 def marks(shot: Shot, dimensions: VehicleDimensions) -> Marks:
-    """Of everything in a shot that is not a car."""
+    """Marks of everything in a shot that is not a car."""
     wide = max(1.0, shot.view.distance / 2.0)  # from far away lines stay as wide in the picture
     ahead = _ribbon(shot.ahead, wide * AHEAD_WIDTH, 0.0008, AHEAD)
     trails = [_ribbon(shot.car.trail, wide * TRAIL_WIDTH, 0.0016, CAR)]
@@ -178,7 +178,7 @@ class Drawing:
             yield self._frame(shot)
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Does nothing: no process was started."""
 
     def _frame(self, shot: Shot) -> Frame:
         canvas, map_ = Canvas(self._size, FLAT), Map(shot.view, self._size)
@@ -257,7 +257,7 @@ class Drawing:
 
 
 class Map:
-    """From the floor to pixels of a view.
+    """Maps the floor to pixels of a view.
 
     Args:
         view: The camera; a sloping one is raised to see about as much from above.
@@ -280,6 +280,6 @@ class Map:
 
 
 def _placed(points: NDArray[Any], car: ShownCar) -> NDArray[Any]:
-    """From the car's frame to the world."""
+    """Moves points from the car's frame to the world."""
     cos, sin = math.cos(car.yaw), math.sin(car.yaw)
     return np.array([car.x, car.y]) + points @ np.array([[cos, sin], [-sin, cos]])

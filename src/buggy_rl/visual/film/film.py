@@ -68,7 +68,7 @@ def frames(
 
 
 def _caption(captions: Sequence[str], share: float) -> str:
-    """The one for a share of the film; empty if there is none."""
+    """Caption for a share of the film; empty if there is none."""
     return captions[min(int(share * len(captions)), len(captions) - 1)] if captions else ""
 
 

@@ -97,7 +97,7 @@ class WorkerProcess:
 
 @dataclass(frozen=True)
 class Probe:
-    """What was found."""
+    """Result of looking for an OpenGL that works."""
 
     backend: str | None
     """Value of `MUJOCO_GL` that works; None if none does."""

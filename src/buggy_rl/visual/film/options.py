@@ -50,9 +50,9 @@ class RenderConfig:
     """Commands that simulators are given; empty for those of WHAT or GHOST, if one is a
     recording."""
     start: float = 0.0
-    """Of the film within a recording [s]."""
+    """Start of the film within a recording [s]."""
     seconds: float = 10.0
-    """Of driving, at most [s]."""
+    """Driving time at most [s]."""
     restart: float = 0.0
     """A simulator starts again from the recording after so many seconds; 0 for never."""
     columns: str = ""
@@ -60,10 +60,11 @@ class RenderConfig:
     simulator: str = ""
     """What policies drive; empty for the one they were trained in, or mujoco."""
     course: str = "lap"
-    """Where policies drive: lap, infinity, random, training, validation, or a CSV file of x, y."""
+    """Course on which policies drive: lap, infinity, random, training, validation, or a CSV file of
+    x, y."""
     camera: Camera = "chase"
-    """Behind the car, above it (top), standing where all can be seen (fixed), or as near as all
-    cars fit (together)."""
+    """Camera behind the car, above it (top), standing where all can be seen (fixed), or as near as
+    all cars fit (together)."""
     size: list[int] = field(default_factory=lambda: [640, 480])
     """Width and height [pixel]."""
     fps: float = 25.0
@@ -71,29 +72,29 @@ class RenderConfig:
     playback: float = 1.0
     """Seconds of driving in a second of film; 0.25 is slow motion."""
     moment: float = -1.0
-    """Of the picture in a .png [s]; below 0 is the middle of the film."""
+    """Moment of the picture in a .png [s]; below 0 is the middle of the film."""
     live: Live = False
     """Plays instead of writing a film: in MuJoCo's viewer (window), in the browser, or (true) in
     the former where there is a screen and else in the latter."""
     renderer: Choice = "auto"
     """MuJoCo where OpenGL works and else a drawing from above (auto), or one of them."""
     samples: int = 4
-    """Of each pixel against jagged edges, in MuJoCo; 0 takes half the time."""
+    """Samples of each pixel against jagged edges, in MuJoCo; 0 takes half the time."""
     inset: bool = True
     """Names, speed and commands in a corner."""
     title: str = ""
-    """Above the names."""
+    """Title above the names."""
     names: list[str] = field(default_factory=list)
-    """Of WHAT and of the ghosts in the legend; empty for those of their files."""
+    """Names of WHAT and of the ghosts in the legend; empty for those of their files."""
     captions: list[str] = field(default_factory=list)
-    """At the top, one after the other, each for an equal part of the film."""
+    """Captions at the top, one after the other, each for an equal part of the film."""
     full_lock: float = FULL_LOCK
     """Angle of the front wheels at steering 1 [rad]."""
     dimensions: VehicleDimensions = field(default_factory=VehicleDimensions)
     car: str = ""
     """The car, by name or file: its dimensions, paths, and the limits of its recordings."""
     seed: int = 0
-    """Of starts and noise."""
+    """Seed of starts and noise."""
     threads: int = 1
     """Threads of PyTorch."""
 

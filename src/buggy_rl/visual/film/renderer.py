@@ -1,4 +1,4 @@
-"""From shots to pixels: MuJoCo's renderer in a process of its own, or a drawing from above."""
+"""Renders shots to pixels: MuJoCo in a process of its own, or a drawing from above."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -124,7 +124,7 @@ def open_renderer(
 def make_renderer(
     choice: str, size: tuple[int, int], ghosts: int, dimensions: VehicleDimensions, samples: int = 4
 ) -> Renderer:
-    """Likewise, to be closed by the caller."""
+    """Makes a renderer as `open_renderer` does, to be closed by the caller."""
     if choice not in RENDERERS:
         raise ValueError(f"renderer={choice!r}: must be one of {', '.join(RENDERERS)}")
     if min(size) < 64 or any(side % 2 for side in size):

@@ -20,9 +20,9 @@ class ShownCar:
     """One car at one instant."""
 
     name: str
-    """In the legend."""
+    """Name in the legend."""
     x: float
-    """Of the reference point, the tracking sensor [m]."""
+    """Position of the reference point, the tracking sensor, along x [m]."""
     y: float
     """[m]"""
     yaw: float
@@ -34,29 +34,29 @@ class ShownCar:
     steering: float
     """Command, +1 is full left."""
     steering_angle: float
-    """Of the front wheels [rad], positive to the left."""
+    """Angle of the front wheels [rad], positive to the left."""
     roll: NDArray[Any]
     """[4] angle of each wheel about its axle [rad], in the order of `wheels.PLACES`."""
     trail: Points = field(default_factory=lambda: NO_POINTS)
-    """Where it was, oldest first."""
+    """Points where the car was, oldest first."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Where the picture is taken from, as MuJoCo's free camera says it."""
+    """Viewpoint of a picture, as MuJoCo's free camera says it."""
 
     x: float
-    """Of the point looked at [m]."""
+    """Position of the point looked at, along x [m]."""
     y: float
     """[m]"""
     z: float
     """[m]"""
     distance: float
-    """From the camera to that point [m]."""
+    """Distance from the camera to that point [m]."""
     azimuth: float
     """Direction of view about the vertical [rad]; 0 looks along x."""
     elevation: float
-    """Of the direction of view [rad]; -pi/2 looks straight down."""
+    """Elevation of the direction of view [rad]; -pi/2 looks straight down."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Shot:
     """One frame."""
 
     time: float
-    """Since the track began [s]."""
+    """Time since the track began [s]."""
     view: View
     car: ShownCar
     ghosts: tuple[ShownCar, ...] = ()
@@ -72,7 +72,7 @@ class Shot:
     ahead: Points = field(default_factory=lambda: NO_POINTS)
     """The path ahead, nearest first."""
     waypoints: Points = field(default_factory=lambda: NO_POINTS)
-    """Of the path, those near the car."""
+    """Waypoints of the path, those near the car."""
     closed_for: NDArray[Any] = field(default_factory=lambda: np.zeros(0))
     """[K] since each waypoint was closed [s]; below 0 it is open."""
 

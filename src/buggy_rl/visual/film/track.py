@@ -47,7 +47,7 @@ class Track:
     """
 
     name: str
-    """In the legend."""
+    """Name in the legend."""
     time: Array
     """[T] s since the film begins."""
     pose: Array
@@ -96,7 +96,7 @@ class Track:
         return motion[:3], motion[3:], self.action[self.row(time)]
 
     def drawn_at(self, length: float) -> "Track":
-        """The same on a model `length` times smaller: cameras and marks are those of the buggy."""
+        """Track on a model `length` times smaller: cameras and marks are those of the buggy."""
         course = self.course and replace(self.course, points=self.course.points / length)
         pose = self.pose / np.array([length, length, 1.0])
         velocity = self.velocity / np.array([length, length, 1.0])

@@ -81,7 +81,7 @@ class FiguresConfig(StudyConfig):
     draw: list[str] = field(default_factory=list)
     """Figures, of `FIGURES`; empty for all."""
     folder: str = ""
-    """For the figures; empty for OUTPUT/figures."""
+    """Folder for the figures; empty for OUTPUT/figures."""
     repair: str = ""
     """Folder of the table before and after a repair; empty for OUTPUT/repair."""
     learning: ShowLearningConfig = field(default_factory=ShowLearningConfig)

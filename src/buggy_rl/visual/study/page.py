@@ -66,7 +66,7 @@ def _listed(pose: NDArray[Any]) -> list[list[float]]:
 
 
 def _error(made: NDArray[Any], measured: NDArray[Any]) -> float | None:
-    """Distance [m]."""
+    """Distance between two poses [m]."""
     distance = float(np.hypot(*(made - measured)[:2]))
     return round(distance, 4) if np.isfinite(distance) else None
 

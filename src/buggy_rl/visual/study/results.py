@@ -104,5 +104,5 @@ def repaired_errors(folder: Path) -> list[dict[str, Any]]:
 
 
 def read_diagnosis(folder: Path) -> dict[str, Any]:
-    """diagnosis.json."""
+    """Reads diagnosis.json."""
     return json.loads((folder / "diagnosis" / "diagnosis.json").read_text())

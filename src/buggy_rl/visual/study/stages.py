@@ -31,7 +31,7 @@ class PolicyStage:
     seeds: list[int] = field(default_factory=lambda: [0])
     """One policy is trained for each; empty for no policies."""
     course: str = "infinity"
-    """That the film shows."""
+    """Course that the film shows."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class WholeStudyConfig(StudyConfig, Launching):
     """Everything from a folder of recordings to study.html."""
 
     title: str = ""
-    """Of the page; empty for the name of the output folder."""
+    """Title of the page; empty for the name of the output folder."""
     policy: PolicyStage = field(default_factory=PolicyStage)
     diagnosed: Literal["fitted", "shipped"] = "fitted"
     """Which simulator is diagnosed: the fitted one on the held-out recordings, or the one as it
@@ -71,7 +71,7 @@ class Stage:
 
     job: Job
     title: str
-    """On the page."""
+    """Title on the page."""
 
 
 class StudyPlan:

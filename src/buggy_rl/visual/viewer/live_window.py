@@ -68,7 +68,7 @@ class LiveTrack:
         return shot
 
     def _between(self, one: LiveRow, other: LiveRow) -> np.ndarray:
-        """By how much the wheels roll from one row to the next [4]."""
+        """Angles by which the wheels roll from one row to the next [4]."""
         time = np.array([one[0], other[0]])
         motion = np.array([one[1], other[1]])
         angle = wheels.steering_angle(motion[:, 7])

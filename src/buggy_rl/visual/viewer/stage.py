@@ -29,7 +29,7 @@ from buggy_rl.visual.film.shot import Points, Shot, ShownCar, View
 
 
 BODIES = ("", *(f"_{place}_hub" for place in wheels.PLACES), *(f"_{p}" for p in wheels.PLACES))
-"""Behind the car's name: the car itself, hubs that steer, wheels that roll."""
+"""Suffixes of the car's name: the car itself, hubs that steer, wheels that roll."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def make_server(label: str) -> viser.ViserServer:
 
 
 def address(server: viser.ViserServer) -> str:
-    """Where a browser finds it."""
+    """Address at which a browser finds it."""
     return f"http://{HOST}:{server.get_port()}"
 
 
