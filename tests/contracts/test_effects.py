@@ -62,7 +62,7 @@ CONTRACT = {  # names and parameters that programs outside of this package rely 
 TERMS = (  # one of each kind, of each memory, of a product, of each group of shapes
     "term.yaw.throttle.even_square",
     "term.forward.steering.even",
-    "term.side.speed*steering",
+    "term.side.speed_times_steering",
     "term.forward.throttle_rate",
     "term.side.heading.cos2",
     "term.steering.lateral_acceleration.saturating",

@@ -3,8 +3,8 @@
 1. Every term is rolled out beside the leading set at one size, all in one batch.
 2. Ranked by the loss of the straight line through its rollout, in either sense, projected off what
    the set's own numbers absorb. Terms whose lines run alike over what was driven are one.
-3. The best are fitted by rollouts beside the set, held out block by block; the best of them is added
-   where its gain is beyond its price. Again, until none is.
+3. The best are fitted by rollouts beside the set, held out block by block; the best of them is
+   added where its gain is beyond its price. Again, until none is.
 """
 
 import math
@@ -134,10 +134,15 @@ def _on_line(problem: Problem, base: Fit, trial: Fit) -> Screened:
     loss = float(noise.loss(square, phi).sum())
     loss += 0.5 * float((precision * (step - centre).square()).sum())
     root = weight.sqrt().unsqueeze(-1)
-    move, own = (root * columns[..., 0]).flatten(), (root.unsqueeze(-1) * base.jacobian).flatten(0, 1)
+    move, own = (
+        (root * columns[..., 0]).flatten(),
+        (root.unsqueeze(-1) * base.jacobian).flatten(0, 1),
+    )
     move = move - own @ torch.linalg.lstsq(own, move.unsqueeze(-1)).solution.squeeze(-1)
     vector = torch.cat([base.vector[:-1] + step[1:-1], step[:1], base.vector[-1:] + step[-1:]])
-    return Screened(Hypothesis(trial.effects, trial.coordinates, vector), loss, float(step[0].sign()) * move)
+    return Screened(
+        Hypothesis(trial.effects, trial.coordinates, vector), loss, float(step[0].sign()) * move
+    )
 
 
 def distinct(

@@ -78,6 +78,7 @@ class Bank(Effect):
         bend = torch.tensor([t.bend for t in self.members])
         late = torch.tensor([t.memory == "lag" for t in self.members])
         place = torch.tensor([list(PLACES).index(t.place) for t in self.members])
+        largest = torch.tensor([PLACES[t.place].largest for t in self.members])
         member = self._member
         self._store(
             first=first[member],
@@ -86,6 +87,7 @@ class Bank(Effect):
             bend=bend[member],
             late=late[member],
             place_index=place[member],
+            largest=largest[member],
         )
 
     @property
@@ -119,11 +121,15 @@ class Bank(Effect):
         lagged = before + share * (shaped - before)
         return torch.where(self._tensor("late"), lagged, shaped), lagged
 
-    def _placed(self, amount: Tensor, places: tuple[str, ...]) -> list[Tensor]:
-        """An amount [n] in the column of its own place, 0 in the others."""
+    def _placed(self, shaped: Tensor, places: tuple[str, ...]) -> list[Tensor]:
+        """What is added [n], within its bounds, in the column of its own place; 0 in the others."""
         own = self._tensor("place_index")
+        largest = self._tensor("largest").to(shaped.dtype)
+        amount = (self._value("coefficient") * shaped).clamp(-largest, largest)
         every = list(PLACES)
-        return [torch.where(own == every.index(p), amount, torch.zeros_like(amount)) for p in places]
+        return [
+            torch.where(own == every.index(p), amount, torch.zeros_like(amount)) for p in places
+        ]
 
     def _rates(self, drive: Tensor, steering: Tensor, state: Tensor) -> dict[str, Tensor]:
         known = state[..., 3] > 0.5
@@ -216,7 +222,7 @@ class MotionTerms(TimedBank, MotionEffect):
         steering = motion.action[..., 1]
         state = self._past(before, steering)
         signals = {
-            **_of_motion(motion.pose, motion.before),
+            **_of_motion(motion.pose, motion.after),
             "lateral_acceleration": motion.acceleration[1],
             **{"steering": steering, "throttle": drive},
             **self._rates(drive, steering, state),
@@ -227,11 +233,11 @@ class MotionTerms(TimedBank, MotionEffect):
             memory = before.get(self.memory)
             now = torch.stack([lagged, drive, steering, torch.ones_like(drive)], -1)
             after.set(self.memory, self._scatter(memory, now))
-        amount = self._value("coefficient") * acting * motion.setting_off * self.dt
-        forward, side, yaw = self._placed(amount, ("forward", "side", "yaw"))
+        forward, side, yaw = self._placed(acting, ("forward", "side", "yaw"))
         speed = motion.after[..., 0].abs().clamp_min(SLOWEST)
         damping = tyre_damping(self.dimensions, self.stiffness) / speed
-        return torch.stack([forward, side, yaw / (1 + 0.5 * self.dt * damping)], -1)
+        added = torch.stack([forward, side, yaw / (1 + 0.5 * self.dt * damping)], -1)
+        return added * (motion.setting_off * self.dt).unsqueeze(-1)
 
 
 class CommandTerms(TimedBank):
@@ -254,8 +260,7 @@ class CommandTerms(TimedBank):
             **self._time(tensordict),
         }
         acting, lagged = self._late(self._shaped(signals), state)
-        amount = self._value("coefficient") * acting
-        throttle, steer = self._placed(amount, ("throttle", "steering"))
+        throttle, steer = self._placed(acting, ("throttle", "steering"))
         scale = 1.0 - self.rest  # the drive command is 0..1 between rest and full
         full = command if beyond is None else command + self._gather(beyond)
         full = full + torch.stack([scale * throttle, steer], -1)
@@ -305,8 +310,8 @@ class SensorTerms(Bank, SensingEffect):
 
     def _shown(self, pose: Tensor, velocity: Tensor, sign: float) -> tuple[Tensor, Tensor]:
         """Pose and velocity [..., n, 3] with the addition, or without it again where -1."""
-        amount = sign * self._value("coefficient") * self._shaped(_of_motion(pose, velocity))
-        vx, vy, r, ahead, left, heading = self._placed(amount, SHOWN)
+        shaped = sign * self._shaped(_of_motion(pose, velocity))
+        vx, vy, r, ahead, left, heading = self._placed(shaped, SHOWN)
         way = rotate(torch.stack([ahead, left], -1), pose[..., 2])
         shown = torch.cat([pose[..., :2] + way, (pose[..., 2] + heading).unsqueeze(-1)], -1)
         return shown, velocity + torch.stack([vx, vy, r], -1)
@@ -373,4 +378,3 @@ def __getattr__(name: str) -> Any:
     if dotted.startswith((PREFIX, BANK)):
         return term_class(dotted)
     raise AttributeError(name)
-

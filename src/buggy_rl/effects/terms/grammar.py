@@ -1,9 +1,10 @@
 """The grammar of terms: what is changed, by which signal, in which shape, after which lag.
 
 A term adds `coefficient * shape(signal)` to one quantity of the car. Its name says all of it:
-`term.yaw.throttle`, `term.forward.steering.even`, `term.side.speed*steering.linear.lag`.
+`term.yaw.throttle`, `term.forward.steering.even`, `term.side.speed_times_steering.linear.lag`.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -18,6 +19,7 @@ BANK = "terms."
 SLOTS = 4
 """Terms of one kind that a car may have at once."""
 Kind = Literal["actuation", "motion", "sensing"]
+TIMES = "_times_"
 KINDS: tuple[Kind, ...] = ("actuation", "motion", "sensing")
 
 
@@ -32,7 +34,7 @@ class Place:
     size: float
     """[unit] prior scale at a typical signal: shifts a rollout of 1 s by 20 to 30 mm at 2 m/s."""
     largest: float
-    """[unit] bound at a typical signal."""
+    """[unit] that is added at most; at a typical signal, the bound of the coefficient."""
     says: str
     """What happens to the car where the addition is positive."""
     negative: str
@@ -51,9 +53,7 @@ PLACES = {
     "steering": Place(
         "steering", "actuation", "-", 0.03, 2.0, "steered to the left", "steered to the right"
     ),
-    "shown_vx": Place(
-        "shown vx", "sensing", "m/s", 0.05, 5.0, "shown too fast", "shown too slow"
-    ),
+    "shown_vx": Place("shown vx", "sensing", "m/s", 0.05, 5.0, "shown too fast", "shown too slow"),
     "shown_vy": Place(
         "shown vy",
         "sensing",
@@ -82,7 +82,13 @@ PLACES = {
         "shown turned to the right",
     ),
     "shown_ahead": Place(
-        "shown position ahead", "sensing", "m", 0.02, 2.0, "shown too far ahead", "shown too far back"
+        "shown position ahead",
+        "sensing",
+        "m",
+        0.02,
+        2.0,
+        "shown too far ahead",
+        "shown too far back",
     ),
     "shown_left": Place(
         "shown position left",
@@ -96,6 +102,18 @@ PLACES = {
 }
 
 
+EVERYDAY = {
+    "m/s^2": (1.0, "m/s a second"),
+    "rad/s^2": (math.degrees(1.0), "degrees/s a second"),
+    "-": (100.0, "% of full"),
+    "m/s": (1.0, "m/s"),
+    "rad/s": (math.degrees(1.0), "degrees a second"),
+    "rad": (math.degrees(1.0), "degrees"),
+    "m": (100.0, "cm"),
+}
+"""Unit of a place -> factor to an everyday one, and that."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """What a term depends on."""
@@ -105,23 +123,33 @@ class Signal:
     typical: float
     """[unit] on a lively drive of the buggy; where shapes bend and prior scales hold."""
     says: str
+    at: str
+    """Its typical value in words."""
     signed: bool = True
     """Whether it takes both signs, so that even and odd shapes differ."""
 
 
 SIGNALS = {
-    "one": Signal("1", "-", 1.0, "always", signed=False),
-    "speed": Signal("v", "m/s", 2.0, "the speed", signed=False),
-    "lateral_acceleration": Signal("a_y", "m/s^2", 5.0, "the lateral acceleration"),
-    "yaw_rate": Signal("r", "rad/s", 2.5, "the yaw rate"),
-    "steering": Signal("steering", "-", 0.5, "the steering command"),
-    "throttle": Signal("drive", "-", 0.3, "the drive command", signed=False),
-    "steering_rate": Signal("dsteering/dt", "1/s", 3.0, "the rate of the steering command"),
-    "throttle_rate": Signal("ddrive/dt", "1/s", 2.0, "the rate of the drive command"),
-    "time": Signal("t", "s", 30.0, "the time since the session began", signed=False),
-    "x": Signal("x", "m", 2.0, "the place in the room along x"),
-    "y": Signal("y", "m", 2.0, "the place in the room along y"),
-    "heading": Signal("yaw", "rad", 1.0, "the heading"),
+    "one": Signal("1", "-", 1.0, "always", "", signed=False),
+    "speed": Signal("v", "m/s", 2.0, "the speed", "2 m/s", signed=False),
+    "lateral_acceleration": Signal("a_y", "m/s^2", 5.0, "the lateral acceleration", "half a g"),
+    "yaw_rate": Signal("r", "rad/s", 2.5, "the yaw rate", "143 degrees a second"),
+    "steering": Signal("steering", "-", 0.5, "the steering command", "half of full lock"),
+    "throttle": Signal("drive", "-", 0.3, "the drive command", "30 % drive", signed=False),
+    "steering_rate": Signal(
+        "dsteering/dt",
+        "1/s",
+        3.0,
+        "the rate of the steering command",
+        "full lock to full lock in 0.7 s",
+    ),
+    "throttle_rate": Signal(
+        "ddrive/dt", "1/s", 2.0, "the rate of the drive command", "full drive in 0.5 s"
+    ),
+    "time": Signal("t", "s", 30.0, "the time since the session began", "30 s", signed=False),
+    "x": Signal("x", "m", 2.0, "the place in the room along x", "2 m"),
+    "y": Signal("y", "m", 2.0, "the place in the room along y", "2 m"),
+    "heading": Signal("yaw", "rad", 1.0, "the heading", ""),
 }
 
 
@@ -186,7 +214,7 @@ class Term:
         if ("heading" in self.signals) != (self.shape in PERIODIC):
             raise ValueError(
                 f"shapes {', '.join(PERIODIC)} are those of the heading, and it has no other; "
-                f"not {self.shape} of {'*'.join(self.signals)}"
+                f"not {self.shape} of {TIMES.join(self.signals)}"
             )
 
     @classmethod
@@ -202,14 +230,16 @@ class Term:
                 f"{name!r} names no term: term.PLACE.SIGNAL[.SHAPE[.MEMORY]], such as "
                 "term.yaw.throttle or term.forward.steering.even"
             )
-        return cls(parts[0], tuple(parts[1].split("*")), *parts[2:])
+        return cls(parts[0], tuple(parts[1].split(TIMES)), *parts[2:])
 
     @property
     def name(self) -> str:
         """Its name, without what is the default."""
         shape = self.shape if (self.shape, self.memory) != ("linear", "none") else ""
         memory = self.memory if self.memory != "none" else ""
-        return PREFIX + ".".join(p for p in (self.place, "*".join(self.signals), shape, memory) if p)
+        return PREFIX + ".".join(
+            p for p in (self.place, TIMES.join(self.signals), shape, memory) if p
+        )
 
     @property
     def typical(self) -> float:
@@ -266,18 +296,20 @@ class Term:
         return f"{place.symbol}' = {place.symbol} + coefficient {self.shape_of_signal}"
 
     def sentence(self, coefficient: float) -> str:
-        """What it does, in words."""
+        """What it does, in words and everyday units, at a typical signal."""
         place, shape = PLACES[self.place], SHAPES[self.shape]
         does = place.says if coefficient >= 0 else place.negative
-        if self.signals == ("one",):
-            when = "always"
-        else:
-            signal = " times ".join(SIGNALS[n].says for n in self.signals)
-            when = f"{shape.says} {signal}"
-        after = f", {LAG:g} s late" if self.memory == "lag" else ""
-        number = f"{abs(coefficient):.3g} {self.unit}"
+        factor, unit = EVERYDAY[place.unit]
+        number = f"{factor * abs(coefficient) * self.typical:.3g} {unit}"
         known = FIELD_NAMES.get((self.place, self.signals, shape.parity))
-        return f"the car is {does} {when}{after} ({number})" + (f": {known}" if known else "")
+        named = f": {known}" if known else ""
+        if self.signals == ("one",):
+            return f"the car is {does} by {number} all the time{named}"
+        signal = " times ".join(SIGNALS[n].says for n in self.signals)
+        at = " and ".join(SIGNALS[n].at for n in self.signals)
+        size = f"{number} at {at}" if shape.power else f"at most {number}"
+        after = f", {LAG:g} s late" if self.memory == "lag" else ""
+        return f"the car is {does} {shape.says} {signal}{after}, by {size}{named}"
 
 
 FIELD_NAMES: dict[tuple[str, tuple[str, ...], str], str] = {
