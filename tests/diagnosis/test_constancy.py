@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from buggy_rl.diagnosis.answer.words import CONDITIONS
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.residuals import CONDITIONS
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.constancy import Variation, conditions, variation
 from buggy_rl.diagnosis.search.features import STEADY

@@ -12,9 +12,7 @@ from buggy_rl.diagnosis.answer.equivalents import (
     swapped,
 )
 from buggy_rl.diagnosis.answer.statement import _named, confidences
-from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.run.criteria import Criteria
-from buggy_rl.diagnosis.run.drives import Drives, longer_segments
+from buggy_rl.diagnosis.run.case import Criteria, DiagnosisCase, Drives, longer_segments
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import Posterior

@@ -16,7 +16,7 @@ from buggy_rl.diagnosis.answer.experiments import (
     with_drives,
 )
 from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, simulated, trusted
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import Posterior, posterior

@@ -1,6 +1,6 @@
 """An effect that a diagnosis names: numbers, confidence, and whether they are plausible."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -8,14 +8,13 @@ import torch
 
 from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.diagnosis.answer.words import CONDITIONS
+from buggy_rl.diagnosis.residuals import CONDITIONS
 from buggy_rl.diagnosis.search.posterior import certainly_missing
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import CLOCK, CLOCK_PRIOR
 from buggy_rl.estimation.segments import Segments
 
-NORMAL = 1.96  # standard deviations of a 95 % interval
 SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
 
 
@@ -136,6 +135,7 @@ WHOLE = 0.95  # [-] share of a number's range that an interval without meaning s
 IMPLAUSIBLE = (
     4.0  # times as far from neutral as the usual end: beyond all that is drawn, by a third
 )
+LATE = 0.015  # [s] by which clocks may differ without a word
 PLACES = ("x", "y")  # numbers that are places in the room, in effects that have a radius
 
 
@@ -193,3 +193,32 @@ def latencies_refused(clock_offset: float) -> tuple[str, ...]:
     Of a late sensor and an early clock only the difference is known: their numbers may be anything.
     """
     return CLOCKLIKE if abs(clock_offset) >= FAR_CLOCK - 1e-6 else ()
+
+
+def check_clock(offset: float) -> list[str]:
+    """Whether the commands' clock as fitted [s] is that of the motion."""
+    if abs(offset) <= LATE:
+        return []
+    side = "later" if offset > 0 else "earlier"
+    return [
+        f"commands act {1000 * abs(offset):.0f} ms {side} than they are stamped, throttle and "
+        "steering alike: the clocks of commands and motion differ, or both commands are late. "
+        "Compare the clocks; where the stamps are off, add "
+        f"{offset:+.3f} s to command_offset of the column map and diagnose again"
+    ]
+
+
+def check_latency(effects: Collection[str], offset: float = 0.0) -> list[str]:
+    """Says what else a late sensor could be, with the commands' clock as fitted [s]."""
+    if "sensor_latency" not in effects:
+        return []
+    if latencies_refused(offset):
+        return [
+            "a late sensor was fitted beside a clock that is off by more than stamps are: only the "
+            "difference of both is known, so none is named; compare the clocks of commands and "
+            "motion, correct command_offset of the column map, and diagnose again"
+        ]
+    return [
+        "a sensor that is late and commands that are stamped too early by as much are the same to "
+        "these drives: compare the clocks of both before anything is built on it"
+    ]

@@ -1,30 +1,57 @@
 """What is named of what a search found, how surely, and what kind of answer that is."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from torch import Tensor
 
 from buggy_rl.diagnosis.answer import named_effect as plausibility
-from buggy_rl.diagnosis.answer.answer import Verdict
+from buggy_rl.diagnosis.answer.answer import Alternative, Verdict
 from buggy_rl.diagnosis.answer.named_effect import (
-    NORMAL,
     NamedEffect,
     Value,
+    check_clock,
+    check_latency,
     latencies_refused,
     sentence,
 )
-from buggy_rl.diagnosis.residuals import Unexplained, unexplained
+from buggy_rl.diagnosis.answer.retuning import wrong_parameters
+from buggy_rl.diagnosis.residuals import unexplained
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import excess_misfit
 from buggy_rl.diagnosis.search.limits import words_of
-from buggy_rl.diagnosis.search.posterior import EVEN, LISTED, Posterior, shipped
+from buggy_rl.diagnosis.search.posterior import EVEN, LISTED, NORMAL, Posterior, shipped
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.hypothesis import OWN
+
+
+def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any]:
+    """The part of the answer that says what is named, how surely, and what else was tried."""
+    problem, criteria = case.problem, case.criteria
+    before, after = _as_given(case, found), found.best.fit.whitened
+    share = criteria.rules.depends_share
+    rest = unexplained(problem, before, after, share, criteria.usual)
+    sure = confidences(found, found.posterior)
+    offset = found.best.fit.values()[""]["clock_offset"]
+    refused = latencies_refused(offset)
+    named = [_named(case, found, e, sure[e]) for e in found.best.effects if e not in refused]
+    if case.tuned is not None:
+        wrong = wrong_parameters(case.tuned, criteria.rules, case.given.make(1))
+        named += _retuned(found, before.square().mean(-1), wrong)
+    named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
+    return {
+        "effects": named,
+        "verdict": verdict_of(found.posterior, named, problem.library.own),
+        "remaining": rest,
+        "tried": Alternative.closest(found),
+        "posterior": found.posterior,
+        "notes": [*check_clock(offset), *check_latency(found.best.effects, offset)],
+    }
 
 
 @dataclass(frozen=True)
@@ -67,30 +94,6 @@ def verdict_of(posterior: Posterior, named: Sequence[NamedEffect], own: bool = F
     if all(n.kind == "parameter" or (own and n.inside) for n in named):
         return "wrong_parameters"
     return "missing_physics"
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """What is named, how surely, and what kind of answer that is."""
-
-    named: list[NamedEffect]
-    verdict: Verdict
-    rest: Unexplained
-
-
-def judged(case: DiagnosisCase, found: SearchResult) -> Conclusion:
-    """What is named, without proof of it."""
-    problem, criteria = case.problem, case.criteria
-    before, after = _as_given(case, found), found.best.fit.whitened
-    share = criteria.rules.depends_share
-    rest = unexplained(problem, before, after, share, criteria.usual)
-    sure = confidences(found, found.posterior)
-    refused = latencies_refused(found.best.fit.values()[""]["clock_offset"])
-    named = [_named(case, found, e, sure[e]) for e in found.best.effects if e not in refused]
-    wrong = case.tuned.wrong if case.tuned else ()
-    named += _retuned(found, before.square().mean(-1), wrong)
-    named = sorted((n for n in named if n.confidence >= LISTED), key=lambda n: -n.confidence)
-    return Conclusion(named, verdict_of(found.posterior, named, problem.library.own), rest)
 
 
 def _as_given(case: DiagnosisCase, found: SearchResult) -> Tensor:

@@ -10,8 +10,7 @@ from typing import Any
 
 from torch import Tensor
 
-from buggy_rl.diagnosis.repair.proof import SAID
-from buggy_rl.diagnosis.repair.validation import Errors
+from buggy_rl.diagnosis.repair.validation import SAID, Errors
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.evidence import misfit

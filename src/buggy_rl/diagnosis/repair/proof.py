@@ -1,11 +1,25 @@
-"""Errors of rollouts on what was held out: as given, repaired, re-tuned, learned."""
+"""What speaks for a repair: errors on what was held out, as given, repaired, re-tuned, learned."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-SAID = 1.0  # [s] horizon of the errors that are said
+from buggy_rl.diagnosis.repair.delivery import OTHER, Repair, as_file, chosen, repair_candidates
+from buggy_rl.diagnosis.repair.validation import (
+    ITERATIONS,
+    SAID,
+    Errors,
+    delivered,
+    segment_folds,
+    validated,
+)
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.result import SearchResult
+from buggy_rl.estimation.evidence import misfit
+from buggy_rl.estimation.gauss_newton import Problem
+from buggy_rl.estimation.hypothesis import Hypothesis
+
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
 BETTER = 0.8  # [-] of the repair's error, below which a learned residual is worth a word; chosen
 
@@ -92,3 +106,49 @@ def _by_horizon(values: Mapping[float, float]) -> dict[str, float]:
 
 def _millimetres(before: float, after: float) -> str:
     return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
+
+
+def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any]:
+    """The part of the answer that says what is delivered, and what speaks for it.
+
+    Sets of effects that may be delivered are validated; one of them is delivered, or none.
+    """
+    problem, every = case.problem, [c.fit for c in repair_candidates(found)]
+    if case.retuned_from is not None:
+        # Its parameters have seen all recordings: they are fitted anew with the effects', from the
+        # simulator as given, on what is not held out.
+        simulation = replace(problem.simulation, make=case.given.make)
+        problem = replace(problem, simulation=simulation)
+        every = [case.about_given(fit) for fit in every]
+    problem = replace(problem, library=case.as_given, dispersion=1.0)
+    starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
+    second = {name: fit for name, fit in starts.items() if name != "after"}
+    errors = validated(problem, every[0], case.drives.longer, case.budget, second)
+    name = chosen(errors, found.posterior.says == "unknown")
+    if name == "before":
+        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
+        worse = None if None in ways else ways
+        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
+    else:
+        iterations = min(ITERATIONS, case.budget.iterations)
+        repair = as_file(*delivered(problem, starts[name], iterations))
+    errors["after"] = errors[name]
+    errors.pop(OTHER, None)
+    return {"proof": _proof(problem, errors), "repair": repair}
+
+
+def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:
+    """Errors of rollouts by what they are of, beside the sensor's noise."""
+    floor = 2 * float(problem.noise.sd[:2].square().sum())
+    before, given, none = errors["before"].mean_square, errors["before"].square, Errors()
+    return Proof(
+        before=before,
+        after=errors["after"].mean_square,
+        retuned=errors.get("retuned", none).mean_square,
+        noise_floor={h: floor for h in before},
+        black_box=errors["black_box"].mean_square,
+        median={name: e.median for name, e in errors.items()},
+        misfit_before=misfit(given, given),
+        misfit_after=misfit(errors["after"].square, given),
+        held_out=len(segment_folds(problem.segments).unique()) > 1,
+    )

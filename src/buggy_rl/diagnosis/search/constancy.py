@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.residuals import drive_features
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem

@@ -7,7 +7,7 @@ from functools import partial
 import torch
 
 from buggy_rl.diagnosis.residuals import CLIPPED, by_condition, unexplained
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Effects, excess_misfit
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
 from buggy_rl.diagnosis.search.constancy import variation

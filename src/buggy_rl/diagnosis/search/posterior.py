@@ -22,6 +22,9 @@ from buggy_rl.diagnosis.search.candidate import Effects
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
 
+NORMAL = 1.96  # standard deviations of a 95 % interval
+
+
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 """One, or an array of them."""
 

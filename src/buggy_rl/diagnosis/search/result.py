@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import torch
 
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects, excess_misfit, leading
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.posterior import Posterior
