@@ -14,9 +14,9 @@ from buggy_rl.diagnosis.run import maker
 from buggy_rl.diagnosis.run.budget import FULL, smaller
 from buggy_rl.diagnosis.run.case import Criteria, Drives
 from buggy_rl.diagnosis.run.maker import IntegrationStep
-from buggy_rl.diagnosis.search.features import of_hypotheses
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence
+from buggy_rl.diagnosis.search.posterior import of_hypotheses
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
