@@ -1,6 +1,6 @@
 import pytest
 
-from buggy_rl.diagnosis.answer.statement import interval
+from buggy_rl.diagnosis.answer.named_effect import interval
 from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.effects.base import EffectParameter
 

@@ -102,8 +102,8 @@ def run_diagnosis(
 
     progress("looking at drives and simulator")
     seen = _preflight(config, recordings, baseline)
-    drives = Drives.cut(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
+        drives = Drives.cut(config, recordings, baseline)
         simulation = partial(Simulation, workers=workers, rolled=meter.rolled)
         opened = open_simulator(config, drives, simulation, begun)
         plan = stages.done("plan", partial(_planned, config, opened, drives, begun, seen.first))

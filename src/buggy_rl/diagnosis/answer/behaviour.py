@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from buggy_rl.core.longitudinal import declared_by
-from buggy_rl.diagnosis.answer.experiments import most_probable
 from buggy_rl.diagnosis.answer.step_tests import Driven, Quantity, step_tests
 from buggy_rl.diagnosis.residuals import CONDITIONS, READINGS, drive_features
 from buggy_rl.diagnosis.run.case import DiagnosisCase, Retuned
@@ -100,7 +99,6 @@ def behaviours(case: DiagnosisCase, found: SearchResult) -> list[Behaviour]:
 def step_values(case: DiagnosisCase, found: SearchResult) -> list[Tested]:
     """Quantities that were driven and that the tests show; the arguments are `behaviours`'."""
     problem, simulation, library = case.problem, case.given, case.as_given
-    driven = driven_of(case)
     described = found.described
     neutral, best = library.hypothesis(()), case.about_given(described.fit)
     covariance = described.cross_validated.covariance
@@ -108,11 +106,12 @@ def step_values(case: DiagnosisCase, found: SearchResult) -> list[Tested]:
         covariance = _joint(covariance, case.tuned)
     others = [
         case.about_given(found.tried[key].fit)
-        for key in most_probable(found)
+        for key in found.most_probable
         if key != described.key
     ]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
+    driven = driven_of(case)
     steps = step_tests(simulation, library, rows, driven, problem.segments.dt)
     given, repaired, rivals = steps.split([1, len(samples), len(others)])
     values = repaired[0]

@@ -20,16 +20,14 @@ from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, si
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.diagnosis.search.posterior import LISTED, Posterior, posterior
+from buggy_rl.diagnosis.search.posterior import SURE, posterior
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.evidence import misfit, typical
 from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.segments import Segments, cut_segments
 
-SURE = 0.9  # [-] probability from which a hypothesis is decided
 SUGGESTED = 0.8  # [-] decision rate from which a manoeuvre is suggested
-MOST = 3  # leading hypotheses, of which each is taken for the truth
 SAMPLES = 32  # of the noise, for each manoeuvre and truth
 LEAST = 1e-9  # [prior scales^2] variance of a parameter, at least
 
@@ -84,8 +82,8 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
         problem: What was driven, with the noise model and dispersion that the search came to.
         found: What it found.
     """
-    between = most_probable(found)
-    if len(between) < 2 or decided(found.posterior, between[0]):
+    between = found.most_probable
+    if len(between) < 2 or found.posterior.decided(between[0]):
         return []
     candidates = [found.tried[effects] for effects in between]
     weights = [found.posterior.sets[effects] for effects in between]
@@ -97,22 +95,6 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
         for m, (rate, expected) in zip(MANOEUVRES, mean, strict=True)
     ]
     return sorted(every, key=lambda r: (-r.rate, -r.expected))
-
-
-def most_probable(found: SearchResult) -> list[Effects]:
-    """The most probable hypotheses, of those that are listed; at most `MOST`."""
-    ranked = sorted(found.posterior.sets.items(), key=lambda item: -item[1])
-    return [effects for effects, p in ranked[:MOST] if p >= LISTED]
-
-
-def decided(posterior: Posterior, effects: Effects) -> bool:
-    """Whether every effect of a hypothesis has the probability `SURE`; of none, nothing."""
-    return least_sure(posterior, effects) >= SURE
-
-
-def least_sure(posterior: Posterior, effects: Effects) -> float:
-    """Probability of the least probable effect of a hypothesis; of none, of nothing."""
-    return min([posterior.of(e) for e in effects] or [posterior.nothing])
 
 
 @dataclass(frozen=True)
@@ -206,7 +188,7 @@ def _rate(
     for k in range(SAMPLES):
         drawn = {effects: square[k] for effects, square in squares.items()}
         after = posterior(with_drives(problem, found.observed, drawn, manoeuvre))
-        sure.append(least_sure(after.merged(found.same), truth))
+        sure.append(after.merged(found.same).least_sure(truth))
     return sum(p >= SURE for p in sure) / SAMPLES, sum(sure) / SAMPLES
 
 

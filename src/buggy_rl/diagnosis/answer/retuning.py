@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.answer.experiments import decided
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value, sentence
 from buggy_rl.diagnosis.config import SearchConfig
 from buggy_rl.diagnosis.repair.proof import Proof
@@ -23,7 +22,7 @@ ROUNDS, ITERATIONS = 3, 4  # of the fit; between rounds the dispersion is estima
 
 def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
     """Whether parameters of the simulator may be off: it is re-tuned then, and searched again."""
-    unsure = not decided(posterior, named) and proof.prefers_retuning
+    unsure = not posterior.decided(named) and proof.prefers_retuning
     return posterior.says == "unknown" or unsure
 
 

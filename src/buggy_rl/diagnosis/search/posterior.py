@@ -166,6 +166,7 @@ class FormError:
 
 EVEN = 0.5  # [-] probability from which a name is rather right than wrong
 LISTED = 0.02  # [-] from which it is listed
+SURE = 0.9  # [-] from which a hypothesis is decided
 STANDING = 0.95  # [-] share of the sets of effects from which it is said whatever else is missing,
 LIKELY = 1 / 3  # [-] if the effect itself is as probable
 SHIPPED = Path(__file__).with_name("calibration.yaml")
@@ -247,6 +248,14 @@ class Posterior:
         """That an effect is missing if effects are at all, whatever else may be missing."""
         named = 1.0 - self.nothing - self.unknown
         return self.of(effect) / named if named > 0 else 0.0
+
+    def least_sure(self, effects: Effects) -> float:
+        """Probability of the least probable effect of a hypothesis; of none, of nothing."""
+        return min([self.of(e) for e in effects] or [self.nothing])
+
+    def decided(self, effects: Effects) -> bool:
+        """Whether every effect of a hypothesis has the probability `SURE`; of none, nothing."""
+        return self.least_sure(effects) >= SURE
 
     def in_place_of(self, effect: str) -> dict[str, float]:
         """Other effects outside the best set -> probability of sets with them and without it."""
