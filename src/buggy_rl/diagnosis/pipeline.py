@@ -21,13 +21,12 @@ from buggy_rl.diagnosis.repair import proof
 from buggy_rl.diagnosis.run.case import DiagnosisCase, Drives, check_case, prepare_case
 from buggy_rl.diagnosis.run.maker import (
     Maker,
-    Opened,
     measured_again,
     open_simulator,
     own_options,
 )
 from buggy_rl.diagnosis.run.meter import Meter, MeterReading
-from buggy_rl.diagnosis.run.plan import Plan, plan_of
+from buggy_rl.diagnosis.run.plan import plan_of
 from buggy_rl.diagnosis.run.stages import Stages
 from buggy_rl.diagnosis.search.joint import Admits, Keep, joint_search
 from buggy_rl.diagnosis.search.limits import limits_within, same_sets
@@ -103,17 +102,20 @@ def run_diagnosis(
     progress("looking at drives and simulator")
     seen = _preflight(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
-        drives = Drives.cut(config, recordings, baseline)
+        every = Drives.cut(config, recordings, baseline)
         simulation = partial(Simulation, workers=workers, rolled=meter.rolled)
-        opened = open_simulator(config, drives, simulation, begun)
-        plan = stages.done("plan", partial(_planned, config, opened, drives, begun, seen.first))
+        opened = open_simulator(config, every, simulation, begun)
+        given, library, limits = opened.simulation, opened.library, limits_within(opened.library)
+        short = SHORT if seen.first else ""
+        plan = stages.done(
+            "plan",
+            lambda: plan_of(given, library, every, config.minutes, begun, short, limits),
+        )
         meter.begin(plan, deadline=begun + (60 * config.minutes or math.inf))
 
-        drives = drives.within(plan.budget)
-        correction = _corrected(opened.simulation, drives, stages, progress)
-        case = prepare_case(
-            opened.simulation, drives, opened.library, config, correction, plan.budget
-        )
+        drives = every.within(plan.budget)
+        correction = _corrected(given, drives, stages, progress)
+        case = prepare_case(given, drives, library, config, correction, plan.budget)
         notes = [
             *(*seen.notes, *opened.notes, *plan.notes),
             *([correction.note] if correction else []),
@@ -153,21 +155,6 @@ def _preflight(
     if inside:
         notes.append(f"the simulator has {', '.join(inside)} already: not looked for again")
     return CommandCheck(first, notes)
-
-
-def _planned(
-    config: DiagnosisConfig, opened: Opened, drives: Drives, begun: float, first: Sequence[str]
-) -> Plan:
-    """The plan; as short a one as can be where something speaks against any finding."""
-    return plan_of(
-        opened.simulation,
-        opened.library,
-        drives,
-        config.minutes,
-        begun,
-        SHORT if first else "",
-        limits_within(opened.library),
-    )
 
 
 def _corrected(
