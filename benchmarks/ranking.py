@@ -2,7 +2,7 @@
 
     python -m benchmarks.ranking ledgers=[docs/development/cases.jsonl.gz]
 
-Both get the same features of the same cases (`diagnosis/search/features.py`) and answer each
+Both get the same features of the same cases (`diagnosis/search/posterior.py`) and answer each
 case without its group (`blind_test.calibration.folds`). Trees see the features of a hypothesis and
 of its case together; a softmax over the case makes probabilities of their scores. Prints the tables
 of both and McNemar's exact test.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from buggy_rl.diagnosis.search.constancy import Variation
+from buggy_rl.diagnosis.search.candidate import Variation
 from buggy_rl.estimation.evidence import Evidence
 from buggy_rl.proof.calibrate.discrimination import USED, area, discrimination, left_out, samples
 from buggy_rl.proof.cases.draw import DrawConfig, draw_all

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from buggy_rl.diagnosis.answer.answer import Verdict
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
+from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.base import EffectParameter
 

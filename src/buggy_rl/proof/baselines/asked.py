@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.run.drives import segments_of
+from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects.measuring import measurable_options
 from buggy_rl.estimation.baseline import correct

@@ -20,8 +20,14 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
-from buggy_rl.diagnosis.search.posterior import Calibration, FormError, Posterior, posterior
+from buggy_rl.diagnosis.search.posterior import (
+    Calibration,
+    FormError,
+    Posterior,
+    of_case,
+    of_hypotheses,
+    posterior,
+)
 from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.proof.cases.sizes import UNKNOWN_SIZES

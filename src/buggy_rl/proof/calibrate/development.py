@@ -16,8 +16,8 @@ from typing import Any
 from omegaconf import MISSING
 
 from buggy_rl.core.files import clear_folder, write_json
+from buggy_rl.diagnosis.answer.experiments import weak
 from buggy_rl.diagnosis.pipeline import open_case
-from buggy_rl.diagnosis.preflight.recordings import weak
 from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
 from buggy_rl.diagnosis.search.joint import JointSearch, joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence

@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.diagnosis.answer.behaviour import driven_of, step_values
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.answer.step_tests import step_tests
 from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence, rounded
 from buggy_rl.diagnosis.search.joint import JointSearch
 from buggy_rl.diagnosis.search.observed import concluded
-from buggy_rl.diagnosis.search.posterior import FormError
+from buggy_rl.diagnosis.search.posterior import NORMAL, FormError
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
