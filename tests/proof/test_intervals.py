@@ -67,8 +67,8 @@ def test_the_numbers_of_a_case_are_those_of_the_true_set_beside_the_truth():
         ("steering_gain",), [5.0, 5.0], 0.1, values=values, z=[-1.0, 0.0], sd=[0.1, 0.2]
     )
     other = hypothesis(("wind",), [9.0, 9.0], 0.6)
-    told = entry(0, ["steering_gain"], [hypothesis((), [10.0, 10.0], 0.5), own, other])
-    told["case"]["concealed"] = {"steering_gain": {"gain": 0.75}}
+    concealed = {"steering_gain": {"gain": 0.75}}
+    told = entry(0, concealed, [hypothesis((), [10.0, 10.0], 0.5), own, other])
     [number] = scored_numbers([told])
     assert (number.z, number.by_blocks) == (-1.0, 0.1)
     assert number.true < 0  # it turns less than neutral

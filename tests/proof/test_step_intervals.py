@@ -11,6 +11,7 @@ from buggy_rl.proof.calibrate.intervals import (
     steps,
 )
 from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.ledger import Entry
 
 
 def entries(share, count=300):
@@ -27,9 +28,9 @@ def entries(share, count=300):
             "apart": 0.0,
             "true": 1.0 + off,
         }
-        told = {"seed": seed, "plant": "reference", "simulator": "reference", "baseline": True}
-        case = told | {"concealed": {("payload", "wind", "tire_grip")[seed % 3]: {}}}
-        made.append({"case": case, "steps": [line]})
+        concealed = {("payload", "wind", "tire_grip")[seed % 3]: {}}
+        case = Case(seed, "reference", "reference", True, concealed)
+        made.append(Entry(case.id, opened=case, steps=(line,)))
     return made
 
 
@@ -50,8 +51,9 @@ def test_the_form_error_covers_what_the_spread_alone_does_not(share):
 
 
 def test_ledgers_without_step_tests_say_so():
-    assert steps([{"case": {}}]) == []
-    assert "none in these ledgers" in step_intervals([{"case": {}}])
+    without = Entry("0000001", opened=Case(1, "reference", "reference"))
+    assert steps([without]) == []
+    assert "none in these ledgers" in step_intervals([without])
 
 
 @pytest.mark.parametrize(

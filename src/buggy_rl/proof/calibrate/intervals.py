@@ -21,27 +21,29 @@ from buggy_rl.diagnosis.answer.behaviour import driven_of, step_values
 from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.answer.step_tests import step_tests
 from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence, rounded
+from buggy_rl.diagnosis.search.case_evidence import HypothesisEvidence, rounded
 from buggy_rl.diagnosis.search.joint import JointSearch
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import FormError
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.proof.calibrate.calibration import Entry, group, truth, unknown
+from buggy_rl.proof.calibrate.calibration import group
 from buggy_rl.proof.cases.case import RATES, Case
 from buggy_rl.proof.cases.drives import plant_of, plant_parameters
-from buggy_rl.proof.score.oracle import expected
-from buggy_rl.proof.score.score import Figure, share
+from buggy_rl.proof.cases.equivalents import expected
+from buggy_rl.proof.ledger import Entry
+from buggy_rl.proof.score.statistics import Figure, share
+from buggy_rl.proof.score.tables import cell
 
 CHANCE = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # tried
 ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried
 REMAINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)  # tried
 TRIED = [FormError(*of) for of in product(CHANCE, ALWAYS, REMAINS)]
 COVERED = 0.95
-REDEFINED = {"cornering_drag": "steps"}
-"""Effects whose equation has changed -> what lines of ledgers have since: numbers in earlier lines
-are of another equation. Until then cornering_drag was -c |vx r|, and step tests were not kept."""
+REDEFINED = {"cornering_drag"}
+"""Effects whose equation has changed: numbers in lines from before step tests were kept are of
+another one. Until then cornering_drag was -c |vx r|."""
 FINEST = 1e-6  # [prior scales] added to half widths before a logarithm
 
 
@@ -66,27 +68,26 @@ def scored_numbers(entries: Sequence[Entry]) -> list[Number]:
     """Of all cases whose true set was fitted, and has a number in truth."""
     found = []
     for entry in entries:
-        if not truth(entry) or unknown(entry):
+        if not entry.case.truth or entry.case.unknown:
             continue
-        seen = CaseEvidence.from_dict(entry)
-        own = seen.of(truth(entry))
-        found += [] if own is None else _of(entry, seen, own)
+        own = entry.seen.of(entry.case.truth)
+        found += [] if own is None else _of(entry, own)
     return found
 
 
-def _of(entry: Entry, seen: CaseEvidence, own: HypothesisEvidence) -> list[Number]:
-    case = Case(**entry["case"])
+def _of(entry: Entry, own: HypothesisEvidence) -> list[Number]:
+    case, seen = entry.case, entry.seen
     names = [(e, p) for e, values in own.values.items() if e for p in values]
     found = []
     for (effect, name), z, sd in zip(names, own.z, own.sd, strict=False):  # the clock is last
         value = expected(case, effect).get(name)
-        today = effect not in REDEFINED or REDEFINED[effect] in entry
+        today = effect not in REDEFINED or entry.steps is not None
         if value is not None and today:
             [parameter] = [p for p in effect_class(effect).declared if p.name == name]
             true = float(parameter.coordinate(value))
             closed = seen.without(own, effect).excess - own.excess
             share = seen.usual.remaining(own.excess, closed)
-            found.append(Number(z, true, sd, share, group(entry)))
+            found.append(Number(z, true, sd, share, group(case)))
     return found
 
 
@@ -145,10 +146,7 @@ def intervals(entries: Sequence[Entry], form: FormError | None = None) -> str:
     }
     for name, given in ways.items():
         inside, width = covered(given)
-        between = f"{100 * inside.low:.0f} to {100 * inside.high:.0f}"
-        lines.append(
-            f"| {name} | {100 * inside.value:.0f} % ({between}) of {inside.count} | {width:.2f} |"
-        )
+        lines.append(f"| {name} | {cell(inside)} | {width:.2f} |")
     return "\n".join(lines)
 
 
@@ -210,7 +208,7 @@ def step_quantities(ready: Opened, found: JointSearch, case: Case) -> list[dict[
 
 def steps(entries: Sequence[Entry]) -> list[StepQuantity]:
     """Of all cases whose line has them."""
-    return [StepQuantity(**line, group=group(e)) for e in entries for line in e.get("steps", ())]
+    return [StepQuantity(**line, group=group(e.case)) for e in entries for line in e.steps or ()]
 
 
 def step_error(of: Sequence[StepQuantity]) -> FormError:

@@ -1,126 +1,29 @@
-"""The figures of a set of outcomes, by class of cases too, with their intervals."""
+"""The figures of a set of scored cases, by class of cases too, with their intervals."""
 
-import math
-import random
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from statistics import median
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-from scipy.stats import binomtest
-
+from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.cases.equivalents import expected
-from buggy_rl.proof.score.outcome import SURE, ScoredCase
-
-RESAMPLES = 2000
-BINS = 10
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A number with the bounds of its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    count: int
-    """Cases that it is of."""
-
-
-NONE = Figure(math.nan, math.nan, math.nan, 0)
-
-
-def share(hits: Sequence[bool]) -> Figure:
-    """Share of hits with Wilson's interval."""
-    if not hits:
-        return NONE
-    found = binomtest(sum(hits), len(hits))
-    interval = found.proportion_ci(method="wilson")
-    return Figure(found.statistic, float(interval.low), float(interval.high), len(hits))
-
-
-def middle(values: Sequence[float]) -> Figure:
-    """Median with a bootstrap's interval."""
-    return bootstrapped(values, median)
-
-
-def bootstrapped(values: Sequence, statistic) -> Figure:
-    """A statistic of a sample, and what 95 % of resamples give; always the same resamples."""
-    if not values:
-        return NONE
-    chance = random.Random(0)
-    drawn = sorted(statistic(chance.choices(values, k=len(values))) for _ in range(RESAMPLES))
-    low, high = drawn[int(0.025 * RESAMPLES)], drawn[int(0.975 * RESAMPLES) - 1]
-    return Figure(statistic(values), low, high, len(values))
-
-
-def calibration(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float, int]]:
-    """Mean confidence, share that is right, and number, of each tenth that holds any claim."""
-    rows = []
-    for number in range(BINS):
-        inside = [c for c in claims if min(int(c[0] * BINS), BINS - 1) == number]
-        if inside:
-            said = sum(confidence for confidence, _ in inside) / len(inside)
-            rows.append((said, sum(right for _, right in inside) / len(inside), len(inside)))
-    return rows
-
-
-def calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
-    """Expected calibration error: mean over claims of |confidence - share right| of their tenth."""
-    return sum(n * abs(said - right) for said, right, n in calibration(claims)) / len(claims)
-
-
-def debiased_calibration_error(claims: Sequence[tuple[float, bool]]) -> float:
-    """Root mean square calibration error, without what chance adds in bins of few claims.
-
-    sqrt(sum_b n_b / n ((said_b - right_b)^2 - right_b (1 - right_b) / (n_b - 1))), not below 0;
-    tenths with one claim are left out.
-
-    Source: Kumar, Liang & Ma (2019), Verified uncertainty calibration, eq. 5.
-    """
-    rows = [row for row in calibration(claims) if row[2] > 1]
-    total = sum(n for _, _, n in rows)
-    squares = sum(n * ((s - r) ** 2 - r * (1 - r) / (n - 1)) for s, r, n in rows)
-    return math.sqrt(max(0.0, squares / total)) if total else math.nan
-
-
-def selective_accuracy(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
-    """Share of claims kept and share right of those, when only the most confident are kept."""
-    ranked = sorted(claims, key=lambda claim: -claim[0])
-    rows, right = [], 0
-    for count, (confidence, good) in enumerate(ranked, 1):
-        right += good
-        # Claims of equal confidence are kept together.
-        if count == len(ranked) or ranked[count][0] < confidence:
-            rows.append((count / len(ranked), right / count))
-    return rows
-
+from buggy_rl.proof.score.outcome import NAMELESS, ScoredCase
+from buggy_rl.proof.score.statistics import (
+    Figure,
+    bootstrapped,
+    calibration,
+    calibration_error,
+    middle,
+    selective_accuracy,
+    share,
+    written,
+)
 
 Value = TypeVar("Value", float, bool)
+Test = Callable[[ScoredCase], bool]
 
 CLOSE = 0.1  # relative error of a number that counts as right
 NATS = (10, 30, 100, 300, 1000, 10_000)  # [nats] bounds of the classes of detectability
-
-
-def _detectability(o: ScoredCase) -> str:
-    if o.nats is None:
-        return "not weighed"
-    place = sum(o.nats >= bound for bound in NATS)
-    if place in (0, len(NATS)):
-        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
-    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
-
-
-KEYS: dict[str, Callable[[ScoredCase], str]] = {  # a property of a case -> its class
-    "effect": lambda o: o.case.truth[0],
-    "pairing": lambda o: o.case.pairing,
-    "plant": lambda o: o.case.plant,
-    "nuisance": lambda o: o.case.nuisance,
-    "size": _detectability,
-    "drive length": lambda o: f"{o.case.seconds:g} s",
-    "driving": lambda o: o.case.driving,
-}
 
 
 @dataclass(frozen=True)
@@ -145,6 +48,176 @@ class ScoreRow:
         if self.ceiling is not None and value > self.ceiling:
             return False
         return value <= self.target if self.most else value >= self.target
+
+
+class Count(NamedTuple):
+    """A share that is counted: the figure of a `ScoreRow`."""
+
+    name: str
+    among: Test
+    """Whether a case is one of those that are counted."""
+    hit: Test
+    target: float | None = None
+    most: bool = False
+
+
+def shares(counts: Iterable[Count], outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
+    """Each share with its interval."""
+    return [
+        ScoreRow(c.name, share([c.hit(o) for o in outcomes if c.among(o)]), c.target, c.most)
+        for c in counts
+    ]
+
+
+def family(*names: str) -> Test:
+    """Whether a case is of one of these families."""
+    return lambda o: o.case.family in names
+
+
+def decidable(*names: str) -> Test:
+    """Likewise, and decidable or without an oracle's fit."""
+    return lambda o: o.case.family in names and o.decidable is not False
+
+
+def says(verdict: str) -> Test:
+    """Whether an answer has this verdict."""
+    return lambda o: o.answer.verdict == verdict
+
+
+def says_a_name(o: ScoredCase) -> bool:
+    """Whether an effect has more than half of the probability."""
+    return any(p > EVEN for p in o.answer.probable.values())
+
+
+def says_a_wrong_name(o: ScoredCase) -> bool:
+    """Whether one that is not concealed has."""
+    return any(p > EVEN and e not in o.case.truth for e, p in o.answer.probable.items())
+
+
+def first_right(o: ScoredCase) -> bool:
+    """Whether the most probable effect is right, and it is said that effects are missing."""
+    return o.most_probable_right and o.answer.verdict not in NAMELESS
+
+
+def _right(o: ScoredCase) -> bool:
+    return o.right
+
+
+def _exact(o: ScoredCase) -> bool:
+    return o.exact
+
+
+def _another_form(o: ScoredCase) -> bool:
+    """Nothing is concealed, and yet simulator and car differ, which no baseline shows."""
+    return o.case.family == "nothing" and o.case.unknown
+
+
+def _one_unseen(o: ScoredCase) -> bool:
+    return o.case.family == "one" and o.case.differs_unseen
+
+
+SEARCHED = (  # of a posterior
+    Count("one effect: first name right", family("one"), first_right),
+    Count("one effect: and nothing else said", family("one"), _exact),
+    Count("two effects: exact set", family("two"), _exact),
+    Count("three effects: exact set", family("three"), _exact),
+    Count("true set fitted (one, two, three)", family("one", "two", "three"), lambda o: o.fitted),
+    Count(
+        "nothing: a name above 0.5",
+        lambda o: o.case.family == "nothing" and not o.case.unknown,
+        says_a_name,
+    ),
+    Count("no effect describes it: a name above 0.5", family("unknown"), says_a_name),
+    Count("no effect describes it: called unknown", family("unknown"), says("unknown_physics")),
+    Count("no effect describes it: called nothing", family("unknown"), says("no_mismatch")),
+    Count(
+        "another form, no baseline, nothing concealed: a name above 0.5",
+        _another_form,
+        says_a_name,
+    ),
+    Count(
+        "another form, no baseline, nothing concealed: called unknown",
+        _another_form,
+        says("unknown_physics"),
+    ),
+    Count(
+        "another form, no baseline, one effect: most probable name right",
+        _one_unseen,
+        lambda o: o.most_probable_right,
+    ),
+    Count(
+        "another form, no baseline, one effect: a wrong name above 0.5",
+        _one_unseen,
+        says_a_wrong_name,
+    ),
+    Count(
+        "one effect, all others: first name right",
+        lambda o: o.case.family == "one" and not o.case.differs_unseen,
+        first_right,
+    ),
+)
+NAMING = (  # of a diagnosis: right names
+    Count("first name right, decidable single effects", decidable("one"), _right, 0.9),
+    Count(
+        "  of them, plant of the simulator's own make",
+        lambda o: decidable("one")(o) and o.case.own_make,
+        _right,
+        0.97,
+    ),
+    Count("  right group, decidable single effects", decidable("one"), lambda o: o.group_right),
+    Count("first name right, all single effects", family("one"), _right),
+    Count("exact set, two effects", family("two"), _exact, 0.75),
+    Count("  of them, both decidable", decidable("two"), _exact),
+    Count("exact set, three effects", family("three"), _exact),
+)
+OUTSIDE = (  # effects outside the library, and false positives
+    Count("called unknown where nothing is", family("nothing"), says("unknown_physics")),
+    Count(
+        f"named with confidence above {EVEN:g}, outside the library",
+        family("unknown"),
+        lambda o: o.sure_and_wrong,
+        0.05,
+        True,
+    ),
+    Count("called unknown, outside the library", family("unknown"), says("unknown_physics"), 0.85),
+)
+UNDECIDED = (  # cases that the drives cannot decide, and manoeuvres that do
+    Count(
+        "undecidable, answered so",
+        lambda o: o.case.family == "one" and o.decidable is False,
+        says("cannot_tell"),
+        0.8,
+    ),
+    Count(
+        "manoeuvre asked for decides, single effects",
+        lambda o: o.case.family == "one" and o.decided is not None,
+        lambda o: bool(o.decided),
+        0.8,
+    ),
+    Count("decidable, answered 'cannot tell'", decidable("one"), says("cannot_tell")),
+    Count("crashed or timed out", lambda o: True, lambda o: o.answer.status != "answered"),
+    Count("could not be weighed", lambda o: True, lambda o: bool(o.failed)),
+)
+
+
+def _detectability(o: ScoredCase) -> str:
+    if o.nats is None:
+        return "not weighed"
+    place = sum(o.nats >= bound for bound in NATS)
+    if place in (0, len(NATS)):
+        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
+    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
+
+
+KEYS: dict[str, Callable[[ScoredCase], str]] = {  # a property of a case -> its class
+    "effect": lambda o: o.case.truth[0],
+    "pairing": lambda o: o.case.pairing,
+    "plant": lambda o: o.case.plant,
+    "nuisance": lambda o: o.case.nuisance,
+    "size": _detectability,
+    "drive length": lambda o: f"{o.case.seconds:g} s",
+    "driving": lambda o: o.case.driving,
+}
 
 
 @dataclass(frozen=True)
@@ -172,10 +245,9 @@ class Score:
             for row in self.rows
         ]
         for o in self.failing:
-            said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in o.said) or o.status
-            found.append(
-                f"{o.case.id}: {'+'.join(o.case.truth) or 'nothing'} -> {o.verdict} {said}"
-            )
+            answer, true = o.answer, "+".join(o.case.truth) or "nothing"
+            said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in answer.said)
+            found.append(f"{o.case.id}: {true} -> {answer.verdict} {said or answer.status}")
         return found
 
 
@@ -189,7 +261,7 @@ def score(outcomes: Sequence[ScoredCase]) -> Score:
             for name, key in KEYS.items()
         },
         false_positives={
-            nuisance: share([bool(o.said) for o in same])
+            nuisance: share([bool(o.answer.said) for o in same])
             for nuisance, same in classes(of(outcomes, "nothing"), KEYS["nuisance"])
         },
         confusion=_confusion(outcomes),
@@ -210,22 +282,23 @@ def classes(
     return sorted(found.items())
 
 
-def of(outcomes: Iterable[ScoredCase], family: str) -> list[ScoredCase]:
+def of(outcomes: Iterable[ScoredCase], name: str) -> list[ScoredCase]:
     """Those of one family."""
-    return [o for o in outcomes if o.case.family == family]
+    return [o for o in outcomes if o.case.family == name]
 
 
 def passed(o: ScoredCase) -> bool:
     """Whether an answer needs no entry among the failing cases."""
-    if o.status != "answered":
+    verdict = o.answer.verdict
+    if o.answer.status != "answered":
         return False
     if o.case.family == "unknown":
-        return o.verdict == "unknown_physics" and not o.sure_and_wrong
+        return verdict == "unknown_physics" and not o.sure_and_wrong
     if o.case.family == "nothing":
-        return o.right and o.verdict != "unknown_physics"
+        return o.right and verdict != "unknown_physics"
     if o.case.family == "one":
-        return o.right or (o.decidable is False and o.verdict == "cannot_tell")
-    return exact(o)
+        return o.right or (o.decidable is False and verdict == "cannot_tell")
+    return o.exact
 
 
 def claims(outcomes: Iterable[ScoredCase]) -> list[tuple[float, bool]]:
@@ -233,61 +306,30 @@ def claims(outcomes: Iterable[ScoredCase]) -> list[tuple[float, bool]]:
     return [
         (first.confidence, o.right if o.case.truth else False)
         for o in outcomes
-        if (first := o.first) is not None
+        if (first := o.answer.first) is not None
     ]
 
 
 def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    seconds = middle([o.seconds for o in outcomes if o.seconds])
+    seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
+    error = bootstrapped(claims(outcomes), calibration_error)
     return [
-        *_naming(outcomes),
-        *_honesty(outcomes),
+        *shares(NAMING, outcomes),
+        *_false_positives(of(outcomes, "nothing")),
+        *shares(OUTSIDE, outcomes),
+        ScoreRow("expected calibration error", error, 0.05, True, percent=False),
         *_numbers(outcomes),
-        *_undecided(outcomes),
-        ScoreRow("crashed or timed out", share([o.status != "answered" for o in outcomes])),
-        ScoreRow("could not be weighed", share([bool(o.failed) for o in outcomes])),
+        *shares(UNDECIDED, outcomes),
         ScoreRow("seconds a case, median", seconds, percent=False),
     ]
 
 
-def _naming(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Right names."""
-    one = of(outcomes, "one")
-    clear = _clear(one)
-    own = [o for o in clear if o.case.plant == o.case.simulator]
-    two, three = (of(outcomes, family) for family in ("two", "three"))
-    return [
-        ScoreRow(
-            "first name right, decidable single effects", share([o.right for o in clear]), 0.9
-        ),
-        ScoreRow(
-            "  of them, plant of the simulator's own make", share([o.right for o in own]), 0.97
-        ),
-        ScoreRow("  right group, decidable single effects", share([o.group_right for o in clear])),
-        ScoreRow("first name right, all single effects", share([o.right for o in one])),
-        ScoreRow("exact set, two effects", share([exact(o) for o in two]), 0.75),
-        ScoreRow("  of them, both decidable", share([exact(o) for o in _clear(two)])),
-        ScoreRow("exact set, three effects", share([exact(o) for o in three])),
-    ]
-
-
-def _honesty(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """False positives, effects outside the library, and calibration."""
-    nothing, unknown = of(outcomes, "nothing"), of(outcomes, "unknown")
-    alarms, lost = ([o.verdict == "unknown_physics" for o in same] for same in (nothing, unknown))
-    sure = f"named with confidence above {SURE:g}, outside the library"
-    error = bootstrapped(claims(outcomes), calibration_error)
+def _false_positives(nothing: Sequence[ScoredCase]) -> list[ScoreRow]:
     named = [("something named where nothing is", 0.02, nothing)]
     named += [(f"  {name}", 0.05, same) for name, same in classes(nothing, KEYS["nuisance"])]
     return [
-        *(
-            ScoreRow(name, share([bool(o.said) for o in same]), most, True)
-            for name, most, same in named
-        ),
-        ScoreRow("called unknown where nothing is", share(alarms)),
-        ScoreRow(sure, share([o.sure_and_wrong for o in unknown]), 0.05, True),
-        ScoreRow("called unknown, outside the library", share(lost), 0.85),
-        ScoreRow("expected calibration error", error, 0.05, True, percent=False),
+        ScoreRow(name, share([bool(o.answer.said) for o in same]), most, True)
+        for name, most, same in named
     ]
 
 
@@ -315,31 +357,6 @@ def _numbers(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
     ]
 
 
-def _undecided(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Cases that the drives cannot decide, and manoeuvres that do."""
-    one = of(outcomes, "one")
-    cannot, could = (
-        [o.verdict == "cannot_tell" for o in same]
-        for same in ([o for o in one if o.decidable is False], _clear(one))
-    )
-    decided = _known(o.decided for o in one)
-    return [
-        ScoreRow("undecidable, answered so", share(cannot), 0.8),
-        ScoreRow("manoeuvre asked for decides, single effects", share(decided), 0.8),
-        ScoreRow("decidable, answered 'cannot tell'", share(could)),
-    ]
-
-
-def _clear(outcomes: Iterable[ScoredCase]) -> list[ScoredCase]:
-    """Decidable ones, and those without an oracle's fit."""
-    return [o for o in outcomes if o.decidable is not False]
-
-
-def exact(o: ScoredCase) -> bool:
-    """Whether all that is concealed is named, and nothing else."""
-    return o.names == set(o.case.truth) and o.verdict != "unknown_physics"
-
-
 def _known(values: Iterable[Value | None]) -> list[Value]:
     return [value for value in values if value is not None]
 
@@ -349,7 +366,7 @@ def _covered(outcomes: Iterable[ScoredCase]) -> list[bool]:
     return [
         said.parameters[name]["low"] <= value <= said.parameters[name]["high"]
         for o in outcomes
-        for said in o.said
+        for said in o.answer.said
         if said.name in o.case.truth
         for name, value in expected(o.case, said.name).items()
         if name in said.parameters
@@ -362,15 +379,7 @@ def _confusion(outcomes: Iterable[ScoredCase]) -> dict[str, Counter]:
         if len(o.case.truth) > 1:
             continue
         true = o.case.truth[0] if o.case.truth else "nothing"
-        said = o.first.name if o.first else o.verdict or o.status
+        first, answer = o.answer.first, o.answer
+        said = first.name if first else answer.verdict or answer.status
         found.setdefault(true, Counter())[said] += 1
     return dict(sorted(found.items()))
-
-
-def written(figure: Figure, percent: bool = True) -> str:
-    """A figure with its interval, such as 95.0 % (88.1 to 98.2)."""
-    if not figure.count:
-        return "no case"
-    scale, unit, digits = (100, " %", 1) if percent else (1, "", 3)
-    value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
-    return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
