@@ -27,7 +27,6 @@ from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES, Uniform
 from buggy_rl.proof.ledger import Entry, Ledger
 from buggy_rl.proof.plants.faults import PLACES
 from buggy_rl.proof.score.outcome import NAMELESS
-from buggy_rl.proof.score.score import first_right
 
 STRENGTHS = {"faint": 0.0, "middle": 0.5, "strong": 1.0}
 """Share of the way from the fainter end of the generator's range to the stronger one."""
@@ -155,7 +154,7 @@ def table(entries: Sequence[Entry]) -> str:
 
 def named_first(entry: Entry) -> bool:
     """Whether the effect that is concealed is named first; not where the search failed."""
-    return not entry.failed and first_right(entry.scored(entry.posterior()))
+    return not entry.failed and entry.scored(entry.posterior()).first_right
 
 
 def _cell(entry: Entry, name: str) -> str:

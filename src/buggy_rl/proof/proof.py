@@ -3,9 +3,8 @@
 A case is entered with its answers and the hash of its truth, and opened when it is scored.
 """
 
-import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -246,21 +245,10 @@ def opened(config: ProofConfig, drawn: Sequence[Case]) -> list[Entry]:
 
 
 def open_entry(store: CaseStore, entry: Entry) -> Entry:
-    """An entry with the truth, and what the oracle found.
-
-    Raises:
-        ValueError: The truth is not here, or is not what was sealed.
-    """
-    file = store.truth(entry.id)
-    if not file.exists():
-        raise ValueError(f"{file} is missing: score case {entry.id} where it was sealed")
-    text = file.read_bytes()
-    if hashlib.sha256(text).hexdigest() != entry.seal:
-        raise ValueError(f"{file} is not what was sealed: its hash differs")
-    weighed: Mapping = {}
-    if store.weighed(entry.id):
-        weighed = json.loads(store.oracle(entry.id).read_text())
-    return replace(entry, opened=Case(**json.loads(text)["case"]), weighed=weighed)
+    """An entry with the truth, and what the oracle found."""
+    case = store.sealed_case(entry.id, entry.seal)
+    weighed = json.loads(store.oracle(case.id).read_text()) if store.weighed(case.id) else {}
+    return replace(entry, opened=case, weighed=weighed)
 
 
 def openings(file: Path) -> int:

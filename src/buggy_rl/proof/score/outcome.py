@@ -126,6 +126,11 @@ class CaseAnswer:
         return self.said[0] if self.said and self.verdict != "unknown_physics" else None
 
     @property
+    def likely(self) -> frozenset[str]:
+        """Effects with more than half of the probability, under any verdict."""
+        return frozenset(effect for effect, p in self.probable.items() if p > EVEN)
+
+    @property
     def most_probable(self) -> str:
         """The most probable effect, under any verdict; empty where none is mentioned."""
         return max(self.probable, key=lambda effect: self.probable[effect], default="")
@@ -172,15 +177,25 @@ class ScoredCase:
         return (self.answer.most_probable,) == self.case.truth
 
     @property
+    def first_right(self) -> bool:
+        """Likewise, where it is said that effects are missing."""
+        return self.most_probable_right and self.answer.verdict not in NAMELESS
+
+    @property
+    def calls_unknown(self) -> bool:
+        """Whether the verdict is physics that no effect describes."""
+        return self.answer.verdict == "unknown_physics"
+
+    @property
     def exact(self) -> bool:
         """Whether all that is concealed is named, and nothing else."""
-        return self.answer.names == {*self.case.truth} and self.answer.verdict != "unknown_physics"
+        return self.answer.names == {*self.case.truth} and not self.calls_unknown
 
     @property
     def all_right(self) -> bool:
         """Whether exactly what is missing is said: the set, nothing, or unknown physics."""
         if self.case.unknown:
-            return self.answer.verdict == "unknown_physics"
+            return self.calls_unknown
         if not self.case.truth:
             return self.answer.verdict == "no_mismatch"
         return self.exact

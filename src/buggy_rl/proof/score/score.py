@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.cases.equivalents import expected
-from buggy_rl.proof.score.outcome import NAMELESS, ScoredCase
+from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.statistics import (
     Figure,
     bootstrapped,
@@ -20,7 +20,6 @@ from buggy_rl.proof.score.statistics import (
 )
 
 Value = TypeVar("Value", float, bool)
-Test = Callable[[ScoredCase], bool]
 
 CLOSE = 0.1  # relative error of a number that counts as right
 NATS = (10, 30, 100, 300, 1000, 10_000)  # [nats] bounds of the classes of detectability
@@ -50,154 +49,11 @@ class ScoreRow:
         return value <= self.target if self.most else value >= self.target
 
 
-class Count(NamedTuple):
-    """A share that is counted: the figure of a `ScoreRow`."""
-
-    name: str
-    among: Test
-    """Whether a case is one of those that are counted."""
-    hit: Test
-    target: float | None = None
-    most: bool = False
-
-
-def shares(counts: Iterable[Count], outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Each share with its interval."""
-    return [
-        ScoreRow(c.name, share([c.hit(o) for o in outcomes if c.among(o)]), c.target, c.most)
-        for c in counts
-    ]
-
-
-def family(*names: str) -> Test:
-    """Whether a case is of one of these families."""
-    return lambda o: o.case.family in names
-
-
-def decidable(*names: str) -> Test:
-    """Likewise, and decidable or without an oracle's fit."""
-    return lambda o: o.case.family in names and o.decidable is not False
-
-
-def says(verdict: str) -> Test:
-    """Whether an answer has this verdict."""
-    return lambda o: o.answer.verdict == verdict
-
-
-def says_a_name(o: ScoredCase) -> bool:
-    """Whether an effect has more than half of the probability."""
-    return any(p > EVEN for p in o.answer.probable.values())
-
-
-def says_a_wrong_name(o: ScoredCase) -> bool:
-    """Whether one that is not concealed has."""
-    return any(p > EVEN and e not in o.case.truth for e, p in o.answer.probable.items())
-
-
-def first_right(o: ScoredCase) -> bool:
-    """Whether the most probable effect is right, and it is said that effects are missing."""
-    return o.most_probable_right and o.answer.verdict not in NAMELESS
-
-
-def _right(o: ScoredCase) -> bool:
-    return o.right
-
-
-def _exact(o: ScoredCase) -> bool:
-    return o.exact
-
-
-def _another_form(o: ScoredCase) -> bool:
-    """Nothing is concealed, and yet simulator and car differ, which no baseline shows."""
-    return o.case.family == "nothing" and o.case.unknown
-
-
-def _one_unseen(o: ScoredCase) -> bool:
-    return o.case.family == "one" and o.case.differs_unseen
-
-
-SEARCHED = (  # of a posterior
-    Count("one effect: first name right", family("one"), first_right),
-    Count("one effect: and nothing else said", family("one"), _exact),
-    Count("two effects: exact set", family("two"), _exact),
-    Count("three effects: exact set", family("three"), _exact),
-    Count("true set fitted (one, two, three)", family("one", "two", "three"), lambda o: o.fitted),
-    Count(
-        "nothing: a name above 0.5",
-        lambda o: o.case.family == "nothing" and not o.case.unknown,
-        says_a_name,
-    ),
-    Count("no effect describes it: a name above 0.5", family("unknown"), says_a_name),
-    Count("no effect describes it: called unknown", family("unknown"), says("unknown_physics")),
-    Count("no effect describes it: called nothing", family("unknown"), says("no_mismatch")),
-    Count(
-        "another form, no baseline, nothing concealed: a name above 0.5",
-        _another_form,
-        says_a_name,
-    ),
-    Count(
-        "another form, no baseline, nothing concealed: called unknown",
-        _another_form,
-        says("unknown_physics"),
-    ),
-    Count(
-        "another form, no baseline, one effect: most probable name right",
-        _one_unseen,
-        lambda o: o.most_probable_right,
-    ),
-    Count(
-        "another form, no baseline, one effect: a wrong name above 0.5",
-        _one_unseen,
-        says_a_wrong_name,
-    ),
-    Count(
-        "one effect, all others: first name right",
-        lambda o: o.case.family == "one" and not o.case.differs_unseen,
-        first_right,
-    ),
-)
-NAMING = (  # of a diagnosis: right names
-    Count("first name right, decidable single effects", decidable("one"), _right, 0.9),
-    Count(
-        "  of them, plant of the simulator's own make",
-        lambda o: decidable("one")(o) and o.case.own_make,
-        _right,
-        0.97,
-    ),
-    Count("  right group, decidable single effects", decidable("one"), lambda o: o.group_right),
-    Count("first name right, all single effects", family("one"), _right),
-    Count("exact set, two effects", family("two"), _exact, 0.75),
-    Count("  of them, both decidable", decidable("two"), _exact),
-    Count("exact set, three effects", family("three"), _exact),
-)
-OUTSIDE = (  # effects outside the library, and false positives
-    Count("called unknown where nothing is", family("nothing"), says("unknown_physics")),
-    Count(
-        f"named with confidence above {EVEN:g}, outside the library",
-        family("unknown"),
-        lambda o: o.sure_and_wrong,
-        0.05,
-        True,
-    ),
-    Count("called unknown, outside the library", family("unknown"), says("unknown_physics"), 0.85),
-)
-UNDECIDED = (  # cases that the drives cannot decide, and manoeuvres that do
-    Count(
-        "undecidable, answered so",
-        lambda o: o.case.family == "one" and o.decidable is False,
-        says("cannot_tell"),
-        0.8,
-    ),
-    Count(
-        "manoeuvre asked for decides, single effects",
-        lambda o: o.case.family == "one" and o.decided is not None,
-        lambda o: bool(o.decided),
-        0.8,
-    ),
-    Count("decidable, answered 'cannot tell'", decidable("one"), says("cannot_tell")),
-    Count("crashed or timed out", lambda o: True, lambda o: o.answer.status != "answered"),
-    Count("could not be weighed", lambda o: True, lambda o: bool(o.failed)),
-)
+def row(
+    name: str, hits: Sequence[bool], target: float | None = None, most: bool = False
+) -> ScoreRow:
+    """A share of cases."""
+    return ScoreRow(name, share(hits), target, most)
 
 
 def _detectability(o: ScoredCase) -> str:
@@ -289,15 +145,14 @@ def of(outcomes: Iterable[ScoredCase], name: str) -> list[ScoredCase]:
 
 def passed(o: ScoredCase) -> bool:
     """Whether an answer needs no entry among the failing cases."""
-    verdict = o.answer.verdict
     if o.answer.status != "answered":
         return False
     if o.case.family == "unknown":
-        return verdict == "unknown_physics" and not o.sure_and_wrong
+        return o.calls_unknown and not o.sure_and_wrong
     if o.case.family == "nothing":
-        return o.right and verdict != "unknown_physics"
+        return o.right and not o.calls_unknown
     if o.case.family == "one":
-        return o.right or (o.decidable is False and verdict == "cannot_tell")
+        return o.right or (o.decidable is False and o.answer.verdict == "cannot_tell")
     return o.exact
 
 
@@ -310,26 +165,77 @@ def claims(outcomes: Iterable[ScoredCase]) -> list[tuple[float, bool]]:
     ]
 
 
-def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
-    error = bootstrapped(claims(outcomes), calibration_error)
+def searched_rows(scored: Sequence[ScoredCase]) -> list[ScoreRow]:
+    """Shares of posteriors: what is named, and what is called unknown or nothing."""
+    one, two, three, outside, nothing = (
+        of(scored, name) for name in ("one", "two", "three", "unknown", "nothing")
+    )
+    forms = [o for o in nothing if o.case.unknown]  # simulator and car differ, and none shows how
+    same = [o for o in nothing if not o.case.unknown]
+    unseen = [o for o in one if o.case.differs_unseen]
+    others = [o for o in one if not o.case.differs_unseen]
+    left, form = "no effect describes it", "another form, no baseline"
     return [
-        *shares(NAMING, outcomes),
-        *_false_positives(of(outcomes, "nothing")),
-        *shares(OUTSIDE, outcomes),
-        ScoreRow("expected calibration error", error, 0.05, True, percent=False),
-        *_numbers(outcomes),
-        *shares(UNDECIDED, outcomes),
-        ScoreRow("seconds a case, median", seconds, percent=False),
+        row("one effect: first name right", [o.first_right for o in one]),
+        row("one effect: and nothing else said", [o.exact for o in one]),
+        row("two effects: exact set", [o.exact for o in two]),
+        row("three effects: exact set", [o.exact for o in three]),
+        row("true set fitted (one, two, three)", [o.fitted for o in [*one, *two, *three]]),
+        row("nothing: a name above 0.5", [bool(o.answer.likely) for o in same]),
+        row(f"{left}: a name above 0.5", [bool(o.answer.likely) for o in outside]),
+        row(f"{left}: called unknown", [o.calls_unknown for o in outside]),
+        row(f"{left}: called nothing", [o.answer.verdict == "no_mismatch" for o in outside]),
+        row(f"{form}, nothing concealed: a name above 0.5", [bool(o.answer.likely) for o in forms]),
+        row(f"{form}, nothing concealed: called unknown", [o.calls_unknown for o in forms]),
+        row(
+            f"{form}, one effect: most probable name right",
+            [o.most_probable_right for o in unseen],
+        ),
+        row(
+            f"{form}, one effect: a wrong name above 0.5",
+            [not o.answer.likely <= {*o.case.truth} for o in unseen],
+        ),
+        row("one effect, all others: first name right", [o.first_right for o in others]),
     ]
 
 
-def _false_positives(nothing: Sequence[ScoredCase]) -> list[ScoreRow]:
+def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
+    """Figures of diagnoses, with their targets."""
+    one, two, three, unknown, nothing = (
+        of(outcomes, name) for name in ("one", "two", "three", "unknown", "nothing")
+    )
+    # Those without an oracle's fit count as decidable.
+    clear, both = ([o for o in same if o.decidable is not False] for same in (one, two))
+    own = [o for o in clear if o.case.own_make]
+    cannot, could = (
+        [o.answer.verdict == "cannot_tell" for o in same]
+        for same in ([o for o in one if o.decidable is False], clear)
+    )
     named = [("something named where nothing is", 0.02, nothing)]
     named += [(f"  {name}", 0.05, same) for name, same in classes(nothing, KEYS["nuisance"])]
+    sure = f"named with confidence above {EVEN:g}, outside the library"
+    error = bootstrapped(claims(outcomes), calibration_error)
+    seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
     return [
-        ScoreRow(name, share([bool(o.answer.said) for o in same]), most, True)
-        for name, most, same in named
+        row("first name right, decidable single effects", [o.right for o in clear], 0.9),
+        row("  of them, plant of the simulator's own make", [o.right for o in own], 0.97),
+        row("  right group, decidable single effects", [o.group_right for o in clear]),
+        row("first name right, all single effects", [o.right for o in one]),
+        row("exact set, two effects", [o.exact for o in two], 0.75),
+        row("  of them, both decidable", [o.exact for o in both]),
+        row("exact set, three effects", [o.exact for o in three]),
+        *(row(name, [bool(o.answer.said) for o in same], most, True) for name, most, same in named),
+        row("called unknown where nothing is", [o.calls_unknown for o in nothing]),
+        row(sure, [o.sure_and_wrong for o in unknown], 0.05, True),
+        row("called unknown, outside the library", [o.calls_unknown for o in unknown], 0.85),
+        ScoreRow("expected calibration error", error, 0.05, True, percent=False),
+        *_numbers(outcomes),
+        row("undecidable, answered so", cannot, 0.8),
+        row("manoeuvre asked for decides, single effects", _known(o.decided for o in one), 0.8),
+        row("decidable, answered 'cannot tell'", could),
+        row("crashed or timed out", [o.answer.status != "answered" for o in outcomes]),
+        row("could not be weighed", [bool(o.failed) for o in outcomes]),
+        ScoreRow("seconds a case, median", seconds, percent=False),
     ]
 
 
@@ -344,16 +250,13 @@ def _numbers(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
     )
     inside = share(_covered(sized))
     return [
-        ScoreRow(
-            "number within 10 % of the truth, where rightly named",
-            share([e <= CLOSE for e in truth]),
-        ),
+        row("number within 10 % of the truth, where rightly named", [e <= CLOSE for e in truth]),
         ScoreRow("  median relative error", middle(truth)),
-        ScoreRow("number within 10 % of the oracle's", share([e <= CLOSE for e in by_oracle])),
+        row("number within 10 % of the oracle's", [e <= CLOSE for e in by_oracle]),
         ScoreRow("truth inside the 95 % interval", inside, 0.9, ceiling=0.97),
         ScoreRow("median gap closed, of the oracle's", middle(error), 0.95),
         ScoreRow("  in position alone", middle(position)),
-        ScoreRow("  at least 95 % closed", share([c >= 0.95 for c in error])),
+        row("  at least 95 % closed", [c >= 0.95 for c in error]),
     ]
 
 

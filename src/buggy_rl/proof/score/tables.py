@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 from buggy_rl.diagnosis.search.posterior import LISTED, Posterior
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import SEARCHED, says_a_name, shares
+from buggy_rl.proof.score.score import searched_rows
 from buggy_rl.proof.score.statistics import (
     Figure,
     calibration_error,
@@ -42,7 +42,7 @@ def _column(scored: Sequence[ScoredCase]) -> dict[str, str]:
     standing = [name in o.case.truth for o in scored for name in o.answer.standing]
     squares = [(p - right) ** 2 for p, right in claims]
     return {
-        **{row.name: cell(row.figure) for row in shares(SEARCHED, scored)},
+        **{row.name: cell(row.figure) for row in searched_rows(scored)},
         "called unknown: a name that holds whatever else is missing, right": cell(share(standing)),
         "Brier score of all listed names": f"{sum(squares) / max(1, len(squares)):.3f}",
         "expected calibration error": f"{calibration_error(claims):.3f} ({len(claims)} names)",
@@ -112,7 +112,7 @@ def by_pairing(scored: Sequence[ScoredCase]) -> str:
             _of([o.all_right for o in own if o.case.family in families])
             for families in (("one",), ("two", "three"), ("unknown",), ("nothing",))
         ]
-        none = [says_a_name(o) for o in own if o.case.unknown or not o.case.truth]
+        none = [bool(o.answer.likely) for o in own if o.case.unknown or not o.case.truth]
         lines.append(f"| {name} | {' | '.join([*cells, _of(none)])} |")
     return "\n".join(lines)
 
