@@ -74,7 +74,7 @@ def test_what_step_tests_say_is_logged_beside_the_cars_own(run):
             assert told == []
             continue
         assert {"acceleration", "steering_response"} <= {step.name for step in told}
-        held = [step.holds(shipped().step_error) for step in told]
+        held = [step.inside(shipped().step_error) for step in told]
         assert sum(held) >= len(held) - 1
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from buggy_rl.diagnosis.search.posterior import FormError
 from buggy_rl.proof.calibrate.intervals import (
+    STEPS_TRIED,
+    form_error,
     has_truth,
-    step_error,
     step_intervals,
     steps,
 )
@@ -42,7 +43,7 @@ def coverage(table, row):
 @pytest.mark.parametrize("share", [0.03, 0.1])
 def test_the_form_error_covers_what_the_spread_alone_does_not(share):
     cases = entries(share)
-    form = step_error(steps(cases))
+    form = form_error(steps(cases), STEPS_TRIED)
     assert 0.7 * share < form.sd(1.0, 0.1 * share, 0.0) < 1.6 * share
     within, alone = coverage(step_intervals(cases), "all")
     assert within >= 92

@@ -31,10 +31,10 @@ def main() -> None:
     from buggy_rl.proof.calibrate.calibration import calibrated, content, left_out
     from buggy_rl.proof.calibrate.discrimination import discrimination
     from buggy_rl.proof.calibrate.intervals import (
+        STEPS_TRIED,
         form_error,
         intervals,
         scored_numbers,
-        step_error,
         step_intervals,
         steps,
     )
@@ -62,7 +62,7 @@ def main() -> None:
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
             form, of = form_error(scored_numbers(cases)), steps(cases)
-            step = step_error(of) if of else None
+            step = form_error(of, STEPS_TRIED) if of else None
             made = content(calibration, form, files, len(cases), ridge, step)
             write_atomically(SHIPPED, made)
     methods = {
