@@ -132,6 +132,9 @@ def test_a_case_is_opened_where_it_was_sealed_and_only_as_it_was_sealed(settled,
     [entry] = settled.lines.entries()
     with pytest.raises(FileNotFoundError, match="score case 0000031 where it was sealed"):
         open_entry(CaseStore(tmp_path / "elsewhere", tmp_path / "elsewhere_sealed"), entry)
+    elsewhere = replace(settled, output=str(tmp_path / "elsewhere"), ledger=str(settled.lines.file))
+    with pytest.raises(FileNotFoundError, match="score case 0000031 where it was sealed"):
+        opened(elsewhere, [CASE])  # the truth is at hand, what the oracle found of it is not
     truth = settled.store.truth(CASE.id)
     truth.write_text(truth.read_text().replace("1.3", "1.4"))
     with pytest.raises(ValueError, match="not what was sealed"):

@@ -116,24 +116,17 @@ class Entry:
 
     def to_dict(self) -> dict[str, Any]:
         """As a line has it: of what is empty, nothing."""
-        line: dict[str, Any] = {
-            "kind": self.kind,
-            "id": self.id,
-            "seal": self.seal,
-            "case": self.opened and asdict(self.opened),
-            "seconds": self.seconds,
-            "failed": self.failed,
-        }
+        line: dict[str, Any] = {"kind": self.kind, "id": self.id, "seal": self.seal}
+        line |= {"case": self.opened and asdict(self.opened)}
+        line |= {"seconds": self.seconds, "failed": self.failed}
         if self.evidence is not None:
-            line |= {"rank": self.rank, "weak": list(self.weak), **self.evidence.to_dict()}
+            line |= {"rank": self.rank, "weak": [*self.weak], **self.evidence.to_dict()}
         if self.steps is not None:
             line["steps"] = [dict(step) for step in self.steps]
-        if self.answers:
-            line["answers"] = {method: asdict(answer) for method, answer in self.answers.items()}
-            line["again"] = self.again and asdict(self.again)
-            line["weighed"] = dict(self.weighed)
-        absent = {"seal": "", "case": None, "failed": "", "again": None, "weighed": {}}
-        return {k: v for k, v in line.items() if k not in absent or v != absent[k]}
+        line["answers"] = {method: asdict(answer) for method, answer in self.answers.items()}
+        line |= {"again": self.again and asdict(self.again), "weighed": dict(self.weighed)}
+        absent = ("seal", "case", "failed", "answers", "again", "weighed")
+        return {name: value for name, value in line.items() if value or name not in absent}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Entry":
@@ -142,28 +135,23 @@ class Entry:
         Raises:
             ValueError: It is no line of a ledger.
         """
-        opened = Case(**content["case"]) if "case" in content else None
-        kind = content.get("kind", "development")
-        if kind not in KINDS:
-            raise ValueError(f"no kind {kind!r}; there are {', '.join(KINDS)}")
-        if not any(content.get(name) for name in ("failed", "hypotheses", "answers")):
+        plain = ("id", "kind", "seal", "seconds", "failed", "rank", "weighed")
+        told = {name: content[name] for name in plain if name in content}
+        if "case" in content:
+            told["opened"] = Case(**content["case"])
+            told["id"] = told["opened"].id
+        if content.get("hypotheses"):
+            told["evidence"] = CaseEvidence.from_dict(content)
+        told |= {name: tuple(content[name]) for name in ("weak", "steps") if name in content}
+        if "answers" in content:
+            answers, again = content["answers"].items(), content.get("again")
+            told["answers"] = {method: CaseAnswer.from_dict(answer) for method, answer in answers}
+            told["again"] = again and CaseAnswer.from_dict(again)
+        if told.get("kind", "development") not in KINDS:
+            raise ValueError(f"no kind {told['kind']!r}; there are {', '.join(KINDS)}")
+        if not any(told.get(name) for name in ("failed", "evidence", "answers")):
             raise ValueError("neither searched nor answered")
-        again = content.get("again")
-        return cls(
-            id=content["id"] if opened is None else opened.id,
-            kind=kind,
-            opened=opened,
-            seal=content.get("seal", ""),
-            seconds=content.get("seconds", 0.0),
-            failed=content.get("failed", ""),
-            evidence=CaseEvidence.from_dict(content) if content.get("hypotheses") else None,
-            rank=content.get("rank", 0),
-            weak=tuple(content.get("weak", ())),
-            steps=tuple(content["steps"]) if "steps" in content else None,
-            answers={m: CaseAnswer.from_dict(a) for m, a in content.get("answers", {}).items()},
-            again=again and CaseAnswer.from_dict(again),
-            weighed=content.get("weighed", {}),
-        )
+        return cls(**told)
 
 
 @dataclass(frozen=True)

@@ -235,7 +235,12 @@ def opened(config: ProofConfig, drawn: Sequence[Case]) -> list[Entry]:
     store, ledger = config.store, config.lines
     wanted = {case.id for case in drawn}
     entries = [entry for entry in ledger.entries() if entry.id in wanted]
-    unsealed = [open_entry(store, entry) for entry in entries if entry.opened is None]
+    sealed = [entry for entry in entries if entry.opened is None]
+    for entry in sealed:  # they were complete when they were entered
+        if not store.weighed(entry.id):
+            file = store.oracle(entry.id)
+            raise FileNotFoundError(f"{file} is missing: score case {entry.id} where it was sealed")
+    unsealed = [open_entry(store, entry) for entry in sealed]
     if unsealed:
         ledger.replace(unsealed)
     known = {entry.id: entry for entry in [*entries, *unsealed]}

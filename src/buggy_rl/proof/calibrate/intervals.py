@@ -33,8 +33,7 @@ from buggy_rl.proof.cases.case import RATES, Case
 from buggy_rl.proof.cases.drives import plant_of, plant_parameters
 from buggy_rl.proof.cases.equivalents import expected
 from buggy_rl.proof.ledger import Entry
-from buggy_rl.proof.score.statistics import Figure, share
-from buggy_rl.proof.score.tables import cell
+from buggy_rl.proof.score.statistics import Figure, cell, share, written
 
 CHANCE = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # tried
 ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried
@@ -219,9 +218,5 @@ def step_intervals(entries: Sequence[Entry], form: FormError | None = None) -> s
     for name in ("all", *dict.fromkeys(n.name for n in of)):
         own = [(n, law) for n, law in given if name in ("all", n.name)]
         inside, without = covered(own)[0], covered([(n, CHANCE_ALONE) for n, _ in own])[0]
-        parts = (
-            f"{100 * f.value:.0f} % ({100 * f.low:.0f} to {100 * f.high:.0f})"
-            for f in (inside, without)
-        )
-        lines.append(f"| {name} | {' | '.join(parts)} of {inside.count} |")
+        lines.append(f"| {name} | {written(inside, digits=0)} | {cell(without)} |")
     return "\n".join(lines)

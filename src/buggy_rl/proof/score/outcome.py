@@ -24,11 +24,6 @@ class ScoredEffect:
     counts_as: str = ""
     """Effect that it stands for; empty for `meant` of its name."""
 
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "ScoredEffect":
-        """The inverse of `dataclasses.asdict`."""
-        return cls(**{**content, "rivals": tuple(content["rivals"])})
-
     @property
     def effect(self) -> str:
         """Effect that the name stands for."""
@@ -107,7 +102,10 @@ class CaseAnswer:
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "CaseAnswer":
         """The inverse of `dataclasses.asdict`."""
-        said = tuple(map(ScoredEffect.from_dict, content["said"]))
+        said = tuple(
+            ScoredEffect(**{**effect, "rivals": tuple(effect["rivals"])})
+            for effect in content["said"]
+        )
         return cls(**{**content, "said": said, "standing": tuple(content["standing"])})
 
     @property

@@ -92,10 +92,16 @@ def selective_accuracy(claims: Sequence[tuple[float, bool]]) -> list[tuple[float
     return rows
 
 
-def written(figure: Figure, percent: bool = True) -> str:
+def written(figure: Figure, percent: bool = True, digits: int | None = None) -> str:
     """A figure with its interval, such as 95.0 % (88.1 to 98.2)."""
     if not figure.count:
         return "no case"
-    scale, unit, digits = (100, " %", 1) if percent else (1, "", 3)
+    scale, unit, usual = (100, " %", 1) if percent else (1, "", 3)
+    digits = usual if digits is None else digits
     value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
     return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def cell(figure: Figure) -> str:
+    """A share in whole per cent with its interval and the number of cases."""
+    return f"{written(figure, digits=0)} of {figure.count}" if figure.count else "no cases"

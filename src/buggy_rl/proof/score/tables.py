@@ -9,8 +9,8 @@ from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import searched_rows
 from buggy_rl.proof.score.statistics import (
-    Figure,
     calibration_error,
+    cell,
     debiased_calibration_error,
     share,
 )
@@ -53,14 +53,6 @@ def _column(scored: Sequence[ScoredCase]) -> dict[str, str]:
 def listed(o: ScoredCase) -> list[tuple[float, bool]]:
     """Probability of each effect that has any, and whether it is concealed."""
     return [(p, e in o.case.truth) for e, p in o.answer.probable.items() if p >= LISTED]
-
-
-def cell(figure: Figure) -> str:
-    """A share with its interval and the number of cases."""
-    if not figure.count:
-        return "no cases"
-    interval = f"{100 * figure.low:.0f} to {100 * figure.high:.0f}"
-    return f"{100 * figure.value:.0f} % ({interval}) of {figure.count}"
 
 
 def mcnemar(ours: Sequence[ScoredCase], theirs: Sequence[ScoredCase], name: str) -> str:
