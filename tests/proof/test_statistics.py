@@ -2,7 +2,7 @@
 
 import pytest
 
-from buggy_rl.proof.score.statistics import (
+from buggy_rl.proof.score.score import (
     calibration,
     calibration_error,
     debiased_calibration_error,

@@ -17,8 +17,7 @@ from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import Score, ScoreRow
-from buggy_rl.proof.score.statistics import Figure, written
+from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
 
 GOOD, BAD = COLOURS[1], COLOURS[0]
 

@@ -7,11 +7,11 @@ from scipy.stats import binomtest
 from buggy_rl.diagnosis.search.posterior import LISTED, Posterior
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import searched_rows
-from buggy_rl.proof.score.statistics import (
+from buggy_rl.proof.score.score import (
     calibration_error,
     cell,
     debiased_calibration_error,
+    searched_rows,
     share,
 )
 
