@@ -45,7 +45,7 @@ def main() -> None:
     digest = store.digests()[case.id]
     print(f"sealed: {store.truth(case.id)}, SHA-256 {digest}", flush=True)
     _diagnose(store, case.id, config.more)
-    truth = store.cases()[0].concealed  # checks the hash
+    truth = store.sealed_case(case.id).concealed  # checks the hash
     print(f"\nThe sealed answer, unchanged ({digest[:12]}...):")
     _compare(truth, json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text()))
     _draw(store, case)
