@@ -1,5 +1,5 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each,
-#              and a blind test: five minutes on 2 cores, downloads not counted
+#              and a blind test: about five minutes on 2 free cores, beside downloads
 # make test    lint, types and tests: 24 minutes on 2 cores beside other work
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
@@ -37,14 +37,15 @@ types: .venv/installed
 
 install: .venv/installed
 
-# The package without its extras: all that the demo needs, which compiles for itself.
+# The package without its extras: all that the demo needs, which compiles for itself. --no-compile:
+# Python writes its byte code as modules are imported, of which the demo needs a part.
 .venv/package: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0+cpu || { \
+	$(BIN)/pip install --no-compile $(TORCH_OPTIONS) torch==2.13.0+cpu || { \
 	    echo "pip knows no CPU build of torch 2.13.0: taking the default one (on Linux with" ; \
 	    echo "gigabytes of CUDA packages; README, Installation, says how to avoid them)" ; \
-	    $(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0 ; }
-	$(BIN)/pip install -e .
+	    $(BIN)/pip install --no-compile $(TORCH_OPTIONS) torch==2.13.0 ; }
+	$(BIN)/pip install --no-compile -e .
 	touch $@
 
 .venv/installed: .venv/package

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from buggy_rl.commands import MODULES, compile, demo
-from buggy_rl.commands.demo import IN_FULL, KERNELS, SETTINGS, Stage, main, run_stages, stages
+from buggy_rl.commands.demo import IN_FULL, KERNELS, SETTINGS, DemoStage, main, run_stages, stages
 from buggy_rl.core import kernels as kernel
 from buggy_rl.core.config import build, load_named
 from buggy_rl.core.kernels import FOLDER
@@ -16,6 +16,7 @@ from buggy_rl.policies.training.run import PolicyRunConfig
 
 ALL = stages("out")
 DRIVE = "data/sample/sample_00.csv"
+READ = ("buggy_rl.recordings", "buggy_rl.diagnosis.answer.other_sensors")  # once for all stages
 
 
 @pytest.fixture(autouse=True)
@@ -93,11 +94,11 @@ def test_without_the_sample_drives_it_is_refused(tmp_path, monkeypatch):
 
 
 def test_stages_run_after_what_they_need_and_say_what_they_found(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(demo, "PRELOADED", ())
+    monkeypatch.setattr(demo, "PRELOADED", READ)
     todo = [
-        Stage("later", "Once more?", "check", (DRIVE,), ("first",)),
-        Stage("first", "Is it fit?", "check", (DRIVE,)),
-        Stage("fails", "Is there one?", "check", ("nowhere.csv",), (), "goes on without"),
+        DemoStage("later", "Once more?", "check", (DRIVE,), ("first",)),
+        DemoStage("first", "Is it fit?", "check", (DRIVE,)),
+        DemoStage("fails", "Is there one?", "check", ("nowhere.csv",), (), "goes on without"),
     ]
     spent = run_stages(todo, tmp_path, 2)
     assert list(spent)[-1] == "later"
@@ -111,10 +112,10 @@ def test_stages_run_after_what_they_need_and_say_what_they_found(tmp_path, monke
 
 
 def test_a_stage_that_fails_ends_the_demo_with_its_last_words(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(demo, "PRELOADED", ())
+    monkeypatch.setattr(demo, "PRELOADED", READ)
     todo = [
-        Stage("fails", "Is there one?", "check", ("nowhere.csv",)),
-        Stage("never", "Is it fit?", "check", (DRIVE,), ("fails",)),
+        DemoStage("fails", "Is there one?", "check", ("nowhere.csv",)),
+        DemoStage("never", "Is it fit?", "check", (DRIVE,), ("fails",)),
     ]
     with pytest.raises(SystemExit, match="'Is there one\\?' did not finish"):
         run_stages(todo, tmp_path, 2)

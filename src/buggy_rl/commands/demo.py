@@ -31,7 +31,7 @@ from buggy_rl.jobs.bar import PERIOD, tqdm
 STUDY = "configs/demo.yaml"
 SIMULATORS = {"learned": "models/history_mlp.pt", "mujoco": "mujoco_fitted.yaml"}
 SETTINGS = (  # of both policies: the engine alone differs
-    *("configs/ppo.yaml", "configs/demo_policy.yaml", "ppo.steps=400_000"),
+    *("configs/ppo.yaml", "configs/demo_policy.yaml", "ppo.steps=700_000"),
 )
 BLIND = "configs/demo_blind.yaml"
 KERNELS = (OF_ENGINES["reference"], *OF_EFFECTS)
@@ -58,13 +58,14 @@ IN_FULL = (
     ("your own drives, one page", "study.py configs/study.yaml data.recordings=[FOLDER]"),
 )
 BAR = "{desc:24}{percentage:3.0f}%|{bar:20}| {elapsed} {postfix}"
+ENDINGS = (".out", ".err", ".json")  # of what a stage printed, its bars and errors, its CPU time
 POLL = 0.2  # [s] between two looks at the stages that run
 TAIL = 15  # last lines shown of what failed
 GRACE = 10.0  # [s] that a stage has to end by itself
 
 
 @dataclass(frozen=True)
-class Stage:
+class DemoStage:
     """One command of the demo."""
 
     name: str
@@ -106,51 +107,51 @@ def main() -> None:
         print(as_typed(f"  {what:28} python scripts/{command.format(output=output)}"))
 
 
-def stages(output: str) -> list[Stage]:
+def stages(output: str) -> list[DemoStage]:
     """All stages; of those that could run, the first one does."""
     own, study = f"output={output}", (STUDY, f"output={output}")
     policies = [policy_stage(name, output) for name in SIMULATORS]
     best = {name: f"{output}/policy_{name}/best.pt" for name in SIMULATORS}
     drawn = [f"policies.{name}={file}" for name, file in best.items()]
-    film = [f"what={best['mujoco']}", "ghost=pure_pursuit", "simulator=reference", "seconds=6"]
-    film += ["size=320,240", "fps=12.5", "samples=0"]
+    film = [f"what={best['mujoco']}", "ghost=pure_pursuit", "simulator=reference", "seconds=4"]
+    film += ["size=320,240", "fps=10", "samples=0"]
     slower = "nothing compiled: simulators run by PyTorch, slower"
     kernels = (f"only={','.join(KERNELS)}", "workers=1")
     return [
-        Stage("check", "Are the drives fit for use?", "check", ("data/sample",)),
-        Stage("compile", "Compile what is stepped most", "compile", kernels, (), slower),
-        Stage("drives", "What was driven?", "drives", study),
-        Stage("learn", "Learn the car from its drives", "train", study),
-        Stage("fit", "Fit MuJoCo to the same drives", "fit", study),
+        DemoStage("check", "Are the drives fit for use?", "check", ("data/sample",)),
+        DemoStage("compile", "Compile what is stepped most", "compile", kernels, (), slower),
+        DemoStage("drives", "What was driven?", "drives", study),
+        DemoStage("learn", "Learn the car from its drives", "train", study),
+        DemoStage("fit", "Fit MuJoCo to the same drives", "fit", study),
         policies[0],
-        Stage(
+        DemoStage(
             *("blind test", "What was left out of a simulator?", "blind-demo"),
             *((BLIND, f"{own}/blind_demo"), ("compile",)),
         ),
         policies[1],
-        Stage("compare", "Which simulator to trust?", "evaluate", study, ("learn", "fit")),
-        Stage(
+        DemoStage("compare", "Which simulator to trust?", "evaluate", study, ("learn", "fit")),
+        DemoStage(
             *("policies", "How do the policies drive?", "policies"),
             (*drawn, "courses=lap,infinity", f"{own}/policies.png"),
             tuple(policy.name for policy in policies),
         ),
-        Stage(
+        DemoStage(
             *("film", "Film one on the reference car", "render"),
             *((*film, f"{own}/policy.gif"), (policies[1].name,)),
         ),
     ]
 
 
-def policy_stage(name: str, output: str) -> Stage:
+def policy_stage(name: str, output: str) -> DemoStage:
     """Trains a policy in one of the simulators; goes on where it was stopped."""
     folder, made_by = f"{output}/policy_{name}", {"learned": "learn", "mujoco": "fit"}[name]
     own = [f"engine.simulator={output}/{SIMULATORS[name]}", f"output={folder}"]
     own += ["resume=true"] if Path(folder, "checkpoint.pt").is_file() else []
     title = f"Train a policy: {name}"
-    return Stage(f"policy {name}", title, "policy", (*SETTINGS, *own), (made_by,))
+    return DemoStage(f"policy {name}", title, "policy", (*SETTINGS, *own), (made_by,))
 
 
-def run_stages(todo: Sequence[Stage], output: Path, lanes: int) -> dict[str, float]:
+def run_stages(todo: Sequence[DemoStage], output: Path, lanes: int) -> dict[str, float]:
     """Runs stages, `lanes` at a time, each in a process of its own.
 
     Returns:
@@ -164,13 +165,13 @@ def run_stages(todo: Sequence[Stage], output: Path, lanes: int) -> dict[str, flo
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     waiting, free = list(todo), list(range(lanes))
-    running: list[Running] = []
+    running: list[RunningStage] = []
     spent: dict[str, float] = {}
     try:
         while waiting or running:
             for stage in [s for s in waiting if set(s.needs) <= set(spent)][: len(free)]:
                 waiting.remove(stage)
-                running.append(Running(stage, context, log, free.pop(0)))
+                running.append(RunningStage(stage, context, log, free.pop(0)))
             time.sleep(POLL)
             for one in list(running):
                 if one.show():
@@ -183,7 +184,7 @@ def run_stages(todo: Sequence[Stage], output: Path, lanes: int) -> dict[str, flo
     return spent
 
 
-class Running:
+class RunningStage:
     """A stage that runs, behind a bar.
 
     Args:
@@ -193,8 +194,10 @@ class Running:
         lane: Number of its bar, from the top.
     """
 
-    def __init__(self, stage: Stage, context, log: Path, lane: int) -> None:
+    def __init__(self, stage: DemoStage, context, log: Path, lane: int) -> None:
         self.stage, self.lane, self._log = stage, lane, log / stage.name.replace(" ", "_")
+        for ending in ENDINGS:
+            self._log.with_suffix(ending).unlink(missing_ok=True)  # of an earlier demo
         given = (stage.verb, list(stage.arguments), str(self._log), sys.argv[0])
         self._process = context.Process(target=run_verb, args=given)
         self._process.start()
@@ -218,7 +221,8 @@ class Running:
         """
         seconds = self._bar.format_dict["elapsed"]
         self._bar.close()
-        said = self._log.with_suffix(".out").read_text().strip()
+        printed = self._log.with_suffix(".out")
+        said = printed.read_text().strip() if printed.is_file() else ""
         head = f"\n== {self.stage.title}\n   {self.stage.command}\n"
         if self._process.exitcode and not self.stage.without:
             last = _end(self._log.with_suffix(".err")).splitlines()[-TAIL:]
