@@ -69,7 +69,7 @@ class DemoStage:
     """One command of the demo."""
 
     name: str
-    """Of its bar and of its log."""
+    """Name of its bar and of its log."""
     title: str
     verb: str
     arguments: tuple[str, ...]
@@ -80,7 +80,7 @@ class DemoStage:
 
     @property
     def command(self) -> str:
-        """As one would type it."""
+        """The command as one would type it."""
         script = f"python scripts/{MODULES[self.verb]}.py"
         return as_typed(" ".join([script, *self.arguments]))
 

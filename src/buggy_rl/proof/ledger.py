@@ -34,7 +34,7 @@ class Entry:
 
     id: str
     kind: str = "development"
-    """Of `KINDS`."""
+    """Kind of the line, of `KINDS`."""
     opened: Case | None = None
     """What was drawn; None while it is sealed."""
     seal: str = ""
@@ -54,7 +54,7 @@ class Entry:
     answers: Mapping[str, CaseAnswer] = field(default_factory=dict)
     """Method -> its answer; that of the diagnosis under `OURS`."""
     again: CaseAnswer | None = None
-    """Of the diagnosis, when the manoeuvre that it asked for was driven too."""
+    """Answer of the diagnosis when the manoeuvre that it asked for was driven too."""
     weighed: Mapping[str, Any] = field(default_factory=dict)
     """What the oracle found, as its file has it: it tells the truth, so it is sealed too."""
 
@@ -81,7 +81,7 @@ class Entry:
         return self.evidence
 
     def posterior(self, calibration: Calibration | None = None) -> Posterior:
-        """By the shipped calibration unless another is given."""
+        """Posterior by the shipped calibration, unless another is given."""
         return posterior(self.seen, calibration)
 
     def scored(self, said: Posterior | str = OURS) -> ScoredCase:
@@ -115,7 +115,7 @@ class Entry:
         return ScoredCase(self.case, self.again).right and self.again.verdict != "cannot_tell"
 
     def to_dict(self) -> dict[str, Any]:
-        """As a line has it: of what is empty, nothing."""
+        """Content of the line, without what is empty."""
         line: dict[str, Any] = {"kind": self.kind, "id": self.id, "seal": self.seal}
         line |= {"case": self.opened and asdict(self.opened)}
         line |= {"seconds": self.seconds, "failed": self.failed}
@@ -130,7 +130,7 @@ class Entry:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Entry":
-        """Of a line, also of one from before lines had a kind.
+        """Reads a line, also one from before lines had a kind.
 
         Raises:
             ValueError: It is no line of a ledger.
@@ -164,7 +164,7 @@ class Ledger:
     file: Path
 
     def entries(self) -> list[Entry]:
-        """All of them; none where there is no such file.
+        """All entries; none where there is no such file.
 
         Raises:
             ValueError: A line is not a ledger's; the message names file and line.
@@ -184,7 +184,7 @@ class Ledger:
         return found
 
     def left(self, cases: Sequence[Case], seals: Mapping[str, str] | None = None) -> list[Case]:
-        """Those of the cases that are not entered.
+        """Cases that are not entered yet.
 
         Args:
             cases: What was drawn.

@@ -66,11 +66,11 @@ class Searching:
     """How cases are searched."""
 
     store: CaseStore
-    """Where they lie meanwhile."""
+    """Store in which the cases lie meanwhile."""
     kind: str = "development"
-    """Of `ledger.KINDS`."""
+    """Kind of the lines, of `ledger.KINDS`."""
     effects: Sequence[str] = ()
-    """To choose from; none for the whole library."""
+    """Effects to choose from; none for the whole library."""
     stretches: int = 48
     """Segments of 1 s."""
 

@@ -56,16 +56,16 @@ class Number:
     """[prior scales] of a fitted number, in its own unit of a step test; so are the others."""
     true: float
     size: float
-    """That form errors are shares of."""
+    """Size that form errors are shares of."""
     spread: float
     """Standard deviation by leaving out blocks."""
     group: str
     share: float = 0.0
     """What remains over what its effect closes."""
     apart: float = 0.0
-    """By how much other leading hypotheses differ."""
+    """Spread of the other leading hypotheses about it."""
     name: str = ""
-    """Of a step test."""
+    """Name of a step test's quantity."""
 
     def half_width(self, form: FormError) -> float:
         """Half width of its 95 % interval."""

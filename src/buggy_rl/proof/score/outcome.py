@@ -176,7 +176,7 @@ class ScoredCase:
 
     @property
     def first_right(self) -> bool:
-        """Likewise, where it is said that effects are missing."""
+        """Whether the most probable effect is right, under a verdict that names effects."""
         return self.most_probable_right and self.answer.verdict not in NAMELESS
 
     @property
