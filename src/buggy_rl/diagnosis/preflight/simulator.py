@@ -131,7 +131,7 @@ def blaming(name: str) -> Iterator[None]:
 
 def _commands(env: EnvBase) -> Tensor:
     """The trial commands [CARS, 2] of a simulator, whose rest may be at -1 or at 0."""
-    command, action = declared_by(env), torch.tensor(DRIVES)
+    command, action = declared_by(env), torch.tensor(DRIVES, device=env.device)
     action[:, 0] = command_of(action[:, 0], command.rest)
     if command.two_way:
         action[BACKWARD, 0] = -1.0
@@ -140,7 +140,7 @@ def _commands(env: EnvBase) -> Tensor:
 
 def _gentle(env: EnvBase) -> Tensor:
     """A little drive [B, 2], wheels straight."""
-    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0])
+    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0], device=env.device)
     return gentle.expand(*env.batch_size, 2)
 
 
@@ -176,9 +176,7 @@ def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
 
 def _set_down(env: EnvBase, name: str) -> TensorDictBase:
     """Cars as a reset with pose and velocity leaves them."""
-    pose = torch.tensor([2.0, -1.0, 0.0]).expand(CARS, 3)  # heading along x
-    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
-    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    given = _rolling(env, (2.0, -1.0, 0.0))  # heading along x
     state = _reset(env, name, given)
     for key in (keys.POSE, keys.VELOCITY):
         _check_shape(state.get(key, None), key, name, "reset")
@@ -195,6 +193,13 @@ def _set_down(env: EnvBase, name: str) -> TensorDictBase:
             f"{', '.join(map(str, env.action_keys))} of shape {list(env.action_spec.shape)}"
         )
     return state
+
+
+def _rolling(env: EnvBase, pose: tuple[float, float, float]) -> TensorDict:
+    """Pose and velocity [CARS, 3] of cars that all roll at `SPEED`, on the simulator's device."""
+    rows = torch.tensor([pose, (SPEED, 0.0, 0.0)], device=env.device)
+    poses, velocities = rows.unsqueeze(1).repeat(1, CARS, 1)
+    return TensorDict({keys.POSE: poses, keys.VELOCITY: velocities}, [CARS], device=env.device)
 
 
 def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None:
@@ -230,9 +235,7 @@ def check_axes(env: EnvBase, name: str, dt: float) -> None:
     Raises:
         ValueError: Its heading is in degrees, or its velocity is the world's.
     """
-    pose = torch.tensor([0.0, 0.0, ASKEW]).expand(CARS, 3)
-    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
-    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    given = _rolling(env, (0.0, 0.0, ASKEW))
     states, action = [_reset(env, name, given)], _commands(env)
     for _ in range(TOGETHER):
         states.append(_step(env, name, states[-1], action))
@@ -265,11 +268,11 @@ def _odd(
 
 def _resolution(make: Callable[[int], EnvBase], name: str, state: TensorDictBase) -> float:
     """How far vx a step later [m/s] is from a straight line over small edits of it."""
-    edits = SMALL * torch.arange(-10.0, 11.0)
+    edits = SMALL * torch.arange(-10.0, 11.0, device=state[keys.VELOCITY].device)
     env = make(len(edits))
     motion = {key: state[key][:1].expand(len(edits), 3) for key in (keys.POSE, keys.VELOCITY)}
     edited = _reset(env, name, TensorDict(motion, [len(edits)]))
-    edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * torch.eye(3)[0]
+    edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * _axis(0, edits)
     after = _step(env, name, edited, _gentle(env))[keys.VELOCITY][:, 0].double()
     felt, line = after - after.mean(), edits.double()
     rest = felt - line * (line @ felt) / line.square().sum()
@@ -280,7 +283,7 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
     following = _step(env, name, state, action)
     for key, channel, size in ((keys.VELOCITY, 0, 1.0), (keys.POSE, 0, 5.0)):
         edited = state.clone()
-        edited[key] = state[key] + size * torch.eye(3)[channel]
+        edited[key] = state[key] + size * _axis(channel, state[key])
         felt = _step(env, name, edited, action)[key] - following[key]
         share = float(felt[:, channel].min()) / size
         if share < EDIT:
@@ -289,6 +292,11 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
                 f"{size * share:.2g} more after one step; begin each step with the {key} it is "
                 "given"
             )
+
+
+def _axis(channel: int, beside: Tensor) -> Tensor:
+    """Unit vector [3] along a channel, on the device of a tensor."""
+    return torch.eye(3, device=beside.device)[channel]
 
 
 def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expected: float) -> None:
