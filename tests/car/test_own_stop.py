@@ -12,7 +12,7 @@ import time
 import pytest
 
 from buggy_rl.car import drive as driving
-from buggy_rl.car.config import make_config
+from buggy_rl.car.drive import make_config
 from buggy_rl.car.interfaces import NEUTRAL
 from buggy_rl.car.watchdog_link import Watchdog
 from tests.car.test_loop import about, log  # noqa: F401  (fixtures)

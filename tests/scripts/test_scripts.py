@@ -3,16 +3,12 @@
 import runpy
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
 
-from buggy_rl.commands.demo import SETTINGS, follow
-from buggy_rl.core.config import build
-from buggy_rl.policies.training.run import PolicyRunConfig
 from buggy_rl.policies.training.seeds import read_log
 from tests.running import Done, run_script
 
@@ -177,27 +173,6 @@ def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, cap
     assert "kinematic, validation_waypoints: " in said
     assert "after 256 steps, pure pursuit " in said
     assert said.count("in its simulator") == 1
-
-
-def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
-    talk = (
-        "import sys; print('first line'); sys.stderr.write('  7%|x| 7/100 [00:01<00:12, "
-        "3.5 closed]\\r 60%|xx| 60/100 [00:02<00:01, 8.1 closed]\\n'); sys.exit('broken')"
-    )
-    code, lines = follow("learned", [sys.executable, "-c", talk], 0)
-    assert (code, sorted(lines)) == (1, ["broken", "first line"])
-    shown = capfd.readouterr().err
-    assert "learned  60%" in shown
-    assert "8.1 closed" in shown
-
-
-def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
-    monkeypatch.chdir(ROOT)
-    config = build(PolicyRunConfig, [*SETTINGS, "output=demo"])
-    ours = build(PolicyRunConfig, ["configs/ppo.yaml", "output=demo"])
-    assert config.ppo.steps < ours.ppo.steps
-    assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours
-    assert replace(config.ppo, steps=ours.ppo.steps) == ours.ppo
 
 
 @pytest.fixture
