@@ -80,6 +80,16 @@ def make(name, batch_size=(), **options):
     return make_engine(name, batch_size, **options)
 
 
+def same(engine, first, second):
+    """Whether tensors are equal to the last bit; of MuJoCo Warp on a GPU, to rounding.
+
+    There contacts are collected in the order in which threads find them.
+    """
+    if getattr(engine, "backend", "cpu") == "warp" and engine.device.type == "cuda":
+        return torch.allclose(first, second, atol=1e-4, rtol=1e-5)
+    return torch.equal(first, second)
+
+
 def symmetric(engine):
     """The engine with left and right alike, and as many cars."""
     values = {n: v for n, v in SYMMETRIC.items() if n in engine.declared}
@@ -159,8 +169,8 @@ def test_it_drives_alike_inside_a_batch_of_environments(name, kind, batch_size):
         poses, _, _ = follow(several, several.reset(), actions)
     finally:
         several.close()
-    torch.testing.assert_close(poses[:, 0], expected, atol=0, rtol=0)
-    torch.testing.assert_close(poses[:, 1], expected, atol=0, rtol=0)
+    assert same(lone, poses[:, 0], expected)
+    assert same(lone, poses[:, 1], expected)
 
 
 def test_the_same_seed_gives_the_same_trajectory(name):
@@ -168,11 +178,11 @@ def test_the_same_seed_gives_the_same_trajectory(name):
         engine = make(name, (4,))
         engine.set_seed(3)
         torch.manual_seed(3)
-        return engine.rollout(10)
+        return engine, engine.rollout(10)
 
-    first, second = drive(), drive()
+    (engine, first), (_, second) = drive(), drive()
     for key in (keys.ACTION, ("next", keys.POSE), ("next", keys.VELOCITY)):
-        assert torch.equal(first[key], second[key])
+        assert same(engine, first[key], second[key])
 
 
 def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(engine):
@@ -185,7 +195,7 @@ def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(engine):
     assert (state == before).all()
     engine.rollout(3)  # whatever happens in between
     second = engine.step(state.copy())["next"]
-    assert (first == second).all()
+    assert all(same(engine, first[key], value) for key, value in second.items())
 
 
 def test_cars_of_a_batch_do_not_feel_one_another(name):
@@ -304,8 +314,8 @@ def test_actions_out_of_range_are_taken_as_the_nearest_bound(engine):
     beyond, bound = state, state
     for _ in range(10):
         beyond, bound = step(engine, beyond, (7.0, -3.0)), step(engine, bound, (1.0, -1.0))
-    assert torch.equal(beyond[keys.POSE], bound[keys.POSE])
-    assert torch.equal(beyond[keys.VELOCITY], bound[keys.VELOCITY])
+    assert same(engine, beyond[keys.POSE], bound[keys.POSE])
+    assert same(engine, beyond[keys.VELOCITY], bound[keys.VELOCITY])
 
 
 def test_a_reset_of_some_cars_leaves_the_others_as_they_are(name):
@@ -341,9 +351,9 @@ def test_cars_that_are_done_start_again_and_the_others_drive_on(name):
         kept = torch.tensor([True, k < 2, True, False])
         true_end = torch.tensor([True, k < 2, True, k < 1])
         for key in engine.state_spec:
-            assert torch.equal(data["next", key][true_end], reference[key][true_end]), key
+            assert same(engine, data["next", key][true_end], reference[key][true_end]), key
             going_on = kept & ~done
-            assert torch.equal(state[key][going_on], reference[key][going_on]), key
+            assert same(engine, state[key][going_on], reference[key][going_on]), key
             assert torch.equal(state[key][done], engine.reset()[key][done]), key
 
 
@@ -386,7 +396,7 @@ def test_the_declared_values_are_those_in_use(name):
     again = engine.with_parameters(TensorDict(declared))
     poses, _, _ = follow(engine, engine.reset(), manoeuvre(20))
     other_poses, _, _ = follow(again, again.reset(), manoeuvre(20))
-    assert torch.equal(poses, other_poses)
+    assert same(engine, poses, other_poses)
 
 
 def test_an_unknown_parameter_is_refused_with_those_there_are(name):

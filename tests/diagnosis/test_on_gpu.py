@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 
 import pytest
 import torch
@@ -9,7 +10,8 @@ from torch.testing import assert_close
 
 from buggy_rl.api.diagnosis import Diagnosis
 from buggy_rl.diagnosis.pipeline import run_diagnosis
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.preflight.simulator import check_simulator
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.estimation.baseline import correct
@@ -57,6 +59,25 @@ def test_a_search_there_comes_to_the_same(drives):
     assert best.candidate.key == right.candidate.key == ("steering_gain", "viscous_drag")
     assert_close(best.candidate.fit.vector, right.candidate.fit.vector, atol=0.01, rtol=0.0)
     assert best.evidence.log_evidence == pytest.approx(right.evidence.log_evidence, abs=0.5)
+
+
+@cache
+def mujoco(cars: int):
+    return make_engine("mujoco", cars)
+
+
+@cache
+def mujoco_on_gpu(cars: int):
+    return make_engine("mujoco", cars, "cuda", backend="warp")
+
+
+@pytest.mark.skipif(not find_spec("mujoco_warp"), reason="mujoco-warp is not installed")
+def test_mujoco_warp_is_accepted_and_rolls_out_as_mujoco(drives):
+    assert check_simulator(mujoco_on_gpu, "mujoco") == check_simulator(mujoco, "mujoco")
+    segments = cut_segments(drives["nothing"], 1.0, 3.0)
+    settings = ParameterSets({"steering_gain": {"gain": torch.tensor([1.0, 0.9])}})
+    found = Simulation(mujoco_on_gpu).residuals(segments, settings)
+    assert_close(found, Simulation(mujoco).residuals(segments, settings), atol=5e-3, rtol=1e-3)
 
 
 def test_a_standing_error_is_corrected_there(long_drives):
