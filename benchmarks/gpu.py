@@ -75,7 +75,9 @@ def main() -> None:
         for size in sizes
     ]
     output = Path(config.output)
-    rows = pd.read_csv(output).to_dict("records") if output.exists() else []
+    rows = []
+    if output.exists():  # with numbers to the last digit: the rows are written again as they were
+        rows = pd.read_csv(output, float_precision="round_trip").to_dict("records")
     known = {tuple(str(row[key]) for key in KEYS) for row in rows}
     memory: dict[str, float] = {}
     for what, measure, engine, size in tqdm(jobs, unit="measurement"):

@@ -57,7 +57,7 @@ GRAPH = "_graph"
 """Ends the name of an engine whose step is recorded as a CUDA graph."""
 
 
-def engine_of(name: str, cars: int, device: str):
+def engine_of(name: str, cars: int, device: str) -> Any:
     """A simulator on a device; the MuJoCo car steps on a GPU by MuJoCo Warp."""
     if name.endswith(GRAPH):
         return recorded(engine_of(name.removesuffix(GRAPH), cars, device))

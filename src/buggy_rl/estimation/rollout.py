@@ -162,7 +162,7 @@ class Simulation:
     def _readings(self, segments, settings: ParameterSets, start_error: Tensor | None) -> Tensor:
         sets, count = len(settings), len(segments)
         env, stack = self._environment(settings, count)
-        segments = segments.to(env.device)
+        segments = segments.to(_device(env))
         pose, velocity = _start(segments, stack, sets, start_error)
         action = _commands(segments, settings.clock_offset)
 
@@ -188,7 +188,7 @@ class Simulation:
         """
         sets = len(settings)
         env, stack = self._environment(settings, len(segments))
-        segments = segments.to(env.device)
+        segments = segments.to(_device(env))
         pose, velocity = (
             x.repeat(sets, 1, 1) for x in (segments.smooth_pose, segments.smooth_velocity)
         )
@@ -218,10 +218,11 @@ class Simulation:
             start: `pose` and `velocity` [B, 3].
         """
         env, _ = self._environment(settings, len(actions) // len(settings))
-        actions = actions.to(device=env.device)
+        device = _device(env)
+        actions = actions.to(device=device)
         states = trajectory(
             env,
-            env.reset(start if env.device is None else start.to(env.device)),
+            env.reset(start if device is None else start.to(device)),
             lambda row, state: state.set(keys.ACTION, actions[:, row]),
             actions.shape[1] - 1,
         )
@@ -249,6 +250,11 @@ class Simulation:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)
         return state
+
+
+def _device(env) -> torch.device | None:
+    """The device of an environment; None where it does not say, which is the CPU."""
+    return env.device
 
 
 def _counted(
