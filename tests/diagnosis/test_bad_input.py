@@ -107,6 +107,15 @@ class Rounding(KinematicEngine):
         return {**result, keys.VELOCITY: (100 * result[keys.VELOCITY]).round() / 100}
 
 
+class Jittering(KinematicEngine):
+    """Rounds by the order in which it adds, which changes from step to step, as a GPU may."""
+
+    def _advance(self, state, action):
+        result = super()._advance(state, action)
+        velocity = result[keys.VELOCITY]
+        return {**result, keys.VELOCITY: velocity + 1e-7 * torch.randn_like(velocity)}
+
+
 FAULTS = {
     Mixing: "another command for one environment moved the others by",
     Frozen: "ignores the pose that reset was given",
@@ -130,6 +139,10 @@ def test_a_faulty_simulator_is_refused_by_name_in_one_line(kind):
 @pytest.mark.parametrize("name", ["single_track", "kinematic"])
 def test_a_sound_simulator_passes_without_a_note(name):
     assert preflight_simulator.check_simulator(lambda cars: make_engine(name, cars), name) == []
+
+
+def test_steps_that_differ_by_rounding_are_equal():
+    assert preflight_simulator.check_simulator(Jittering, "my.py:make") == []
 
 
 def test_a_simulator_that_ignores_its_actions_is_refused_and_one_ignored_command_is_noted():
