@@ -193,17 +193,19 @@ def test_a_connection_that_broke_in_the_watchdog_alone_is_no_broken_board(drive_
 )
 def test_the_watchdog_stops_the_car_of_a_loop_that_gets_a_signal(log, number):  # noqa: F811
     loop = subprocess.Popen([sys.executable, "-c", LOOP, json.dumps(log.about)])
-    end = time.monotonic() + 20
-    while not (log.path.exists() and log.path.read_text() and log.last() == (0.2, 0.1)):
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    begin = time.monotonic()
-    loop.send_signal(number)
-    log.wait_for(NEUTRAL)
-    first = next(t for t, *command in log.commands() if t > begin and tuple(command) == NEUTRAL)
-    assert first - begin < 0.1 + SLACK
-    loop.kill()
-    loop.wait(20)
+    try:
+        end = time.monotonic() + 60  # of a busy machine: two interpreters start
+        while not (log.path.exists() and log.path.read_text() and log.last() == (0.2, 0.1)):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        begin = time.monotonic()
+        loop.send_signal(number)
+        log.wait_for(NEUTRAL)
+        first = next(t for t, *command in log.commands() if t > begin and tuple(command) == NEUTRAL)
+        assert first - begin < 0.1 + SLACK
+    finally:
+        loop.kill()
+        loop.wait(20)
 
 
 def test_a_disk_that_hangs_when_the_note_is_written_does_not_hold_up_neutral(

@@ -92,6 +92,8 @@ def test_a_loop_that_falls_silent_gets_neutral_after_100_ms(log):
 LOOP = """
 import signal, sys, time, json
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and one behind nohup these
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.watchdog_link import Watchdog
 watchdog = Watchdog(json.loads(sys.argv[1]), Clock())
