@@ -143,7 +143,7 @@ def asked(tmp_path, monkeypatch) -> list[str]:
 def test_a_diagnosis_compiles_what_it_steps_most_at_first_use_alone(asked, tmp_path, capfd):
     compile.at_first_use("reference")
     assert asked == ["reference_substep", *compile.OF_EFFECTS]
-    assert "compiling 6 kernels, this once, about 10 s each" in capfd.readouterr().err
+    assert "compiling 6 kernels, this once, some 15 s of a core each" in capfd.readouterr().err
     for k in kernel.kernels(asked):
         k.file(tmp_path).touch()
     compile.at_first_use("reference")

@@ -18,7 +18,7 @@ from typing import Any
 from buggy_rl.core.config import from_command_line, run
 
 OF_ENGINES = {"reference": "reference_substep", "single_track": "single_track_substep"}
-OF_EFFECTS = (*("centred", "mean_acceleration", "moved", "friction_change_12", "slip_change_12"),)
+OF_EFFECTS = ("centred", "mean_acceleration", "moved", "friction_change_12", "slip_change_12")
 
 
 def main() -> None:
@@ -75,7 +75,7 @@ def at_first_use(simulator: Any) -> None:
     missing = [kernel.name for kernel in wanted if not kernel.file(CACHE).is_file()]
     if not missing:
         return
-    said = f"compiling {len(missing)} kernels, this once, about 10 s each"
+    said = f"compiling {len(missing)} kernels, this once, some 15 s of a core each"
     try:
         with tqdm(total=len(missing), desc=said, unit="kernel") as bar:
             for _ in compiled(missing, CACHE, cores()):
@@ -86,12 +86,13 @@ def at_first_use(simulator: Any) -> None:
 
 def kernels_of_engine(simulator: Any) -> list[str]:
     """Names of the kernels of the engine that a simulator is, or that its file names."""
-    if str(simulator).endswith(".yaml") and Path(simulator).is_file():
-        import yaml
+    from buggy_rl.diagnosis.run.maker import engine_of
 
-        content = yaml.safe_load(Path(simulator).read_text())
-        simulator = content.get("engine") if isinstance(content, dict) else None
-    return [OF_ENGINES[simulator]] if simulator in OF_ENGINES else []
+    try:
+        engine = engine_of(simulator)
+    except ValueError:  # the diagnosis says what is wrong with the file
+        return []
+    return [OF_ENGINES[engine]] if engine in OF_ENGINES else []
 
 
 def compile_kernel(name: str, folder: Path) -> str:

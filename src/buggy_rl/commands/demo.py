@@ -30,9 +30,8 @@ from buggy_rl.jobs.bar import PERIOD, tqdm
 
 STUDY = "configs/demo.yaml"
 SIMULATORS = {"learned": "models/history_mlp.pt", "mujoco": "mujoco_fitted.yaml"}
-SETTINGS = (  # of both policies: the engine alone differs
-    *("configs/ppo.yaml", "configs/demo_policy.yaml", "ppo.steps=700_000"),
-)
+# Of both policies: the engine alone differs.
+SETTINGS = ("configs/ppo.yaml", "configs/demo_policy.yaml", "ppo.steps=700_000")
 BLIND = "configs/demo_blind.yaml"
 KERNELS = (OF_ENGINES["reference"], *OF_EFFECTS)
 PRELOADED = (  # by all stages together, once: PyTorch and TorchRL take seconds
@@ -125,19 +124,27 @@ def stages(output: str) -> list[DemoStage]:
         DemoStage("fit", "Fit MuJoCo to the same drives", "fit", study),
         policies[0],
         DemoStage(
-            *("blind test", "What was left out of a simulator?", "blind-demo"),
-            *((BLIND, f"{own}/blind_demo"), ("compile",)),
+            "blind test",
+            "What was left out of a simulator?",
+            "blind-demo",
+            (BLIND, f"{own}/blind_demo"),
+            ("compile",),
         ),
         policies[1],
         DemoStage("compare", "Which simulator to trust?", "evaluate", study, ("learn", "fit")),
         DemoStage(
-            *("policies", "How do the policies drive?", "policies"),
+            "policies",
+            "How do the policies drive?",
+            "policies",
             (*drawn, "courses=lap,infinity", f"{own}/policies.png"),
             tuple(policy.name for policy in policies),
         ),
         DemoStage(
-            *("film", "Film one on the reference car", "render"),
-            *((*film, f"{own}/policy.gif"), (policies[1].name,)),
+            "film",
+            "Film one on the reference car",
+            "render",
+            (*film, f"{own}/policy.gif"),
+            (policies[1].name,),
         ),
     ]
 
