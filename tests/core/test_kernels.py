@@ -23,17 +23,22 @@ NAMES = [k.name for k in kernels()]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("kernels")
-    KERNEL.compile(folder)
-    return folder
+    return holding(tmp_path_factory.mktemp("kernels"), KERNEL)
 
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """Of a step of an effect, with another slip too."""
-    folder = tmp_path_factory.mktemp("effects")
-    for k in (CENTRED, MEAN_ACCELERATION, MOVED, SLIPS):
-        k.compile(folder)
+    return holding(tmp_path_factory.mktemp("effects"), CENTRED, MEAN_ACCELERATION, MOVED, SLIPS)
+
+
+def holding(folder, *of):
+    """A folder with these packages: those of this source that `make install` compiled, or made."""
+    for k in of:
+        if k.file(kernel.CACHE).is_file():
+            shutil.copy(k.file(kernel.CACHE), k.file(folder))
+        else:
+            k.compile(folder)
     return folder
 
 

@@ -144,6 +144,14 @@ def test_a_missing_file_is_one_line_not_a_traceback(run_here, tmp_path, script, 
         run_here(script, *arguments, f"output={tmp_path / 'made'}")
 
 
+@pytest.fixture
+def short_episodes(monkeypatch):
+    """Benchmarks of 0.6 s in place of 10."""
+    for name in ("STEPS", "RANDOM_STEPS"):
+        monkeypatch.setattr(f"buggy_rl.policies.evaluation.drives.{name}", 60)
+
+
+@pytest.mark.usefixtures("short_episodes")
 def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
     engine = "engine.simulator=kinematic"
     small = ("rounds=1", "candidates=4", "tuning_paths=2", "steps=60", "random_paths=2")
