@@ -12,6 +12,10 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
+# Of a rear-driven car; those of others are compiled by `scripts/compile.py` or at first use.
+KERNELS := reference_substep,reference_substep_braked,single_track_substep,friction_change_12,$\
+    slip_change_12,moved,mean_acceleration,centred
+
 .PHONY: demo test tests test-slow lint types install clean
 
 demo: .venv/package
@@ -50,7 +54,7 @@ install: .venv/installed
 
 .venv/installed: .venv/package
 	$(BIN)/pip install -e '.[dev]'
-	@$(BIN)/python scripts/compile.py || echo "nothing compiled: simulators run by PyTorch, slower"
+	@$(BIN)/python scripts/compile.py only=$(KERNELS) || echo "nothing compiled: simulators run by PyTorch, slower"
 	touch $@
 
 clean:

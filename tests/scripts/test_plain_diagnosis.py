@@ -49,6 +49,7 @@ def folder(tmp_path_factory, repository):
     return folder
 
 
+@pytest.mark.slow  # of another simulator in tests/test_examples.py, of the script in tests/api
 def test_what_it_lacks_is_named(run_script, folder, tmp_path):
     run_script(
         "diagnose",

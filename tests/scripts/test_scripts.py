@@ -1,7 +1,6 @@
 """The scripts as a user runs them, on a small study; one after the other in one folder."""
 
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
@@ -101,9 +100,7 @@ def test_comparing_before_fitting_says_what_to_run(study: list[str], tmp_path: P
 
 
 def test_a_misspelt_option_is_one_line_not_a_traceback(study: list[str]):
-    # In a process of its own: what is said and its exit status are the interpreter's.
-    command = [sys.executable, "scripts/train_models.py", *study, "runs.MLP.training.epoch=3"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = run("train_models", *study, "runs.MLP.training.epoch=3")
     assert done.returncode == 1
     assert "did you mean 'epochs'" in done.stderr
     assert "Traceback" not in done.stderr

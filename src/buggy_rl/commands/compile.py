@@ -3,7 +3,8 @@
     python scripts/compile.py
     python scripts/compile.py only=reference_substep,moved workers=1
 
-`make install` does it. From then on every script uses them; results are the same to rounding.
+`make install` does it for a rear-driven car. From then on every script uses them; results are the
+same to rounding.
 BUGGY_RL_KERNELS= (empty) runs without. Compile again after a change of the source or of PyTorch: a
 package of other source is not used, and not made twice. A script that is started meanwhile waits
 for the kernel that is being compiled, and for no other.
