@@ -1,6 +1,7 @@
-# make demo    from recordings to two simulators, the table that compares them, a policy from each
+# make demo    from recordings to two simulators, the table that compares them, a policy from each,
+#              and a blind test: about five minutes on 2 free cores, beside downloads
 # make test    lint, types and tests: 24 minutes on 2 cores beside other work
-# Each alone takes a fresh clone to the end: it makes .venv and installs into it first.
+# Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 # Extra arguments of pip for PyTorch, e.g. its index of CPU builds (see README, "Installation").
@@ -11,9 +12,13 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
+# Of a rear-driven car; those of others are compiled by `scripts/compile.py` or at first use.
+KERNELS := reference_substep,reference_substep_braked,single_track_substep,friction_change_12,$\
+    slip_change_12,moved,mean_acceleration,centred
+
 .PHONY: demo test tests test-slow lint types install clean
 
-demo: .venv/installed
+demo: .venv/package
 	$(BIN)/python scripts/demo.py
 
 # Types are checked beside the tests, which wait here and there.
@@ -36,14 +41,20 @@ types: .venv/installed
 
 install: .venv/installed
 
-.venv/installed: pyproject.toml
+# The package without its extras: all that the demo needs, which compiles for itself. --no-compile:
+# Python writes its byte code as modules are imported, of which the demo needs a part.
+.venv/package: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0+cpu || { \
+	$(BIN)/pip install --no-compile $(TORCH_OPTIONS) torch==2.13.0+cpu || { \
 	    echo "pip knows no CPU build of torch 2.13.0: taking the default one (on Linux with" ; \
 	    echo "gigabytes of CUDA packages; README, Installation, says how to avoid them)" ; \
-	    $(BIN)/pip install $(TORCH_OPTIONS) torch==2.13.0 ; }
+	    $(BIN)/pip install --no-compile $(TORCH_OPTIONS) torch==2.13.0 ; }
+	$(BIN)/pip install --no-compile -e .
+	touch $@
+
+.venv/installed: .venv/package
 	$(BIN)/pip install -e '.[dev]'
-	@$(BIN)/python scripts/compile.py || echo "nothing compiled: simulators run by PyTorch, slower"
+	@$(BIN)/python scripts/compile.py only=$(KERNELS) || echo "nothing compiled: simulators run by PyTorch, slower"
 	touch $@
 
 clean:

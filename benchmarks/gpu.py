@@ -2,6 +2,7 @@
 
     python benchmarks/gpu.py output=gpu.csv
     python benchmarks/gpu.py engines=[mujoco] cars=[1024] training=[] sets=[] output=gpu.csv
+    python benchmarks/gpu.py engines=[reference,reference_graph] output=gpu_graphs.csv
     python benchmarks/gpu.py device=cpu engines=[kinematic] cars=[64] seconds=0.2 output=cpu.csv
 
 Every figure is measured on `device`, then on the CPU with `threads` threads, in the same run. The
@@ -32,7 +33,8 @@ class Config:
         default_factory=lambda: ["learned", "kinematic", "single_track", "reference", "mujoco"]
     )
     """Engines, or learned models as .pt; `learned` is an untrained history MLP, `mujoco` MuJoCo
-    Warp on a GPU and MuJoCo on the CPU."""
+    Warp on a GPU and MuJoCo on the CPU; `kinematic_graph` is `kinematic` with its step recorded as
+    a CUDA graph, on a GPU alone."""
     cars: list[int] = field(default_factory=lambda: [64, 1024, 16384, 131072])
     """Environments stepped at once."""
     training: list[int] = field(default_factory=lambda: [256, 4096, 32768])
@@ -57,7 +59,7 @@ def main() -> None:
     import torch
     from tqdm import tqdm
 
-    from scaling.devices import bandwidth, environment, rollouts, training
+    from scaling.devices import GRAPH, bandwidth, environment, rollouts, training
 
     refuse_missing(config.device)
     torch.set_num_threads(config.threads)
@@ -73,11 +75,15 @@ def main() -> None:
         for size in sizes
     ]
     output = Path(config.output)
-    rows = pd.read_csv(output).to_dict("records") if output.exists() else []
+    rows = []
+    if output.exists():  # with numbers to the last digit: the rows are written again as they were
+        rows = pd.read_csv(output, float_precision="round_trip").to_dict("records")
     known = {tuple(str(row[key]) for key in KEYS) for row in rows}
     memory: dict[str, float] = {}
     for what, measure, engine, size in tqdm(jobs, unit="measurement"):
         for device in dict.fromkeys([config.device, "cpu"]):
+            if engine.endswith(GRAPH) and device == "cpu":
+                continue
             if (what, engine, str(size), device) in known:
                 continue
             if device not in memory:

@@ -2,13 +2,13 @@
 
     python -m benchmarks.ranking ledgers=[docs/development/cases.jsonl.gz]
 
-Both get the same features of the same cases (`diagnosis/search/features.py`) and answer each
-case without its group (`blind_test.calibration.folds`). Trees see the features of a hypothesis and
+Both get the same features of the same cases (`diagnosis/search/posterior.py`) and answer each
+case without its group (`calibration.case_folds`). Trees see the features of a hypothesis and
 of its case together; a softmax over the case makes probabilities of their scores. Prints the tables
 of both and McNemar's exact test.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from omegaconf import MISSING
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from buggy_rl.core.config import from_command_line, run
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.proof.calibrate.calibration import (
     FOLDS,
@@ -29,8 +28,8 @@ from buggy_rl.proof.calibrate.calibration import (
     feature_table,
     left_out,
 )
-from buggy_rl.proof.calibrate.development import entries
-from buggy_rl.proof.calibrate.named import counted, mcnemar
+from buggy_rl.proof.ledger import Entry, searched
+from buggy_rl.proof.score.tables import counted, mcnemar
 
 TREES = {"learning_rate": 0.05, "max_iter": 100, "max_leaf_nodes": 8, "max_features": 0.5}
 SEEDS = 3  # of trees, whose scores are averaged
@@ -47,14 +46,17 @@ class RankingConfig:
 def main() -> None:
     """Answers all cases by both and prints the tables."""
     config = from_command_line(__doc__, "benchmarks.ranking:RankingConfig")
-    cases = [e for file in config.ledgers for e in entries(Path(file)) if "failed" not in e]
-    trees = boosted(cases)
-    linear, _ = left_out(cases, calibrated(cases)[1])
-    print(counted(cases, {"conditional logit": linear, "gradient boosting": trees}))
-    print(f"\n{mcnemar(cases, linear, trees, 'gradient boosting')}")
+    cases = searched(map(Path, config.ledgers))
+    trees, (linear, _) = boosted(cases), left_out(cases, calibrated(cases)[1])
+    logit, boosting = (
+        [entry.scored(said) for entry, said in zip(cases, answers, strict=True)]
+        for answers in (linear, trees)
+    )
+    print(counted({"conditional logit": logit, "gradient boosting": boosting}))
+    print(f"\n{mcnemar(logit, boosting, 'gradient boosting')}")
 
 
-def boosted(cases: Sequence[Mapping[str, Any]]) -> list[Posterior]:
+def boosted(cases: Sequence[Entry]) -> list[Posterior]:
     """Posterior of each case by trees that were grown without its group."""
     of, part = feature_table(cases), case_folds(cases).numpy()
     alternatives = of.shut.numpy() == 0  # (n, H + 1)
@@ -71,7 +73,7 @@ def boosted(cases: Sequence[Mapping[str, Any]]) -> list[Posterior]:
     found = []
     for row, entry in enumerate(cases):
         *named, unknown = torch.softmax(torch.tensor(scores[case == row]), 0).tolist()
-        keys = [h.effects for h in CaseEvidence.from_dict(entry).fitted]
+        keys = [h.effects for h in entry.seen.fitted]
         found.append(Posterior(dict(zip(keys, named, strict=True)), unknown))
     return found
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.core.kernels import FOLDER
+from buggy_rl.core.kernels import CACHE, FOLDER
 
 torch.set_num_threads(1)
+# Named, so that no command of a test compiles what `make install` has not.
+os.environ.setdefault(FOLDER, str(CACHE))
 
 
 @pytest.fixture(scope="module")

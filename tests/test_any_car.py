@@ -28,22 +28,31 @@ NOISE = (0.005, 0.001, 0.03, 0.03, 0.005)  # x and y [m], yaw [rad], vx, vy [m/s
 LIMIT_SPEED = 5.0  # [m/s] at which 0.6 of full lock, 0.25 rad, needs 0.4 g
 
 
-def driven(car: str, seed: int, seconds: float = 11.0) -> pd.DataFrame:
-    """A drive with smooth random commands, as a tracker with noise sees it."""
-    engine = make_engine("single_track", (), parameters=TRUTH, car=car)
-    random = np.random.default_rng(seed)
+def driven(car: str, count: int, seconds: float = 11.0) -> list[pd.DataFrame]:
+    """Drives with smooth random commands, as a tracker with noise sees them."""
+    engine = make_engine("single_track", (count,), parameters=TRUTH, car=car)
+    randoms = [np.random.default_rng(seed) for seed in range(count)]
     t = np.arange(0, seconds, 0.01)
     knots = np.arange(0, seconds + 1, 0.8)
-    throttle = np.interp(t, knots, random.uniform(0.4, 1.0, len(knots)))
-    steering = np.interp(t, knots, random.uniform(-0.6, 0.6, len(knots)))
+    throttle, steering = (
+        np.stack([np.interp(t, knots, random.uniform(*limits, len(knots))) for random in randoms])
+        for limits in ((0.4, 1.0), (-0.6, 0.6))
+    )
     state, rows = engine.reset(), []
-    for i, drive in enumerate(throttle):
-        rows.append(torch.cat([state[keys.POSE], state[keys.VELOCITY]]).numpy())
-        vx = float(state[keys.VELOCITY][0])
-        steering[i] *= min(1.0, (LIMIT_SPEED / max(vx, 1.0)) ** 2)  # within the tyres' grip
-        state[keys.ACTION] = torch.tensor([drive, steering[i]], dtype=torch.float32)
+    for i in range(len(t)):
+        rows.append(torch.cat([state[keys.POSE], state[keys.VELOCITY]], -1).numpy())
+        vx = state[keys.VELOCITY][:, 0].numpy()
+        steering[:, i] *= np.minimum(1.0, (LIMIT_SPEED / np.maximum(vx, 1.0)) ** 2)  # within grip
+        action = np.stack([throttle[:, i], steering[:, i]], -1)
+        state[keys.ACTION] = torch.tensor(action, dtype=torch.float32)
         state = engine.step(state)["next"].exclude("reward")
-    x, y, yaw, vx, vy, rate = np.array(rows).T
+    seen = np.stack(rows, 1)  # [count, rows, 6]
+    return [measured(t, *of_one) for of_one in zip(seen, throttle, steering, randoms, strict=True)]
+
+
+def measured(t, states, throttle, steering, random) -> pd.DataFrame:
+    """What a tracker with noise writes of one drive."""
+    x, y, yaw, vx, vy, rate = states.T
     p, a, u, v, r = NOISE
     noisy = {
         name: values + spread * random.standard_normal(len(t))
@@ -60,8 +69,8 @@ def study(tmp_path_factory) -> StudyConfig:
     folder = tmp_path_factory.mktemp("ten")
     (folder / "ten.yaml").write_text(CAR)
     (folder / "drives").mkdir()
-    for seed in range(3):
-        driven(str(folder / "ten.yaml"), seed).to_csv(folder / "drives" / f"{seed}.csv")
+    for number, drive in enumerate(driven(str(folder / "ten.yaml"), 3)):
+        drive.to_csv(folder / "drives" / f"{number}.csv")
     return build(
         StudyConfig,
         [

@@ -112,7 +112,7 @@ def test_a_diagnosis_takes_an_example_as_an_object(repository):
         output="nowhere",
         effects=["throttle_gain", "steering_dead_time"],
         parameters=False,
-        stretches=12,
+        stretches=8,
         minutes=0.0,
         workers=1,
     )

@@ -115,7 +115,7 @@ def test_a_diagnosis_names_a_users_own_effect(tmp_path):
         output="",
         effects=[name, "steering_dead_time", "viscous_drag"],
         parameters=False,
-        stretches=12,
+        stretches=8,
         minutes=0.0,
         workers=1,
     )

@@ -75,6 +75,7 @@ def test_the_two_trainings_differ_in_the_engine_alone(monkeypatch):
     assert learned["task"]["transforms"]["rewards"]["options"]  # ours, not the bare defaults
 
 
+@pytest.mark.slow
 def test_a_policy_for_a_car_trains_in_cars_that_differ(tmp_path: Path):
     (block,) = [
         b for b in re.findall(r"^```sh\n(.*?)^```", POLICIES, re.M | re.S) if "cars.py" in b

@@ -9,8 +9,9 @@ import torch
 from benchmarks.resumed import appended, rows_of
 
 from buggy_rl.core.vehicle import CONTROL_PERIOD
-from buggy_rl.diagnosis.answer.experiments import SUGGESTED, SURE
+from buggy_rl.diagnosis.answer.experiments import SUGGESTED
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES, TIMES
+from buggy_rl.diagnosis.search.posterior import SURE
 from buggy_rl.policies.controllers.replay import ReplayDriver
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.drives import drive_cases, plant_of, true_drive

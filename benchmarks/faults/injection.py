@@ -15,7 +15,7 @@ from pathlib import Path
 from buggy_rl.car.interfaces import NEUTRAL, NO_DRIVE
 from buggy_rl.simulated_car.launcher import SimulatedCar
 from buggy_rl.simulated_car.physics import Entry
-from buggy_rl.simulated_car.sensor_faults import SENSOR_FAULTS
+from buggy_rl.simulated_car.server import SENSOR_FAULTS
 from faults.devices import IN_LOOP, IN_WATCHDOG, spoil
 
 LASTS = 0.4  # [s] of a sensor fault: longer than the 0.25 s after which the car is disarmed

@@ -14,6 +14,7 @@ from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.training.ppo import PPO, PPOConfig
 from buggy_rl.task.env import make_env, make_simulator
 from engines import make
+from scaling.graphs import recorded
 
 COPIED = 64_000_000  # [numbers] 256 MB: more than any cache, so that memory itself is measured
 CHUNK = 20  # steps between two looks at the clock
@@ -52,8 +53,14 @@ def bandwidth(device: str, seconds: float) -> float:
     return rate(copy, device, seconds, 3)
 
 
-def engine_of(name: str, cars: int, device: str):
+GRAPH = "_graph"
+"""Ends the name of an engine whose step is recorded as a CUDA graph."""
+
+
+def engine_of(name: str, cars: int, device: str) -> Any:
     """A simulator on a device; the MuJoCo car steps on a GPU by MuJoCo Warp."""
+    if name.endswith(GRAPH):
+        return recorded(engine_of(name.removesuffix(GRAPH), cars, device))
     if name == "learned":
         return make(name, (cars,), device, threads=1)
     if name == "mujoco" and device != "cpu":

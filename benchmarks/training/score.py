@@ -9,7 +9,7 @@ import torch
 from torchrl.envs import EnvBase
 
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.tuning import TuningConfig, tune
 from buggy_rl.policies.training.run import PolicyRunConfig, validation_task
 from buggy_rl.task.env import make_env

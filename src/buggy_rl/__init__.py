@@ -8,10 +8,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from buggy_rl.api.comparing import evaluate as evaluate
     from buggy_rl.api.diagnosis import Diagnosis as Diagnosis
     from buggy_rl.api.diagnosis import diagnose as diagnose
     from buggy_rl.api.fitting import FittedSimulator as FittedSimulator
+    from buggy_rl.api.fitting import evaluate as evaluate
     from buggy_rl.api.fitting import fit as fit
     from buggy_rl.api.training import train_model as train_model
     from buggy_rl.api.training import train_policy as train_policy
@@ -48,7 +48,7 @@ _PLACES = {  # name -> module that has it
     "RecordingError": "recordings",
     "TaskConfig": "task.env",
     "diagnose": "api.diagnosis",
-    "evaluate": "api.comparing",
+    "evaluate": "api.fitting",
     "fit": "api.fitting",
     "from_gymnasium": "simulators",
     "from_mjcf": "simulators",

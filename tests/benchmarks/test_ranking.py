@@ -3,7 +3,6 @@
 import numpy as np
 from benchmarks.ranking import boosted, features
 
-from buggy_rl.proof.calibrate.named import right
 from tests.proof.test_calibration import drawn
 
 
@@ -20,4 +19,4 @@ def test_trees_name_what_is_missing_in_cases_that_they_were_not_grown_on():
     cases = [drawn(seed, chance) for seed in range(120)]
     found = boosted(cases)
     assert all(abs(sum(p.sets.values()) + p.unknown - 1) < 1e-9 for p in found)
-    assert np.mean([right(e, p) for e, p in zip(cases, found, strict=True)]) > 0.9
+    assert np.mean([e.scored(p).all_right for e, p in zip(cases, found, strict=True)]) > 0.9

@@ -3,12 +3,21 @@
 from pathlib import Path
 
 import pytest
-from benchmarks.recalling.cases import STRENGTHS, RecallConfig, cases, left, strength, table
-from benchmarks.recalling.page import BEGIN, END, column, written
+from benchmarks.recall import (
+    BEGIN,
+    END,
+    STRENGTHS,
+    RecallConfig,
+    cases,
+    column,
+    strength,
+    table,
+    written,
+)
 
 from buggy_rl.effects import effect_class
-from buggy_rl.proof.calibrate.development import entries
 from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES
+from buggy_rl.proof.ledger import Entry, Ledger
 
 EVERY = cases()
 
@@ -17,7 +26,7 @@ def test_every_effect_is_a_case_at_each_strength_under_a_seed_of_its_own():
     assert len({case.seed for case in EVERY}) == len(EVERY)
     of = {name: [c for c in EVERY if c.truth == (name,)] for name in SIZES | COMMANDED_SIZES}
     for found in of.values():
-        assert [strength({"seed": c.seed}) for c in found] == list(STRENGTHS)
+        assert [strength(c) for c in found] == list(STRENGTHS)
 
 
 def test_a_stronger_case_is_farther_from_neutral():
@@ -31,19 +40,22 @@ def test_a_stronger_case_is_farther_from_neutral():
                 assert far >= near
 
 
+def failed(why):
+    [case, *_] = [c for c in EVERY if c.truth == ("payload",)]
+    return Entry(case.id, "recall", case, failed=why)
+
+
 def test_only_what_is_asked_for_and_not_done_is_left(tmp_path):
     config = RecallConfig(names=["payload"], output=str(tmp_path / "none.jsonl"))
-    assert [c.truth for c in left(config)] == [("payload",)] * len(STRENGTHS)
+    assert [c.truth for c in config.left] == [("payload",)] * len(STRENGTHS)
+    config.lines.enter([failed("ValueError: drive drive_0 only spins")])
+    assert [strength(c) for c in config.left] == ["middle", "strong"]
 
 
 def test_a_refused_case_is_told_in_the_table():
-    [case, *_] = [c for c in EVERY if c.truth == ("payload",)]
-    line = {
-        "case": {"seed": case.seed, "concealed": case.concealed, "command": "throttle"},
-        "failed": "ValueError: drive drive_0 only spins",
-    }
-    assert "| `payload` | refused: drive drive_0 only spins |" in table([line])
-    assert "first name right: 0 of 1" in table([line])
+    entry = failed("ValueError: drive drive_0 only spins")
+    assert "| `payload` | refused: drive drive_0 only spins |" in table([entry])
+    assert "first name right: 0 of 1" in table([entry])
 
 
 ROOT = Path(__file__).parents[2]
@@ -67,12 +79,10 @@ def test_a_page_without_the_marks_or_the_row_is_refused():
 
 
 def test_a_refused_case_counts_as_not_named():
-    [case, *_] = [c for c in EVERY if c.truth == ("payload",)]
-    line = {"case": {"seed": case.seed, "concealed": case.concealed}, "failed": "ValueError: spins"}
-    assert column([line]) == {"payload": "0 of 1"}
+    assert column([failed("ValueError: spins")]) == {"payload": "0 of 1"}
 
 
 def test_the_column_of_the_readme_is_that_of_the_ledger():
-    lines = entries(ROOT / "docs" / "development" / "recall.jsonl.gz")
+    lines = Ledger(ROOT / "docs" / "development" / "recall.jsonl.gz").entries()
     text = (ROOT / "README.md").read_text()
     assert written(text, column(lines)) == text

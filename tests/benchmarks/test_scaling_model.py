@@ -7,11 +7,14 @@ import pandas as pd
 import pytest
 import torch
 
+from buggy_rl.core import keys
+from buggy_rl.simulators import make_engine
 from tests.running import Done, run_script
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+from scaling.graphs import recorded  # noqa: E402
 from scaling.model import Costs, Work, efficiency, most_workers, needed, wall  # noqa: E402
 
 WORK = Work("work", 100, seconds=9.0, bytes=1e6)
@@ -72,3 +75,21 @@ def test_a_stopped_measurement_goes_on_behind_its_rows(tmp_path):
     assert gpu(*small, "engines=[kinematic,hold]", f"output={file}").returncode == 0
     assert file.read_text().startswith(first)
     assert list(pd.read_csv(file).engine) == ["kinematic", "hold"]
+
+
+def test_a_graph_is_recorded_on_a_gpu_alone():
+    with pytest.raises(ValueError, match="a CUDA graph needs an engine on a GPU, not on cpu"):
+        recorded(make_engine("kinematic", 2))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
+def test_a_recorded_step_is_the_same_to_the_last_bit():
+    plain, fast = (make_engine("single_track", 64, "cuda") for _ in range(2))
+    recorded(fast)
+    state, other = plain.reset(), fast.reset()
+    with torch.no_grad():
+        for action in torch.linspace(-1.0, 1.0, 20 * 64 * 2, device="cuda").view(20, 64, 2):
+            state = plain.step(state.set(keys.ACTION, action))["next"]
+            other = fast.step(other.set(keys.ACTION, action))["next"]
+    assert torch.equal(other[keys.POSE], state[keys.POSE])
+    assert torch.equal(other[keys.VELOCITY], state[keys.VELOCITY])

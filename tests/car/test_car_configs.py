@@ -6,7 +6,7 @@ import pytest
 
 from buggy_rl.car.camera_t265 import RANGES as T265_RANGES
 from buggy_rl.car.camera_t265 import CameraMount
-from buggy_rl.car.config import load_config
+from buggy_rl.car.drive import load_config
 from buggy_rl.car.human import HumanConfig
 from buggy_rl.car.joystick import RANGES as JOYSTICK_RANGES
 from buggy_rl.car.joystick import PadLayout

@@ -8,8 +8,7 @@ import time
 import pandas as pd
 import pytest
 
-from buggy_rl.car.config import make_config
-from buggy_rl.car.drive import drive_car
+from buggy_rl.car.drive import drive_car, make_config
 from buggy_rl.car.interfaces import Reading, Sensor
 from buggy_rl.car.path import Pursuit
 from tests.car.test_watchdog import FileActuator, Log

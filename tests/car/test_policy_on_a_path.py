@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from buggy_rl.car.driver import PathDriver, make_path_driver
 from buggy_rl.car.interfaces import Reading
 from buggy_rl.car.path import Path, path_lines
-from buggy_rl.car.policy import Policy
+from buggy_rl.car.policy import PathDriver, Policy, make_path_driver
 from tests.car.runner import write_policy
 
 BEND = [(0.2 * i, 0.02 * i * i) for i in range(11)]

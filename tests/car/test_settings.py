@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import pytest
 
-from buggy_rl.car.config import load_config, make_config
-from buggy_rl.car.driver import make_path_driver
+from buggy_rl.car.drive import load_config, make_config
 from buggy_rl.car.interfaces import ACTUATORS, make_device
+from buggy_rl.car.policy import make_path_driver
 from buggy_rl.car.safety import RANGES, Safety
 from buggy_rl.car.settings import section
 

@@ -6,7 +6,7 @@ import pytest
 
 from buggy_rl.car.clock import Clock
 from buggy_rl.car.commands import COMMANDS, make_command_filter
-from buggy_rl.car.config import make_config
+from buggy_rl.car.drive import make_config
 from buggy_rl.car.guard import Guard, GuardTimes
 from buggy_rl.car.human import Controls, HumanConfig, HumanInput
 from buggy_rl.car.interfaces import NEUTRAL, TWO_WAY_NEUTRAL

@@ -4,17 +4,25 @@ import pytest
 import torch
 from torch.testing import assert_close
 from torchrl.data import Unbounded
+from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
+from buggy_rl.effects import EFFECTS, effect_class
+from buggy_rl.effects.actuation.command import RememberingCommand
+from buggy_rl.effects.actuation.supply import ThermalFoldback
+from buggy_rl.effects.base import Effect
+from buggy_rl.estimation.rollout import ParameterSets, Simulation
+from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.policies.closed_loop import TrackReset, drive
 from buggy_rl.simulators import ENGINES, base, make_engine
 from buggy_rl.simulators.learned import MODELS
 from buggy_rl.simulators.learned.factory import ModelConfig, make_model
 from buggy_rl.simulators.reference import engine as reference
 from buggy_rl.task.config import TaskConfig
-from buggy_rl.task.env import TaskEnv, make_env
+from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.transforms import waypoints
+from tests.drives import counting_drive
 
 PYTORCH = [
     *(name for name in ENGINES if name not in ("mujoco", "learned")),
@@ -51,7 +59,7 @@ def contentless(monkeypatch: pytest.MonkeyPatch):
     )
     monkeypatch.setattr(waypoints, "COUNT", Unbounded(torch.Size([1]), dtype=torch.int64))
     monkeypatch.setattr(reference, "refuse_of_another_command", lambda *_: None)
-    monkeypatch.setattr(TaskEnv, "_reset_check_done", lambda *_: None)
+    monkeypatch.setattr(EnvBase, "_reset_check_done", lambda *_: None)
     monkeypatch.setattr(torch, "allclose", lambda *_, **__: True)
     monkeypatch.setattr(torch.Tensor, "__bool__", lambda _: True)
 
@@ -85,6 +93,33 @@ def test_an_episode_is_scored_where_its_environment_is():
     for track_reset in (None, TrackReset(env)):
         scores = drive(env, straight, 3, track_reset)
         assert str(scores.waypoints.device) == "meta"
+
+
+SETS = 2
+PLAIN = Effect.unsensed
+# Effects that a rollout asks for more than their steps, which tests/contracts/test_effects.py has.
+ASKED = [
+    name
+    for name in EFFECTS
+    if effect_class(name).unsensed is not PLAIN
+    or issubclass(effect_class(name), (RememberingCommand, ThermalFoldback))
+]
+
+
+@pytest.mark.usefixtures("contentless")
+def test_rollouts_of_a_diagnosis_run_where_the_simulator_is(monkeypatch):
+    monkeypatch.setattr(torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape))
+    segments = cut_segments([counting_drive("a", 80)], 0.1, 0.1)
+    effects = {
+        name: {p.name: torch.full((SETS,), p.value + p.probe) for p in effect_class(name).declared}
+        for name in ASKED
+    }
+    settings = ParameterSets(effects, {"mass": torch.ones(SETS)}, torch.full((SETS,), 0.01))
+    simulation = Simulation(lambda cars: make_engine("single_track", cars, "meta"))
+    residuals = simulation.residuals(segments, settings, torch.zeros(SETS, 6))
+    assert residuals.shape == (SETS, len(segments), 1, 6)
+    for _, imposed, after in simulation.single_steps(segments, settings):
+        assert imposed.device == after.device == segments.pose.device
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")

@@ -11,7 +11,7 @@ from buggy_rl.core.config import build
 from buggy_rl.diagnosis.preflight.simulator import check_simulator
 from buggy_rl.effects import EFFECTS, effect_class, make_effect
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.path_tracking import PurePursuit
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.training.ppo import PPO, PPOConfig
 from buggy_rl.simulators import make_engine

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from buggy_rl.core.config import ConfigError, belongs_to, build, describe, from_plain, plain_values
+from buggy_rl.core.config import ConfigError, belongs_to, build, from_plain, plain_values
+from buggy_rl.core.option_values import describe
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,16 @@
 """Kernels: functions compiled ahead of time give what PyTorch gives."""
 
 import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
 from torchrl.envs import TransformedEnv
 
 from buggy_rl.core import kernels as kernel
-from buggy_rl.core.kernels import FOLDER, kernels
+from buggy_rl.core.kernels import FOLDER, Kernel, kernels
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.motion.base import CENTRED, MEAN_ACCELERATION, MOVED
 from buggy_rl.effects.tyre.stiffness import REAR_DRIVEN as SLIPS
@@ -20,17 +23,22 @@ NAMES = [k.name for k in kernels()]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("kernels")
-    KERNEL.compile(folder)
-    return folder
+    return holding(tmp_path_factory.mktemp("kernels"), KERNEL)
 
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """Of a step of an effect, with another slip too."""
-    folder = tmp_path_factory.mktemp("effects")
-    for k in (CENTRED, MEAN_ACCELERATION, MOVED, SLIPS):
-        k.compile(folder)
+    return holding(tmp_path_factory.mktemp("effects"), CENTRED, MEAN_ACCELERATION, MOVED, SLIPS)
+
+
+def holding(folder, *of):
+    """A folder with these packages: those of this source that `make install` compiled, or made."""
+    for k in of:
+        if k.file(kernel.CACHE).is_file():
+            shutil.copy(k.file(kernel.CACHE), k.file(folder))
+        else:
+            k.compile(folder)
     return folder
 
 
@@ -146,6 +154,84 @@ def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeyp
     monkeypatch.setenv(FOLDER, str(tmp_path))
     with torch.no_grad(), pytest.warns(UserWarning, match="scripts/compile.py"):
         assert not KERNEL.ready(torch.ones(3))
+
+
+def test_of_several_missing_packages_one_is_told(tmp_path, monkeypatch, recwarn):
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    with torch.no_grad():
+        assert not any(k.ready(torch.ones(3)) for k in (KERNEL, CENTRED, MOVED))
+    told = [str(w.message) for w in recwarn if "compile.py" in str(w.message)]
+    assert len(told) == 1
+    assert f"{tmp_path} holds no {KERNEL.name} of this source" in told[0]
+
+
+HOLD = """
+import fcntl, sys, time
+with open(sys.argv[1], "a") as lock:
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    print("held", flush=True)
+    sys.stdin.read()
+    if len(sys.argv) > 2:
+        open(sys.argv[2], "w").close()
+"""
+
+
+@pytest.fixture
+def compiling(tmp_path):
+    """Starts a process that holds the lock of a package and, told to end, leaves one or none."""
+    started = []
+
+    def start(*made: str) -> subprocess.Popen:
+        lock = KERNEL.file(tmp_path).with_suffix(".lock")
+        command = [sys.executable, "-c", HOLD, str(lock), *made]
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        return process
+
+    yield start
+    for process in started:
+        process.communicate()
+
+
+@pytest.mark.parametrize("succeeds", [True, False])
+def test_what_another_process_compiles_is_waited_for(tmp_path, compiling, capfd, succeeds):
+    process = compiling(*[str(KERNEL.file(tmp_path))] * succeeds)
+    with ThreadPoolExecutor() as pool:
+        there = pool.submit(KERNEL.there, tmp_path)
+        with pytest.raises(TimeoutError):
+            there.result(timeout=0.5)
+        process.communicate()
+        assert there.result(timeout=60) is succeeds
+    assert f"another process compiles {KERNEL.name}: waiting" in capfd.readouterr().err
+    assert KERNEL.there(tmp_path) is succeeds
+
+
+def test_a_package_is_not_compiled_twice(tmp_path, compiling, monkeypatch):
+    monkeypatch.setattr(Kernel, "_make", lambda *_: pytest.fail("compiled a second time"))
+    process = compiling(str(KERNEL.file(tmp_path)))
+    with ThreadPoolExecutor() as pool:
+        made = pool.submit(KERNEL.compile, tmp_path)
+        with pytest.raises(TimeoutError):
+            made.result(timeout=0.5)
+        process.communicate()
+        assert made.result(timeout=60) == KERNEL.file(tmp_path)
+
+
+def test_a_lock_that_nobody_holds_makes_nobody_wait(tmp_path, capfd):
+    KERNEL.file(tmp_path).with_suffix(".lock").touch()
+    assert not KERNEL.there(tmp_path)
+    assert "waiting" not in capfd.readouterr().err
+
+
+def test_kernels_come_in_the_order_asked_for():
+    asked = ["moved", "reference_substep"]
+    assert [k.name for k in kernels(asked)] == asked
+    with pytest.raises(ValueError, match=r"no kernels \['moves'\]; available: reference_substep, "):
+        kernels(["moves"])
 
 
 @pytest.mark.parametrize(

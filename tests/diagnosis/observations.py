@@ -1,7 +1,7 @@
 """What was seen of searches, made by hand: few numbers, each with a meaning."""
 
+from buggy_rl.diagnosis.search.candidate import Variation
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.diagnosis.search.constancy import Variation
 from buggy_rl.estimation.evidence import BaselineMisfit, Evidence
 
 

@@ -8,9 +8,10 @@ from buggy_rl.diagnosis.answer.answer import Answer, Proof, describe_unexplained
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.experiments import DecisionRate
+from buggy_rl.diagnosis.answer.located import Interval, Located, Region
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value, sentence
-from buggy_rl.diagnosis.pipeline import left_open
-from buggy_rl.diagnosis.residuals import Interval, Located, Region, Unexplained
+from buggy_rl.diagnosis.answer.retuning import left_open
+from buggy_rl.diagnosis.residuals import Unexplained
 from buggy_rl.diagnosis.search.posterior import Posterior
 
 # Contract 3: what must be there, and of which type; a list holds any number of its one element.

@@ -94,6 +94,7 @@ def case_of(problem):
         given=problem.simulation,
         as_given=problem.library,
         retuned_from=None,
+        about_given=lambda fit: fit,
     )
 
 
@@ -109,7 +110,8 @@ def found_of(fit, sd, *others):
         best=best,
         described=best,
         tried=tried,
-        posterior=SimpleNamespace(sets={key: 1 / len(tried) for key in tried}),
+        most_probable=list(tried),
+        posterior=SimpleNamespace(says="effects"),
     )
 
 

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from buggy_rl.core import keys
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
-from buggy_rl.diagnosis.repair.delivery import Repair, chosen, is_worse, repair_candidates
+from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_candidates
 from buggy_rl.diagnosis.repair.validation import Errors, delivered, validated
 from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior

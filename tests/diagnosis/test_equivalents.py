@@ -11,10 +11,9 @@ from buggy_rl.diagnosis.answer.equivalents import (
     probability_of_any,
     swapped,
 )
-from buggy_rl.diagnosis.answer.statement import _named, confidences
-from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.run.criteria import Criteria
-from buggy_rl.diagnosis.run.drives import Drives, longer_segments
+from buggy_rl.diagnosis.answer.named_effect import name_effect
+from buggy_rl.diagnosis.answer.statement import confidences
+from buggy_rl.diagnosis.run.case import Criteria, DiagnosisCase, Drives, longer_segments
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import Posterior
@@ -74,7 +73,7 @@ def test_their_joint_probability_is_that_of_all_sets_with_any_of_them(found):
 def test_they_are_said_as_one_finding_while_neither_is_sure(case, found):
     def findings(posterior):
         now = replace(found, posterior=posterior)
-        named = _named(case, now, *TRIM, confidences(now, posterior)[TRIM[0]])
+        named = name_effect(case, now, *TRIM, confidences(now, posterior)[TRIM[0]])
         return equivalents(case, now, [named], [])
 
     [either] = findings(found.posterior)
@@ -102,7 +101,7 @@ def test_an_unusually_large_number_is_at_most_even_without_a_baseline(case, foun
     now = replace(found, posterior=sure)
 
     def named(of):
-        return _named(of, now, *TRIM, confidences(now, sure)[TRIM[0]])
+        return name_effect(of, now, *TRIM, confidences(now, sure)[TRIM[0]])
 
     assert named(case).confidence == pytest.approx(0.95)
     kind = effect_class(*TRIM)

@@ -1,8 +1,8 @@
 import torch
 
 from buggy_rl.core import keys
+from buggy_rl.diagnosis.answer.experiments import weak
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
-from buggy_rl.diagnosis.preflight.recordings import weak
 from buggy_rl.estimation.segments import cut_segments
 from tests.drives import counting_drive
 

@@ -9,14 +9,12 @@ from buggy_rl.diagnosis.answer import experiments
 from buggy_rl.diagnosis.answer.experiments import (
     SUGGESTED,
     DecisionRate,
-    decided,
     decision_rates,
     manoeuvre_suggestions,
-    most_probable,
     with_drives,
 )
 from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, simulated, trusted
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import Posterior, posterior
@@ -67,12 +65,12 @@ def named(name):
 
 def test_the_most_probable_hypotheses_lead_and_a_sure_one_leaves_nothing_open(undecided):
     problem, found = undecided
-    assert most_probable(found) == [VISCOUS, AIR]
+    assert found.most_probable == [VISCOUS, AIR]
     assert found.posterior.of(AIR[0]) > 0.1
     sure = replace(found, posterior=Posterior({VISCOUS: 0.92, AIR: 0.05}, 0.03))
-    assert decided(sure.posterior, VISCOUS)
-    assert not decided(found.posterior, VISCOUS)
-    assert decided(Posterior({(): 0.95}, 0.05), ())
+    assert sure.posterior.decided(VISCOUS)
+    assert not found.posterior.decided(VISCOUS)
+    assert Posterior({(): 0.95}, 0.05).decided(())
     assert decision_rates(problem, sure) == []
 
 

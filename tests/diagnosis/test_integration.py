@@ -1,7 +1,7 @@
 from functools import cache
 
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.preflight.integration import fine_enough
+from buggy_rl.diagnosis.run.maker import fine_enough
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.simulators import make_engine

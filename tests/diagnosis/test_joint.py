@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.run.budget import FULL, smaller
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search import joint
 from buggy_rl.diagnosis.search.joint import MOST, joint_search, unit_changes
 from buggy_rl.estimation.evidence import blocks

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.core import keys
-from buggy_rl.diagnosis.residuals import locate
+from buggy_rl.diagnosis.answer.located import locate
 from buggy_rl.estimation.rollout import AS_GIVEN, Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.simulators import make_engine

@@ -9,14 +9,14 @@ import yaml
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.preflight.commands import CommandCheck
-from buggy_rl.diagnosis.preflight.integration import IntegrationStep
 from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.diagnosis.run import maker
 from buggy_rl.diagnosis.run.budget import FULL, smaller
-from buggy_rl.diagnosis.run.criteria import Criteria
-from buggy_rl.diagnosis.run.drives import Drives
-from buggy_rl.diagnosis.search.features import of_hypotheses
+from buggy_rl.diagnosis.run.case import Criteria, Drives
+from buggy_rl.diagnosis.run.maker import IntegrationStep
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence
+from buggy_rl.diagnosis.search.posterior import of_hypotheses
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
@@ -111,7 +111,7 @@ def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
     # A coarser step, which is quick.
     assert make_simulator(ASKED.simulator, 1).substeps != 1
     step = IntegrationStep({"substeps": 1}, "another step")
-    monkeypatch.setattr(pipeline, "fine_enough", lambda *_: step)
+    monkeypatch.setattr(maker, "fine_enough", lambda *_: step)
     done = run_diagnosis(replace(ONE, seconds=0.5), recordings)
     assert done.case.problem.simulation.make(1).substeps == 1
     assert "another step" in done.answer.notes
@@ -133,11 +133,11 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
         "    return make_engine('single_track', batch_size, device)\n"
     )
     monkeypatch.setattr(
-        pipeline, "fine_enough", lambda *_: IntegrationStep({"substeps": 4}, "too coarse")
+        maker, "fine_enough", lambda *_: IntegrationStep({"substeps": 4}, "too coarse")
     )
     drives = Drives.cut(ONE, recordings)
-    assert pipeline._step(replace(ONE, simulator=f"{own}:make"), drives) == IntegrationStep()
-    assert pipeline._step(ONE, drives).options
+    assert maker._step(replace(ONE, simulator=f"{own}:make"), drives) == IntegrationStep()
+    assert maker._step(ONE, drives).options
 
 
 def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):

@@ -10,12 +10,13 @@ from buggy_rl.core.vehicle import Similarity
 from buggy_rl.diagnosis.answer.named_effect import (
     NamedEffect,
     Value,
+    check_clock,
+    check_latency,
     effect_implausible,
     latencies_refused,
     undetermined,
     unusual,
 )
-from buggy_rl.diagnosis.preflight.recordings import check_clock, check_latency
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation.hypothesis import Library, scaled_prior

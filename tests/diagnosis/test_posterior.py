@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
-from buggy_rl.diagnosis.search.candidate import leading
+from buggy_rl.diagnosis.search.candidate import Variation, leading
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.constancy import Variation
-from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
 from buggy_rl.diagnosis.search.posterior import (
     Calibration,
     FormError,
     Posterior,
     certainly_missing,
     load_calibration,
+    of_case,
+    of_hypotheses,
     posterior,
 )
 from buggy_rl.estimation.evidence import BaselineMisfit

@@ -15,6 +15,7 @@ from buggy_rl.diagnosis.answer.answer import Answer, Proof
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.experiments import DecisionRate
+from buggy_rl.diagnosis.answer.located import Region, locate
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value
 from buggy_rl.diagnosis.answer.other_sensors import LATE, SensorFinding
@@ -23,9 +24,8 @@ from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, sheet_of, wording
 from buggy_rl.diagnosis.report.figures import errors, manoeuvre_plan, replays, worst_segment
 from buggy_rl.diagnosis.report.wording import alternatives, ranking
-from buggy_rl.diagnosis.residuals import Region, locate, unexplained
-from buggy_rl.diagnosis.run.case import prepare_case
-from buggy_rl.diagnosis.run.drives import Drives
+from buggy_rl.diagnosis.residuals import unexplained
+from buggy_rl.diagnosis.run.case import Drives, prepare_case
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import SearchResult, State, tried_too
 from buggy_rl.effects import effect_class, make_effect

@@ -6,17 +6,19 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.answer import retuning
-from buggy_rl.diagnosis.answer.retuning import retuned, with_own
+from buggy_rl.diagnosis.answer.retuning import retuned, wrong_parameters
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.repair.validation import validated
 from buggy_rl.diagnosis.run.budget import FULL
-from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.run.criteria import Criteria
-from buggy_rl.diagnosis.run.drives import Drives, longer_segments
-from buggy_rl.diagnosis.search.candidate import Candidate
-from buggy_rl.estimation.evidence import CrossValidated, blocks, misfit
-from buggy_rl.estimation.gauss_newton import Fit
-from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.diagnosis.run.case import (
+    Criteria,
+    DiagnosisCase,
+    Drives,
+    Retuned,
+    longer_segments,
+)
+from buggy_rl.estimation.evidence import blocks, misfit
+from buggy_rl.estimation.hypothesis import Hypothesis, Library
 from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import planted_drives, problem_of
 
@@ -41,6 +43,11 @@ def tuned(case):
 
 
 @pytest.fixture(scope="module")
+def named(case, tuned):
+    return wrong_parameters(tuned, DEFAULTS, case.given.make(1))
+
+
+@pytest.fixture(scope="module")
 def again(case, tuned):
     """The same with the re-tuned simulator."""
 
@@ -54,8 +61,8 @@ def again(case, tuned):
     return replace(case, problem=problem, retuned_from=given)
 
 
-def test_the_parameters_that_were_off_are_named_and_no_others(tuned):
-    assert {named.name for named in tuned.wrong} == {
+def test_the_parameters_that_were_off_are_named_and_no_others(tuned, named):
+    assert {n.name for n in named} == {
         "parameter:drive_force",
         "parameter:left_angle",
     }
@@ -64,8 +71,8 @@ def test_the_parameters_that_were_off_are_named_and_no_others(tuned):
     assert set(tuned.values) == set(FITTED)
 
 
-def test_a_wrong_parameter_is_described_with_its_interval(tuned):
-    force = next(n for n in tuned.wrong if n.name == "parameter:drive_force")
+def test_a_wrong_parameter_is_described_with_its_interval(named):
+    force = next(n for n in named if n.name == "parameter:drive_force")
     assert force.sentence.startswith("the simulator's drive force is 7")
     value = force.parameters["drive_force"]
     assert value.low < value.value < value.high
@@ -83,7 +90,7 @@ def test_a_hypothesis_about_the_re_tuned_simulator_is_one_about_the_simulator_as
     problem = again.problem
     best = problem.library.hypothesis(["steering_gain"], [0.7, 0.3])
     [expected] = problem.whitened([(best, best.vector)])
-    own = with_own(again, best)
+    own = again.about_given(best)
     assert own.effects == ("steering_gain", *(f"parameter:{name}" for name in FITTED))
     [found] = replace(case.problem, library=again.as_given).whitened([(own, own.vector)])
     assert float((found - expected).abs().max()) < 0.02  # of the noise
@@ -92,7 +99,7 @@ def test_a_hypothesis_about_the_re_tuned_simulator_is_one_about_the_simulator_as
 
 def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(case, again):
     # Numbers that have seen all recordings, spoiled: they come back from what is not held out.
-    best = with_own(again, again.problem.library.hypothesis([]))
+    best = again.about_given(again.problem.library.hypothesis([]))
     at = {c.parameter.name: i for i, c in enumerate(best.coordinates)}
     best.vector[at["drive_force"]] *= 0.9
     problem = replace(case.problem, library=again.as_given)
@@ -115,14 +122,14 @@ def sides(left, right, covariance):
     declared = {name: make_engine("single_track", 1).declared[name] for name in names}
     start = Library([], declared).hypothesis([f"parameter:{name}" for name in names])
     vector = torch.tensor([left, right, 0.0, 0.0])
-    fit = Fit(start.effects, start.coordinates, vector, torch.zeros(1, 1))
+    fit = Hypothesis(start.effects, start.coordinates, vector)
     known = torch.diag(torch.tensor([1.0, 1.0, 1.0, 1.0]))
     known[:2, :2] = torch.tensor(covariance)
-    return Candidate(fit, CrossValidated(torch.zeros(1, 1), known))
+    return Retuned(fit, known)
 
 
 def wrong(left, right, covariance):
-    return retuning._wrong(sides(left, right, covariance), DEFAULTS)
+    return retuning._moved(sides(left, right, covariance), DEFAULTS)
 
 
 def test_sides_that_certainly_differ_are_wrong_though_neither_is_known_well():

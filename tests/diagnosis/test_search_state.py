@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.result import State, renoised, restarted, restarts, tried_too
 from buggy_rl.effects import effect_class

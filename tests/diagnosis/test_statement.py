@@ -1,7 +1,7 @@
 import pytest
 
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
-from buggy_rl.diagnosis.answer.statement import interval
+from buggy_rl.diagnosis.answer.named_effect import interval
+from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.effects.base import EffectParameter
 
 GAIN = EffectParameter("gain", 1.0, 0.5, 1.5, "-", "a factor", size=0.2, probe=0.1)

@@ -58,6 +58,11 @@ def another(drives):
     return drives[2]
 
 
+@pytest.fixture(scope="module")
+def found(wrong):
+    return correct(Simulation(simulator), wrong)
+
+
 def test_residuals_of_the_sensor_alone_have_no_standing_covariance(right):
     sensed = sensed_covariance(Simulation(simulator), right)
     torch.manual_seed(0)
@@ -111,8 +116,7 @@ def test_steps_lack_the_acceleration_of_the_missing_drag(wrong):
     assert slope == pytest.approx(-RATE, abs=0.08)
 
 
-def test_a_correction_closes_what_the_simulator_gets_wrong(wrong, another):
-    found = correct(Simulation(simulator), wrong)
+def test_a_correction_closes_what_the_simulator_gets_wrong(found, another):
     assert found.effect is not None
     assert found.after - 1 < 0.5 * (found.before - 1)
     noise = noise_model(Simulation(simulator), another)
@@ -123,8 +127,7 @@ def test_a_correction_closes_what_the_simulator_gets_wrong(wrong, another):
     assert after - 1 < 0.5 * (before - 1)
 
 
-def test_the_held_out_misfit_of_the_baseline_predicts_that_of_new_recordings(wrong, another):
-    found = correct(Simulation(simulator), wrong)
+def test_the_held_out_misfit_of_the_baseline_predicts_that_of_new_recordings(found, wrong, another):
     simulation = found.simulation(Simulation(simulator))
 
     def of(segments):

@@ -98,10 +98,9 @@ def test_values_of_each_segment_start_errors_and_learned_corrections_are_divided
         torch.testing.assert_close(found, alone, rtol=1e-4, atol=1e-5)
 
 
-def test_more_parts_than_processes_keep_their_order():
+def test_more_parts_than_processes_keep_their_order(workers):
     rows = [(torch.full((1,), float(n)),) for n in range(5)]
-    with Workers(2) as both:
-        assert both.results(torch.neg, rows) == [-row[0] for row in rows]
+    assert workers.results(torch.neg, rows) == [-row[0] for row in rows]
 
 
 def test_small_rollouts_and_closed_workers_stay_in_this_process(segments):
@@ -177,7 +176,10 @@ run(main)
 """
 
 
-@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "blow",
+    [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM, signal.SIGKILL],
+)
 def test_workers_end_with_their_parent_however_it_ends(tmp_path, blow):
     file = tmp_path / "pid"
     parent = subprocess.Popen(

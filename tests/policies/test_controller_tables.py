@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from buggy_rl.core.config import build, plain_values
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import PurePursuitConfig
 from buggy_rl.policies.evaluation.tables import (
     DriverTablesConfig,
     driver_results,

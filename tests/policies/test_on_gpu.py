@@ -8,7 +8,7 @@ import torch
 from torch.testing import assert_close
 
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.tuning import TuningConfig, tune
 from buggy_rl.policies.training.ppo import PPO, PPOConfig
 from buggy_rl.policies.training.run import PolicyRunConfig, new_policy, validation_task

@@ -18,7 +18,7 @@ from buggy_rl.proof.cases.sealing import (
     seal,
     suggested_manoeuvres,
 )
-from buggy_rl.proof.score.outcome import read_outcomes
+from buggy_rl.proof.proof import asked, open_entry
 from buggy_rl.recordings import load_recordings
 
 CASE = Case(21, "reference", "reference", concealed={"steering_gain": {"gain": 0.8}}, seconds=1.3)
@@ -83,7 +83,8 @@ def test_the_manoeuvre_is_driven_and_added_to_what_was_seen(store):
 
 def test_the_second_answer_says_whether_it_was_decided(store):
     def decided():
-        return read_outcomes(store)["ours"][0].decided
+        [entry] = asked(store, [CASE])
+        return open_entry(store, entry).scored().decided
 
     assert decided() is None
     answer(store, again(CASE), "missing_physics", "steering_gain")

@@ -9,7 +9,7 @@ from buggy_rl.core.config import load_named
 from buggy_rl.effects import EFFECTS
 from buggy_rl.proof import baselines
 from buggy_rl.proof.baselines import compare, unanswered_methods
-from buggy_rl.proof.baselines.answers import guess
+from buggy_rl.proof.baselines.asked import guess
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore
 

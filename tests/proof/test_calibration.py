@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.posterior import FormError, Posterior, posterior
+from buggy_rl.diagnosis.search.posterior import FormError, Posterior
 from buggy_rl.proof.calibrate.calibration import (
     calibrated,
     case_folds,
@@ -15,25 +14,23 @@ from buggy_rl.proof.calibrate.calibration import (
     feature_table,
     group,
     left_out,
-    meant,
-    of_another_form,
-    outside,
-    truth,
-    unknown,
     weights,
 )
-from buggy_rl.proof.calibrate.named import best_single, counted, listed, lowest_loss, sure
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.equivalents import of_same_name
+from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.plants.composed import SORTS
+from buggy_rl.proof.score.outcome import CaseAnswer
+from buggy_rl.proof.score.tables import best_single, counted, listed, lowest_loss
 from tests.diagnosis.observations import case, hypothesis
 
 PLANTS = ("reference", "mujoco", "commonroad")
 
 
-def entry(seed, concealed, hypotheses, first=1.0):
-    told = {"seed": seed, "plant": PLANTS[seed % 3], "simulator": "reference", "baseline": True}
-    return case(hypotheses, first).to_dict() | {
-        "case": told | {"concealed": {c: {} for c in concealed}}
-    }
+def entry(seed, concealed, hypotheses, first=1.0, baseline=True):
+    values = concealed if isinstance(concealed, dict) else {name: {} for name in concealed}
+    drawn = Case(seed, PLANTS[seed % 3], "reference", baseline, values)
+    return Entry(drawn.id, opened=drawn, evidence=case(hypotheses, first))
 
 
 def drawn(seed, chance):
@@ -61,10 +58,7 @@ def cases():
 def test_left_out_cases_are_answered_rightly_where_something_tells(cases):
     found, mean = left_out(cases, 1.0)
     assert mean > -0.35  # a third for each of three kinds would be -1.1
-    right = [
-        p.says == "unknown" if unknown(e) else (p.best if p.says == "effects" else ()) == truth(e)
-        for e, p in zip(cases, found, strict=True)
-    ]
+    right = [e.scored(p).all_right for e, p in zip(cases, found, strict=True)]
     assert np.mean(right) > 0.95
 
 
@@ -82,9 +76,9 @@ def test_where_nothing_tells_right_from_wrong_nothing_is_learnt():
 
 
 def test_a_truth_that_was_not_fitted_cannot_be_learnt_from_and_counts_as_missed(cases):
-    absent = entry(3, ["yaw_damping"], CaseEvidence.from_dict(cases[0]).hypotheses)
+    absent = entry(3, ["yaw_damping"], cases[0].seen.hypotheses)
     assert not feature_table([absent]).true.any()
-    assert "0 % (0 to 79) of 1" in counted([absent], {"": [posterior_of(absent)]})
+    assert "0 % (0 to 79) of 1" in counted({"": [absent.scored(posterior_of(absent))]})
     with_it = [*cases, absent]
     for one, other in zip(
         weights(feature_table(cases), 1.0), weights(feature_table(with_it), 1.0), strict=True
@@ -105,14 +99,15 @@ def test_features_that_tell_can_be_taken_out(cases):
 
 
 def posterior_of(e):
-    return Posterior({tuple(h["effects"]): 1 / len(e["hypotheses"]) for h in e["hypotheses"]}, 0.0)
+    sets = [h.effects for h in e.seen.hypotheses]
+    return Posterior(dict.fromkeys(sets, 1 / len(sets)), 0.0)
 
 
 def test_a_group_is_left_out_as_a_whole(cases):
     part = case_folds(cases).tolist()
     of_group: dict[str, set[int]] = {}
     for e, number in zip(cases, part, strict=True):
-        of_group.setdefault(group(e), set()).add(number)
+        of_group.setdefault(group(e.case), set()).add(number)
     assert all(len(parts) == 1 for parts in of_group.values())
     assert len(of_group) > 8
     assert len({*part}) == 8
@@ -128,7 +123,7 @@ def test_the_file_says_what_it_was_made_from_and_gives_the_same_answers(cases, t
     assert read["made_from"]["cases"] == 120
     assert read["hypothesis"] == dict(calibration.hypothesis)
     assert read["form_error"] == {"chance": 2.0, "always": 0.05, "remains": 0.3}
-    assert posterior(CaseEvidence.from_dict(cases[0]), calibration).best == ("payload",)
+    assert cases[0].posterior(calibration).best == ("payload",)
 
 
 def test_what_is_named_is_counted_by_hand():
@@ -143,7 +138,8 @@ def test_what_is_named_is_counted_by_hand():
         Posterior({(): 0.4, ("payload",): 0.6}, 0.0),
         Posterior({(): 0.1, ("payload",): 0.2}, 0.7),
     ]
-    table = counted([right, nothing, outside], {"posterior": said})
+    scored = [e.scored(p) for e, p in zip([right, nothing, outside], said, strict=True)]
+    table = counted({"posterior": scored})
     rows = {
         "one effect: first name right": "100 %",
         "one effect: and nothing else said": "100 %",
@@ -154,21 +150,21 @@ def test_what_is_named_is_counted_by_hand():
     }
     for name, figure in rows.items():
         assert f"| {name} | {figure}" in table
-    assert listed(right, said[0]) == [(pytest.approx(0.9), True), (pytest.approx(0.2), False)]
+    assert listed(scored[0]) == [(pytest.approx(0.9), True), (pytest.approx(0.2), False)]
     # 0.1^2, 0.2^2, 0.6^2 and 0.2^2 of four names.
     assert "| Brier score of all listed names | 0.113 |" in table
 
 
 def test_a_parameter_that_is_the_same_as_an_effect_counts_as_that_effect():
     own, other = ("parameter:steering_dead_time",), ("parameter:mass", "steering_dead_time")
-    assert meant(own) == ("steering_dead_time",)
-    assert meant(other) == other  # no effect is called mass
+    assert [of_same_name(*own), *map(of_same_name, other)] == ["steering_dead_time", *other]
     late = [hypothesis(e, [5.0, 5.0], 0.1) for e in (own, ("steering_dead_time",), other)]
     e = entry(0, ["steering_dead_time"], [hypothesis((), [10.0, 10.0], 0.5), *late])
     assert feature_table([e]).true.tolist() == [[False, True, True, False, False]]
     said = Posterior({(): 0.1, own: 0.5, ("steering_dead_time",): 0.3, other: 0.1}, 0.0)
-    assert sure(said) == {"parameter:mass": 0.1, "steering_dead_time": pytest.approx(0.9)}
-    assert "| one effect: and nothing else said | 100 %" in counted([e], {"": [said]})
+    mentioned = {"parameter:mass": 0.1, "steering_dead_time": pytest.approx(0.9)}
+    assert CaseAnswer.of(said).probable == mentioned
+    assert "| one effect: and nothing else said | 100 %" in counted({"": [e.scored(said)]})
 
 
 @pytest.mark.parametrize(
@@ -184,9 +180,9 @@ def test_a_simulator_of_another_make_differs_in_form_where_no_baseline_closes_th
     seed, concealed, baseline, form
 ):
     none, wind = (hypothesis(e, [10.0, 10.0], 0.5) for e in ((), ("wind",)))
-    e = entry(seed, concealed, [none, wind])  # seed 0 is the reference car's own simulator
-    e["case"]["baseline"] = baseline
-    assert (of_another_form(e), unknown(e), outside(e)) == (form, form, False)
+    # Seed 0 is the reference car's own simulator.
+    e = entry(seed, concealed, [none, wind], baseline=baseline)
+    assert (e.case.unknown, e.case.family == "unknown") == (form, False)
     nothing, effect, other = feature_table([e]).true[0].tolist()
     assert (nothing, effect, other) == (not concealed and not form, bool(concealed), form)
 

@@ -1,16 +1,15 @@
 """The factory of development cases, small: recorded, searched, written down, and never twice."""
 
-import gzip
-import json
 from pathlib import Path
 
 import pytest
 
 from buggy_rl.diagnosis.search.posterior import shipped
-from buggy_rl.proof.calibrate.development import DevelopmentConfig, cases_left, entries
+from buggy_rl.proof.calibrate.development import DevelopmentConfig
 from buggy_rl.proof.calibrate.discrimination import PRICE
 from buggy_rl.proof.calibrate.intervals import steps
 from buggy_rl.proof.cases.draw import DrawConfig
+from buggy_rl.proof.ledger import Entry, Ledger
 from tests.running import Done, run_script
 
 OPTIONS = (
@@ -27,6 +26,10 @@ def develop(folder: Path) -> Done:
     return run_script("scripts/develop.py", *options)
 
 
+def entries(folder: Path) -> list[Entry]:
+    return Ledger(folder / "development.jsonl").entries()
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> tuple[Path, Done]:
     folder = tmp_path_factory.mktemp("development") / "run"
@@ -37,41 +40,41 @@ def run(tmp_path_factory) -> tuple[Path, Done]:
 def test_the_truth_is_the_most_evident_and_nothing_is_where_nothing_is(run):
     folder, done = run
     assert done.returncode == 0, done.stderr
-    found = entries(folder / "development.jsonl")
+    found = entries(folder)
     assert len(found) == 3
     for entry in found:
-        truth = sorted(entry["case"]["concealed"])
-        assert entry["case"]["spread"] == 0.08  # nor is the car the one that the library knows
+        truth = entry.case.truth
+        assert entry.case.spread == 0.08  # nor is the car the one that the library knows
         best = max(
-            entry["hypotheses"],
-            key=lambda h: h["evidence"]["log_evidence"] - PRICE * len(h["effects"]),
+            entry.seen.hypotheses,
+            key=lambda h: h.evidence.log_evidence - PRICE * len(h.effects),
         )
-        assert best["effects"] == truth
-        assert entry["rank"] == (1 if truth else 0)
-        for effect, values in entry["case"]["concealed"].items():
+        assert best.effects == truth
+        assert entry.rank == (1 if truth else 0)
+        for effect, values in entry.case.concealed.items():
             for name, value in values.items():
-                assert best["values"][effect][name] == pytest.approx(value, rel=0.1)
+                assert best.values[effect][name] == pytest.approx(value, rel=0.1)
     assert "too few to tell apart" in done.stdout
 
 
 def test_what_is_logged_is_what_a_calibration_asks_for(run):
-    entry = entries(run[0] / "development.jsonl")[0]
-    assert len(entry["hypotheses"]) > 10
-    for hypothesis in entry["hypotheses"]:
-        assert len(hypothesis["z"]) == len(hypothesis["sd"])
-        assert len(hypothesis["held_out"]) >= 2
-        assert set(hypothesis["varies"]) == set(hypothesis["effects"])
-        assert {"log_evidence", "spread", "variation", "plain"} <= set(hypothesis["evidence"])
+    entry = entries(run[0])[0]
+    assert (entry.kind, entry.seal) == ("development", "")
+    assert len(entry.seen.hypotheses) > 10
+    for hypothesis in entry.seen.hypotheses:
+        assert len(hypothesis.z) == len(hypothesis.sd)
+        assert len(hypothesis.held_out) >= 2
+        assert set(hypothesis.varies) == set(hypothesis.effects)
 
 
 def test_what_step_tests_say_is_logged_beside_the_cars_own(run):
-    for entry in entries(run[0] / "development.jsonl"):
+    for entry in entries(run[0]):
         told = steps([entry])
-        if entry["case"]["concealed"].keys() == {"gyro_bias"}:  # of the sensor: no truth
+        if entry.case.truth == ("gyro_bias",):  # of the sensor: no truth
             assert told == []
             continue
         assert {"acceleration", "steering_response"} <= {step.name for step in told}
-        held = [step.holds(shipped().step_error) for step in told]
+        held = [step.inside(shipped().step_error) for step in told]
         assert sum(held) >= len(held) - 1
 
 
@@ -86,21 +89,6 @@ def test_what_is_done_is_not_done_again_and_leaves_no_files(run):
     assert not list((folder / "truth").glob("*.json"))
 
 
-def test_a_broken_line_is_told_by_its_number(tmp_path):
-    config = DevelopmentConfig(output=str(tmp_path), draw=DrawConfig(cases=3))
-    config.file.write_text(json.dumps({"case": {"seed": 1}, "hypotheses": []}) + "\n{}\n")
-    with pytest.raises(ValueError, match="line 2: no development case"):
-        cases_left(config)
-
-
 def test_nothing_is_calibrated_on_sealed_seeds():
     with pytest.raises(ValueError, match="sealed seeds"):
         DevelopmentConfig(output="x", draw=DrawConfig(split="sealed"))
-
-
-def test_a_packed_ledger_holds_the_same_lines(tmp_path):
-    line = json.dumps({"case": {"seed": 3}, "hypotheses": []})
-    (tmp_path / "plain.jsonl").write_text(f"{line}\n{line}\n")
-    (tmp_path / "packed.jsonl.gz").write_bytes(gzip.compress(f"{line}\n{line}\n".encode()))
-    plain = entries(tmp_path / "plain.jsonl")
-    assert plain == entries(tmp_path / "packed.jsonl.gz") == [json.loads(line)] * 2

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from buggy_rl.diagnosis.search.constancy import Variation
+from buggy_rl.diagnosis.search.candidate import Variation
 from buggy_rl.estimation.evidence import Evidence
 from buggy_rl.proof.calibrate.discrimination import USED, area, discrimination, left_out, samples
 from buggy_rl.proof.cases.draw import DrawConfig, draw_all
+from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.plants import PLANTS, abilities
 from tests.diagnosis import observations
 
@@ -35,22 +36,11 @@ def logged(seed, apart, first=1.0):
         truth = case.truth if known else ("steering_gain",)
         left = (0.05 if known else 0.5) if apart else 0.3
         left *= float(np.exp(chance.normal(0, 0.3)))
-        found.append(
-            observations.case(
-                [
-                    hypothesis((), first, -300.0, 0.0),
-                    hypothesis(truth, left, -100 * left, 0.01),
-                ],
-                first,
-            ).to_dict()
-            | {
-                "case": {
-                    "concealed": case.concealed,
-                    "plant": case.plant,
-                    "simulator": case.simulator,
-                }
-            }
-        )
+        sets = [
+            hypothesis((), first, -300.0, 0.0),
+            hypothesis(truth, left, -100 * left, 0.01),
+        ]
+        found.append(Entry(case.id, opened=case, evidence=observations.case(sets, first)))
     return found
 
 

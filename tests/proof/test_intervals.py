@@ -19,7 +19,7 @@ def drawn(form, count=2000, seed=0):
         z, share = chance.uniform(0.5, 3.0), chance.uniform(0.0, 1.0)
         by_blocks = 10 ** chance.uniform(-3.0, -1.0)
         true = z + chance.normal() * form.sd(z, by_blocks, share)
-        found.append(Number(z, true, by_blocks, share, str(index % 10)))
+        found.append(Number(z, true, z, by_blocks, str(index % 10), share))
     return found
 
 
@@ -45,7 +45,7 @@ def test_numbers_that_were_left_out_are_covered_as_often_as_intervals_say():
 
 def test_a_group_is_left_out_of_its_own_form_error():
     of = drawn(FormError(1.0, 0.0, 0.0), 200)
-    far = [Number(1.0, 3.0, 0.001, 0.1, "far") for _ in range(30)]
+    far = [Number(1.0, 3.0, 1.0, 0.001, "far", 0.1) for _ in range(30)]
     forms = {n.group: form for n, form in left_out(of + far)}
     assert forms["far"] == form_error(of)
     assert forms["0"] == form_error([n for n in of + far if n.group != "0"])
@@ -53,7 +53,7 @@ def test_a_group_is_left_out_of_its_own_form_error():
 
 
 def test_where_nothing_covers_the_widest_is_taken():
-    assert form_error([Number(1.0, 100.0, 0.001, 0.1, "")]) == FormError(8.0, 0.34, 1.0)
+    assert form_error([Number(1.0, 100.0, 1.0, 0.001, "", 0.1)]) == FormError(8.0, 0.34, 1.0)
 
 
 def test_a_deviation_is_of_chance_and_both_forms():
@@ -67,10 +67,10 @@ def test_the_numbers_of_a_case_are_those_of_the_true_set_beside_the_truth():
         ("steering_gain",), [5.0, 5.0], 0.1, values=values, z=[-1.0, 0.0], sd=[0.1, 0.2]
     )
     other = hypothesis(("wind",), [9.0, 9.0], 0.6)
-    told = entry(0, ["steering_gain"], [hypothesis((), [10.0, 10.0], 0.5), own, other])
-    told["case"]["concealed"] = {"steering_gain": {"gain": 0.75}}
+    concealed = {"steering_gain": {"gain": 0.75}}
+    told = entry(0, concealed, [hypothesis((), [10.0, 10.0], 0.5), own, other])
     [number] = scored_numbers([told])
-    assert (number.z, number.by_blocks) == (-1.0, 0.1)
+    assert (number.value, number.size, number.spread) == (-1.0, -1.0, 0.1)
     assert number.true < 0  # it turns less than neutral
     assert number.share == pytest.approx(0.1 / 0.4)  # left, over what is closed
     assert scored_numbers([entry(1, ["payload"], [own, other])]) == []  # the truth was not fitted

@@ -7,7 +7,7 @@ import pytest
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.page import proof_page, reason, write_page
 from buggy_rl.proof.proof import ProofConfig
-from buggy_rl.proof.score.outcome import ScoredCase, ScoredEffect
+from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.score import passed, score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -29,19 +29,15 @@ NUMBERS = {"rate": {"value": 0.123, "low": 0.1, "high": 0.2}}
 def scores():
     right = ScoredCase(
         Case(1, "reference", "reference", concealed=WIND),
-        "answered",
-        "missing_physics",
-        (ScoredEffect("wind", 0.9),),
+        CaseAnswer("missing_physics", (ScoredEffect("wind", 0.9),)),
         margin=40.0,
     )
     wrong = ScoredCase(
         Case(2, "reference", "reference", concealed=WIND, nuisance="jitter"),
-        "answered",
-        "missing_physics",
-        (ScoredEffect("viscous_drag", 0.8, NUMBERS),),
+        CaseAnswer("missing_physics", (ScoredEffect("viscous_drag", 0.8, NUMBERS),)),
         margin=12.0,
     )
-    none = ScoredCase(Case(3, "reference", "reference"), "answered", "no_mismatch")
+    none = ScoredCase(Case(3, "reference", "reference"), CaseAnswer("no_mismatch"))
     return {"ours": score([right, wrong, none]), "guessing": score([wrong, none])}
 
 
@@ -62,7 +58,8 @@ def test_failing_cases_tell_what_was_said_and_what_was_true(scores):
         "wind force_x 0.2, force_y -0.3 | missing physics: viscous_drag rate 0.123 (0.80) "
         "| 12 nats | wind is not named; viscous_drag is not there |"
     ]
-    good = {"ours": score([ScoredCase(Case(3, "reference", "reference"), verdict="no_mismatch")])}
+    none = ScoredCase(Case(3, "reference", "reference"), CaseAnswer("no_mismatch"))
+    good = {"ours": score([none])}
     text = proof_page(ProofConfig(output="out"), good, "prove", 0, {})
     assert text.endswith("## Cases that fail\n\nNone.\n")
 
@@ -87,9 +84,9 @@ def test_what_was_said_of_each_effect_adds_up(scores):
     }
 
 
-def answered(concealed, *said, verdict="missing_physics", **options):
+def answered(concealed, *said, verdict="missing_physics", status="answered", margin=None):
     case = Case(1, "reference", "reference", concealed=concealed)
-    return ScoredCase(case, verdict=verdict, said=said, **options)
+    return ScoredCase(case, CaseAnswer(verdict, said, status), margin=margin)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 from buggy_rl.jobs import run_jobs
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
-from buggy_rl.proof.proof import diagnosis_job
-from buggy_rl.proof.score.outcome import read_outcomes
+from buggy_rl.proof.proof import asked, diagnosis_job
 from tests.running import Done, run_script
 
 CASES = (
@@ -49,7 +48,7 @@ def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     folder, done, _ = proof
     assert done.returncode == 0, done.stderr
     store = CaseStore(folder, Path(f"{folder}_sealed"))
-    for case in store.cases():
+    for case in map(store.sealed_case, store.digests()):
         answer = json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text())
         assert {effect["name"] for effect in answer["effects"]} == set(case.truth)
         weighed = json.loads(store.oracle(case.id).read_text())
@@ -95,13 +94,13 @@ def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcom
     script.write_text(TOOL)
     jobs = [diagnosis_job(store, case.id, script, 60.0) for case in cases]
     assert len([state for state in run_jobs(jobs, 1, poll=0.02) if state.outcome]) == 2
-    asked, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
-    assert asked == "question.yaml"
+    question, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
+    assert question == "question.yaml"
     assert saw == [
         "question.yaml",
         "recordings/drive_0.csv",
         "recordings/drive_1.csv",
         "simulator.yaml",
     ]
-    assert [o.status for o in read_outcomes(store)["ours"]] == ["answered", "crashed"]
+    assert [e.answers["ours"].status for e in asked(store, cases)] == ["answered", "crashed"]
     assert list(run_jobs(jobs, 1, poll=0.02)) == []

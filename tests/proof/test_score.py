@@ -3,7 +3,8 @@
 import pytest
 
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.score.outcome import ScoredCase, ScoredEffect, outcome
+from buggy_rl.proof.ledger import Entry
+from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.score import score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -21,12 +22,13 @@ def case(seed=1, concealed=None, **options):
     return Case(seed, "reference", "reference", concealed=concealed or {}, **options)
 
 
-def answered(concealed, *names, verdict="missing_physics", margin=50.0, **options):
+def answered(
+    concealed, *names, verdict="missing_physics", seconds=0.0, margin=50.0, nats=None, **other
+):
     if not names and verdict == "missing_physics":
         verdict = "no_mismatch"
-    return ScoredCase(
-        case(concealed=concealed), "answered", verdict, names, margin=margin, **options
-    )
+    answer = CaseAnswer(verdict, names, seconds=seconds)
+    return ScoredCase(case(concealed=concealed), answer, nats, margin, **other)
 
 
 def rows(*outcomes):
@@ -49,7 +51,7 @@ def test_a_wrong_name_counts_as_wrong():
 def test_a_name_under_the_verdict_unknown_is_not_an_answer():
     o = answered(LATE, said("steering_dead_time", 0.2), verdict="unknown_physics")
     assert not o.right
-    assert o.first is None
+    assert o.answer.first is None
 
 
 def test_a_parameter_of_the_simulators_own_that_is_the_effect_is_right():
@@ -173,10 +175,10 @@ def test_nothing_that_is_called_unknown_fails_and_so_does_a_right_set_that_is_ta
 
 
 def test_a_crash_is_wrong_and_listed():
-    crash = ScoredCase(case(concealed=LATE), "crashed", margin=50.0)
-    silent = ScoredCase(case(), "timed out")
+    crash = ScoredCase(case(concealed=LATE), CaseAnswer(status="crashed"), margin=50.0)
+    silent = ScoredCase(case(), CaseAnswer(status="timed out"))
     result = score([crash, silent, answered(LATE, said("steering_dead_time"))])
-    assert [o.status for o in result.failing] == ["crashed", "timed out"]
+    assert [o.answer.status for o in result.failing] == ["crashed", "timed out"]
     assert result.confusion["steering_dead_time"] == {"crashed": 1, "steering_dead_time": 1}
     table = {row.name.strip(): row for row in result.rows}
     assert table["first name right, decidable single effects"].figure.value == 0.5
@@ -185,9 +187,7 @@ def test_a_crash_is_wrong_and_listed():
 def test_classes_are_counted_apart():
     long = ScoredCase(
         case(concealed=LATE, seconds=90.0, nuisance="jitter"),
-        "answered",
-        "missing_physics",
-        (said("steering_dead_time"),),
+        CaseAnswer("missing_physics", (said("steering_dead_time"),)),
         nats=250.0,
     )
     short = answered(LATE, said("wind"), nats=20.0)
@@ -213,15 +213,15 @@ def test_an_outcome_is_read_as_contract_3_writes_it():
                 "confused_with": [{"name": "steering_lag", "confidence": 0.02}],
             }
         ],
-        "excitation": {"weak": [], "suggest": ["slalom"]},
     }
     weighed = {"nats": 80.0, "rivals": {"steering_lag": 12.0, "wind": 79.0}}
-    o = outcome(case(concealed=LATE), {"status": "answered", "seconds": 3.0}, answer, weighed)
+    told = CaseAnswer.from_diagnosis(answer, {"status": "answered", "seconds": 3.0})
+    late = case(concealed=LATE)
+    o = Entry(late.id, opened=late, answers={"ours": told}, weighed=weighed).scored()
     assert o.right
-    assert o.suggested
     assert o.margin == 12.0
-    assert o.said[0].rivals == ("steering_lag",)
-    assert o.said[0].values == {"dead_time": 0.05}
+    assert o.answer.said[0].rivals == ("steering_lag",)
+    assert o.answer.said[0].values == {"dead_time": 0.05}
     # Nothing at all is a rival like any other.
     weak = {"nats": 4.0, "rivals": {"wind": 79.0}}
-    assert not outcome(o.case, {"status": "answered", "seconds": 3.0}, answer, weak).decidable
+    assert not Entry(late.id, opened=late, answers={"ours": told}, weighed=weak).scored().decidable

@@ -104,7 +104,7 @@ def test_hashes_are_those_of_the_answers_and_the_salt_is_not_seen(sealed):
         content = sealed.truth(case.id).read_bytes()
         assert hashlib.sha256(content).hexdigest() == lines[case.id]
         assert len(json.loads(content)["salt"]) == 32
-    assert sealed.cases() == CASES
+    assert [sealed.sealed_case(case.id) for case in CASES] == CASES
 
 
 def test_an_answer_that_was_changed_afterwards_is_noticed(tmp_path):
@@ -115,7 +115,7 @@ def test_an_answer_that_was_changed_afterwards_is_noticed(tmp_path):
     text = made.truth("0000013").read_text()
     made.truth("0000013").write_text(text.replace('"rich"', '"steady"'))
     with pytest.raises(ValueError, match="not what was sealed"):
-        made.cases()
+        made.sealed_case("0000013")
     with pytest.raises(ValueError, match="sealed by other settings"):
         publish(made, short)
     made.truth("0000013").write_text(text + " ")

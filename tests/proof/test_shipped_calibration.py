@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, posterior, shipped
+from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, shipped
 from buggy_rl.proof.calibrate.calibration import calibrated, left_out
-from buggy_rl.proof.calibrate.development import entries
 from buggy_rl.proof.calibrate.intervals import covered, form_error, intervals, scored_numbers
-from buggy_rl.proof.calibrate.named import best_single, by_pairing, counted, lowest_loss, mcnemar
+from buggy_rl.proof.ledger import searched
+from buggy_rl.proof.score.tables import best_single, by_pairing, counted, lowest_loss, mcnemar
 
 DOCS = Path(__file__).parents[2] / "docs"
 LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh")]
@@ -19,7 +18,7 @@ LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fres
 
 @pytest.fixture(scope="module")
 def cases():
-    return [e for file in LEDGERS for e in entries(file) if "failed" not in e]
+    return searched(LEDGERS)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,7 @@ def test_the_coverage_of_the_docs_is_that_of_the_ledger(cases):
 
 
 def test_a_form_error_of_the_earlier_cases_covers_the_fresh_ones():
-    earlier, fresh = ([e for e in entries(f) if "failed" not in e] for f in LEDGERS)
+    earlier, fresh = (searched([file]) for file in LEDGERS)
     form = form_error(scored_numbers(earlier))
     assert intervals(fresh, form).splitlines()[2] in (DOCS / "evidence.md").read_text()
     inside, _ = covered([(n, form) for n in scored_numbers(fresh)])
@@ -65,26 +64,27 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from):
     text = (DOCS / "evidence.md").read_text()
     found, _ = left_out(cases, made_from["ridge"])
     methods = {
-        "posterior": found,
-        "lowest loss": [lowest_loss(e) for e in cases],
-        "best single": [best_single(e) for e in cases],
+        "posterior": [e.scored(p) for e, p in zip(cases, found, strict=True)],
+        "lowest loss": [e.scored(lowest_loss(e)) for e in cases],
+        "best single": [e.scored(best_single(e)) for e in cases],
     }
-    for line in (*counted(cases, methods).splitlines(), *by_pairing(cases, found).splitlines()):
+    pairings = by_pairing(methods["posterior"])
+    for line in (*counted(methods).splitlines(), *pairings.splitlines()):
         assert line in text
 
 
 def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights():
     text = (DOCS / "evidence.md").read_text()
-    fresh = [e for e in entries(LEDGERS[1]) if "failed" not in e]
+    fresh = searched(LEDGERS[1:])
     earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
     assert earlier.cases < shipped().cases
-    found = [posterior(CaseEvidence.from_dict(e), earlier) for e in fresh]
+    found = [e.scored(e.posterior(earlier)) for e in fresh]
     for line in (
-        *by_pairing(fresh, found).splitlines(),
+        *by_pairing(found).splitlines(),
         *intervals(fresh, earlier.form_error).splitlines(),
-        mcnemar(fresh, found, [best_single(e) for e in fresh], "best single"),
+        mcnemar(found, [e.scored(best_single(e)) for e in fresh], "best single"),
     ):
         assert line in text
-    rows = counted(fresh, {"posterior": found}).splitlines()[2:]
+    rows = counted({"posterior": found}).splitlines()[2:]
     for row in rows:
         assert row.rstrip("|") in text

@@ -5,12 +5,14 @@ import pytest
 
 from buggy_rl.diagnosis.search.posterior import FormError
 from buggy_rl.proof.calibrate.intervals import (
+    STEPS_TRIED,
+    form_error,
     has_truth,
-    step_error,
     step_intervals,
     steps,
 )
 from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.ledger import Entry
 
 
 def entries(share, count=300):
@@ -27,9 +29,9 @@ def entries(share, count=300):
             "apart": 0.0,
             "true": 1.0 + off,
         }
-        told = {"seed": seed, "plant": "reference", "simulator": "reference", "baseline": True}
-        case = told | {"concealed": {("payload", "wind", "tire_grip")[seed % 3]: {}}}
-        made.append({"case": case, "steps": [line]})
+        concealed = {("payload", "wind", "tire_grip")[seed % 3]: {}}
+        case = Case(seed, "reference", "reference", True, concealed)
+        made.append(Entry(case.id, opened=case, steps=(line,)))
     return made
 
 
@@ -41,7 +43,7 @@ def coverage(table, row):
 @pytest.mark.parametrize("share", [0.03, 0.1])
 def test_the_form_error_covers_what_the_spread_alone_does_not(share):
     cases = entries(share)
-    form = step_error(steps(cases))
+    form = form_error(steps(cases), STEPS_TRIED)
     assert 0.7 * share < form.sd(1.0, 0.1 * share, 0.0) < 1.6 * share
     within, alone = coverage(step_intervals(cases), "all")
     assert within >= 92
@@ -50,8 +52,9 @@ def test_the_form_error_covers_what_the_spread_alone_does_not(share):
 
 
 def test_ledgers_without_step_tests_say_so():
-    assert steps([{"case": {}}]) == []
-    assert "none in these ledgers" in step_intervals([{"case": {}}])
+    without = Entry("0000001", opened=Case(1, "reference", "reference"))
+    assert steps([without]) == []
+    assert "none in these ledgers" in step_intervals([without])
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,13 @@
 """The scripts as a user runs them, on a small study; one after the other in one folder."""
 
 import runpy
-import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import yaml
 
-from buggy_rl.commands.demo import SETTINGS, follow
-from buggy_rl.core.config import build
-from buggy_rl.policies.training.run import PolicyRunConfig
 from buggy_rl.policies.training.seeds import read_log
 from tests.running import Done, run_script
 
@@ -105,9 +100,7 @@ def test_comparing_before_fitting_says_what_to_run(study: list[str], tmp_path: P
 
 
 def test_a_misspelt_option_is_one_line_not_a_traceback(study: list[str]):
-    # In a process of its own: what is said and its exit status are the interpreter's.
-    command = [sys.executable, "scripts/train_models.py", *study, "runs.MLP.training.epoch=3"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = run("train_models", *study, "runs.MLP.training.epoch=3")
     assert done.returncode == 1
     assert "did you mean 'epochs'" in done.stderr
     assert "Traceback" not in done.stderr
@@ -148,6 +141,14 @@ def test_a_missing_file_is_one_line_not_a_traceback(run_here, tmp_path, script, 
         run_here(script, *arguments, f"output={tmp_path / 'made'}")
 
 
+@pytest.fixture
+def short_episodes(monkeypatch):
+    """Benchmarks of 0.6 s in place of 10."""
+    for name in ("STEPS", "RANDOM_STEPS"):
+        monkeypatch.setattr(f"buggy_rl.policies.evaluation.drives.{name}", 60)
+
+
+@pytest.mark.usefixtures("short_episodes")
 def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
     engine = "engine.simulator=kinematic"
     small = ("rounds=1", "candidates=4", "tuning_paths=2", "steps=60", "random_paths=2")
@@ -177,27 +178,6 @@ def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, cap
     assert "kinematic, validation_waypoints: " in said
     assert "after 256 steps, pure pursuit " in said
     assert said.count("in its simulator") == 1
-
-
-def test_the_demo_shows_a_bar_for_each_training_and_keeps_what_was_said(capfd):
-    talk = (
-        "import sys; print('first line'); sys.stderr.write('  7%|x| 7/100 [00:01<00:12, "
-        "3.5 closed]\\r 60%|xx| 60/100 [00:02<00:01, 8.1 closed]\\n'); sys.exit('broken')"
-    )
-    code, lines = follow("learned", [sys.executable, "-c", talk], 0)
-    assert (code, sorted(lines)) == (1, ["broken", "first line"])
-    shown = capfd.readouterr().err
-    assert "learned  60%" in shown
-    assert "8.1 closed" in shown
-
-
-def test_the_demo_trains_both_policies_by_the_same_settings(monkeypatch):
-    monkeypatch.chdir(ROOT)
-    config = build(PolicyRunConfig, [*SETTINGS, "output=demo"])
-    ours = build(PolicyRunConfig, ["configs/ppo.yaml", "output=demo"])
-    assert config.ppo.steps < ours.ppo.steps
-    assert replace(config, ppo=ours.ppo, validations=ours.validations) == ours
-    assert replace(config.ppo, steps=ours.ppo.steps) == ours.ppo
 
 
 @pytest.fixture

@@ -149,6 +149,7 @@ def test_weights_and_biases_are_told_on_request(train, tmp_path, monkeypatch):
     assert (tmp_path / "best.pt").is_file()
 
 
+@pytest.mark.slow
 def test_pictures_and_films_change_nothing_in_the_training(train, tmp_path):
     plain, shown = tmp_path / "plain", tmp_path / "shown"
     options = f"ppo.steps={2 * BATCH}", "validations=1"

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from buggy_rl.car.interfaces import Reading
-from buggy_rl.simulated_car.sensor_faults import SENSOR_FAULTS, SensorChannel
+from buggy_rl.simulated_car.server import SENSOR_FAULTS, SensorChannel
 
 
 def reading(k):

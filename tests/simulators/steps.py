@@ -8,7 +8,7 @@ from buggy_rl.core import keys
 
 def start(engine, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0)):
     """The state after a reset at a pose and a velocity, one for all cars or one each."""
-    given = TensorDict(batch_size=engine.batch_size)
+    given = TensorDict(batch_size=engine.batch_size, device=engine.device)
     for key, value in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
         value = torch.as_tensor(value, dtype=torch.float32)
         given[key] = value.expand(*engine.batch_size, 3).clone()
@@ -16,7 +16,7 @@ def start(engine, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0)):
 
 
 def step(engine, state, action):
-    action = torch.as_tensor(action, dtype=torch.float32)
+    action = torch.as_tensor(action, dtype=torch.float32, device=engine.device)
     acted = state.clone().set(keys.ACTION, action.expand(*engine.batch_size, 2).clone())
     return engine.step(acted)["next"]
 

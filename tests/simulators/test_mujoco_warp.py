@@ -1,4 +1,7 @@
-"""MuJoCo Warp beside MuJoCo, on Warp's CPU device; the contract of all engines holds for it too."""
+"""MuJoCo Warp beside MuJoCo, on Warp's CPU device and, where there is one, on a GPU.
+
+The contract of all engines (tests/contracts/test_engines.py) holds for it too.
+"""
 
 import sys
 from importlib.util import find_spec
@@ -18,6 +21,8 @@ from tests.simulators.steps import follow, start
 needs_warp = pytest.mark.skipif(
     not find_spec("mujoco_warp"), reason="mujoco-warp is not installed: pip install -e '.[gpu]'"
 )
+no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
+on_each_device = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=no_gpu)])
 CARS = 16
 COMMANDS = [
     {},
@@ -35,13 +40,14 @@ def drive(**options) -> Tensor:
     actions = 2.0 * torch.rand(2, CARS, 2, generator=generator) - 1.0
     cars = make_engine("mujoco", CARS, **options)
     poses, velocities, _ = follow(cars, start(cars, velocity), actions.repeat_interleave(25, 0))
-    return torch.cat([poses, velocities], -1)
+    return torch.cat([poses, velocities], -1).cpu()
 
 
 @needs_warp
+@on_each_device
 @pytest.mark.parametrize("options", COMMANDS, ids=lambda options: str(options.get("command")))
-def test_it_drives_as_mujoco_does(options):
-    expected, found = drive(**options), drive(**options, backend="warp")
+def test_it_drives_as_mujoco_does(options, device):
+    expected, found = drive(**options), drive(**options, backend="warp", device=device)
     assert expected[-1, :, 5].abs().max() > 2.0  # rad/s: they did turn
     # Single precision: 1e-7 of a metre or a radian grows in half a second of sliding.
     torch.testing.assert_close(found[..., :2], expected[..., :2], atol=5e-5, rtol=0)
@@ -50,9 +56,11 @@ def test_it_drives_as_mujoco_does(options):
 
 
 @needs_warp
-def test_contact_tyres_drive_alike_up_to_the_solver():
+@on_each_device
+def test_contact_tyres_drive_alike_up_to_the_solver(device):
     # Both solve the same problem of friction and stop at different remainders.
-    expected, found = (drive(tyres="contact", backend=backend) for backend in ("cpu", "warp"))
+    expected = drive(tyres="contact")
+    found = drive(tyres="contact", backend="warp", device=device)
     apart = (found - expected)[-1, :, :2].norm(dim=-1)
     way = expected[-1, :, :2].norm(dim=-1).clamp_min(0.1)
     assert (apart / way).median() < 1e-3
@@ -60,14 +68,15 @@ def test_contact_tyres_drive_alike_up_to_the_solver():
 
 
 @needs_warp
-def test_every_car_has_parameters_of_its_own():
+@on_each_device
+def test_every_car_has_parameters_of_its_own(device):
     values = {"mass": [1.4, 1.6, 2.2], "grip_rear": [0.5, 0.9, 0.7], "yaw_inertia": [0.005] * 3}
     sets = TensorDict({name: torch.tensor(each) for name, each in values.items()}, [3])
     actions = [(0.6, 0.5)] * 40
     ends = []
-    for backend in ("cpu", "warp"):
-        cars = make_engine("mujoco", backend=backend).with_parameters(sets)
-        ends.append(follow(cars, start(cars, (2.0, 0.0, 0.0)), actions)[0][-1])
+    for options in ({}, {"backend": "warp", "device": device}):
+        cars = make_engine("mujoco", **options).with_parameters(sets)
+        ends.append(follow(cars, start(cars, (2.0, 0.0, 0.0)), actions)[0][-1].cpu())
     torch.testing.assert_close(ends[1], ends[0], atol=1e-4, rtol=0)
     assert (ends[0][0] - ends[0][2]).norm() > 0.05  # the sets do differ
 

@@ -8,7 +8,7 @@ import torch
 
 from buggy_rl.task.paths.making import PathConfig, make_paths
 from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
-from buggy_rl.task.paths.simplex import pursue, simplex_noise
+from buggy_rl.task.paths.shapes import pursue, simplex_noise
 
 SMALL = PathConfig(count=8, validation_count=4, waypoints=120)
 KINDS = ("simplex", "lap", "infinity", "circle", "tight")

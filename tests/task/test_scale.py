@@ -8,9 +8,8 @@ import torch
 from buggy_rl.core.car_file import load_car
 from buggy_rl.core.config import build, load_named
 from buggy_rl.task.config import TaskConfig
-from buggy_rl.task.env import make_env
+from buggy_rl.task.env import UNITS, make_env, scaled_task
 from buggy_rl.task.paths.making import PathConfig, make_paths
-from buggy_rl.task.scale import UNITS, scaled_task
 from buggy_rl.task.transforms import TRANSFORMS
 
 SMALL = {"count": 3, "validation_count": 2, "waypoints": 30}

@@ -4,8 +4,7 @@ import sys
 from typing import List
 
 from buggy_rl.car.clock import LOOP, take_priority
-from buggy_rl.car.config import load_config
-from buggy_rl.car.drive import drive_car
+from buggy_rl.car.drive import drive_car, load_config
 from buggy_rl.car.output import UnblockedOutput
 from buggy_rl.car.stopping import Parent
 

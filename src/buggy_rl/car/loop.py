@@ -5,9 +5,9 @@ import math
 from typing import Callable, List, NamedTuple, Optional
 
 from buggy_rl.car.clock import Clock, Deadlines
-from buggy_rl.car.driver import PathDriver
 from buggy_rl.car.interfaces import Command, Pilot, Reading, Sensor
 from buggy_rl.car.own_stop import OwnStop
+from buggy_rl.car.policy import PathDriver
 from buggy_rl.car.recorder import CommandHistory, DriveRecorder, RecorderRow
 from buggy_rl.car.stopping import Parent, StopSignals
 from buggy_rl.car.supervisor import Decision, Supervisor

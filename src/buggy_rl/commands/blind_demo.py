@@ -9,6 +9,7 @@ held-out drive: the car, the simulator as given, the simulator repaired) and wha
 scripts/diagnose.py writes. Started again, it goes on with the case that is there.
 """
 
+import os
 import shutil
 import subprocess
 import sys
@@ -31,10 +32,12 @@ def main() -> None:
 
     import torch
 
+    from buggy_rl.commands.compile import at_first_use
     from buggy_rl.proof.blind_demo import draw_case
     from buggy_rl.proof.cases.sealing import publish, seal
 
     torch.set_num_threads(1)
+    at_first_use("reference")
     store, case = config.store, draw_case(config)
     if not store.truth(case.id).exists():
         print(
@@ -45,22 +48,26 @@ def main() -> None:
     digest = store.digests()[case.id]
     print(f"sealed: {store.truth(case.id)}, SHA-256 {digest}", flush=True)
     _diagnose(store, case.id, config.more)
-    truth = store.cases()[0].concealed  # checks the hash
+    truth = store.sealed_case(case.id).concealed  # checks the hash
     print(f"\nThe sealed answer, unchanged ({digest[:12]}...):")
     _compare(truth, json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text()))
     _draw(store, case)
 
 
 def _diagnose(store, id_: str, more: list[str]) -> None:
-    """Runs scripts/diagnose.py, unless that was done before."""
+    """Runs scripts/diagnose.py beside the drives, unless that was done before."""
     from buggy_rl.core.files import write_json
     from buggy_rl.jobs import OUTCOME
 
     if store.diagnosed(id_):
         return
-    script, folder = Path(__file__).resolve().parent / "diagnose.py", store.diagnosis(id_).resolve()
-    command = [sys.executable, str(script), "question.yaml", f"output={folder}", *more]
-    if subprocess.run(command, cwd=store.inputs(id_)).returncode:
+    folder = store.diagnosis(id_).resolve()
+    command = [sys.executable, "-m", "buggy_rl", "diagnose"]
+    command += ["question.yaml", f"output={folder}", *more]
+    # Modules are found from the other working directory as they are from here.
+    path = os.pathsep.join(str(Path(place).resolve()) for place in sys.path)
+    environment = os.environ | {"PYTHONPATH": path}
+    if subprocess.run(command, cwd=store.inputs(id_), env=environment).returncode:
         raise SystemExit("error: the diagnosis did not finish; the lines above say why")
     write_json(folder / OUTCOME, {"status": "done"})
 

@@ -15,7 +15,6 @@ those of `weights=FILE`, are counted on other cases, and nothing is fitted. With
 features get no weight.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from buggy_rl.core.config import from_command_line, run
@@ -26,38 +25,36 @@ def main() -> None:
     """Fits, counts, and writes."""
     config = from_command_line(__doc__, "buggy_rl.proof.calibrate.calibration:CalibrateConfig")
 
-    from buggy_rl.proof.calibrate.calibration import calibrated, content, left_out
-    from buggy_rl.proof.calibrate.development import entries
-    from buggy_rl.proof.calibrate.named import fitted_counts, mcnemar
-
     needs("sklearn", "proof", "telling right effects from unknown physics")
     from buggy_rl.core.files import write_atomically
-    from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-    from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, posterior
+    from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration
+    from buggy_rl.proof.calibrate.calibration import calibrated, content, left_out
     from buggy_rl.proof.calibrate.discrimination import discrimination
     from buggy_rl.proof.calibrate.intervals import (
+        STEPS_TRIED,
         form_error,
         intervals,
         scored_numbers,
-        step_error,
         step_intervals,
         steps,
     )
-    from buggy_rl.proof.calibrate.named import (
-        Answered,
+    from buggy_rl.proof.ledger import searched
+    from buggy_rl.proof.score.tables import (
         best_single,
         by_pairing,
         counted,
+        fitted_counts,
         lowest_loss,
+        mcnemar,
     )
 
     if config.write and config.without:
         raise SystemExit("error: write=true is of all features: leave out without=")
     files = [Path(file) for file in config.ledgers]
-    cases = [e for file in files for e in entries(file) if "failed" not in e]
+    cases = searched(files)
     shipped = load_calibration(Path(config.weights or SHIPPED))
     if config.apply:
-        found = [posterior(CaseEvidence.from_dict(e), shipped) for e in cases]
+        found = [entry.posterior(shipped) for entry in cases]
         print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
     else:
         calibration, ridge = calibrated(cases, config.without)
@@ -65,15 +62,21 @@ def main() -> None:
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
             form, of = form_error(scored_numbers(cases)), steps(cases)
-            step = step_error(of) if of else None
+            step = form_error(of, STEPS_TRIED) if of else None
             made = content(calibration, form, files, len(cases), ridge, step)
             write_atomically(SHIPPED, made)
-    methods: dict[str, Sequence[Answered]]
-    methods = {"posterior": found, "lowest loss": [lowest_loss(e) for e in cases]}
-    methods["best single"] = [best_single(e) for e in cases]
-    print(counted(cases, methods))
-    print(f"\n{mcnemar(cases, found, methods['best single'], 'best single')}")
-    print(f"\n{by_pairing(cases, found)}\n\n{fitted_counts(cases)}\n\n{discrimination(cases)}")
+    methods = {
+        name: [entry.scored(said) for entry, said in zip(cases, answers, strict=True)]
+        for name, answers in {
+            "posterior": found,
+            "lowest loss": map(lowest_loss, cases),
+            "best single": map(best_single, cases),
+        }.items()
+    }
+    ours = methods["posterior"]
+    print(counted(methods))
+    print(f"\n{mcnemar(ours, methods['best single'], 'best single')}")
+    print(f"\n{by_pairing(ours)}\n\n{fitted_counts(cases)}\n\n{discrimination(cases)}")
     print(f"\n{intervals(cases, shipped.form_error if config.apply else None)}")
     print(f"\n{step_intervals(cases, shipped.step_error if config.apply else None)}")
 

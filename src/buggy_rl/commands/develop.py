@@ -9,7 +9,6 @@ effects are told from physics that no effect describes, one sort left out at a t
 `scripts/calibrate.py` fits the probabilities of answers to these lines.
 """
 
-import json
 from pathlib import Path
 
 from buggy_rl.core.config import from_command_line, run, save_run
@@ -22,18 +21,15 @@ def main() -> None:
     """Runs the cases that are missing."""
     config = from_command_line(__doc__, "buggy_rl.proof.calibrate.development:DevelopmentConfig")
 
-    from buggy_rl.proof.calibrate.development import cases_left, developed, entries, line_file
-    from buggy_rl.proof.calibrate.named import fitted_counts
-    from buggy_rl.proof.cases.case import Case
-
     needs("sklearn", "proof", "telling right effects from unknown physics")
     from buggy_rl.jobs import results
     from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.proof.calibrate.development import Searching, parts_of
     from buggy_rl.proof.calibrate.discrimination import discrimination
-    from buggy_rl.proof.cases.sealing import groups
     from buggy_rl.proof.cases.simulators import prepare, prepared_name, unprepared
+    from buggy_rl.proof.score.tables import fitted_counts
 
-    store, left = config.store, cases_left(config)
+    store, ledger, left = config.store, config.lines, config.left
     store.prepared.mkdir(parents=True, exist_ok=True)
     scripts = Path(__file__).parent
     wanted = unprepared(left, store.prepared)
@@ -47,23 +43,16 @@ def main() -> None:
         fits = {prepared_name(job[0]): job for job in own}
         for _ in results(prepare, fits, store.output / "jobs" / "prepare", config.workers, config):
             bar.update()
-    config.file.parent.mkdir(parents=True, exist_ok=True)
     # By seed: a run that is stopped has cases of every plant and pairing.
-    parts = (group[i : i + PART] for group in groups(left) for i in range(0, len(group), PART))
-    ordered = sorted(parts, key=lambda group: group[0].seed)
-    place = store.output / "jobs" / "develop"
-    calls = {group[0].id: (store, config.effects, config.stretches, group) for group in ordered}
+    parts = sorted(parts_of(left, PART), key=lambda part: part[0].seed)
+    searching = Searching(store, "development", tuple(config.effects), config.stretches)
     with tqdm(desc="searching", total=len(left), unit="case") as bar:
-        for lines in results(developed, calls, place, config.workers, config):
-            with open(config.file, "a") as file:
-                file.writelines(json.dumps(line) + "\n" for line in lines)
-            for line in lines:
-                line_file(store, Case(**line["case"])).unlink()
-            bar.update(len(lines))
+        for count in searching.into(ledger, parts, config.workers, config):
+            bar.update(count)
     save_run(config, store.output)
-    done = entries(config.file)
-    failed = sum("failed" in entry for entry in done)
-    print(f"{config.file}: {len(done)} cases, {failed} of them failed")
+    done = ledger.entries()
+    failed = sum(bool(entry.failed) for entry in done)
+    print(f"{ledger.file}: {len(done)} cases, {failed} of them failed")
     print(fitted_counts(done))
     print(discrimination(done))
 

@@ -22,8 +22,10 @@ def main() -> None:
     config = config.single
 
     from buggy_rl.api.diagnosis import diagnosed
+    from buggy_rl.commands.compile import at_first_use
     from buggy_rl.jobs.bar import tqdm
 
+    at_first_use(config.simulator)
     folder = Path(config.output)
     found = diagnosed(config, config.recordings, config.baseline, tqdm.write, folder)
     for note in found.notes:

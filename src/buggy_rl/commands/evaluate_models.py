@@ -22,7 +22,7 @@ def main() -> None:
     import pandas as pd
     import torch
 
-    from buggy_rl.api.comparing import judged_simulators
+    from buggy_rl.api.fitting import judged_simulators
     from buggy_rl.estimation.fit_study import (
         compared_simulators,
         fit_file,

@@ -9,9 +9,10 @@ Stages: prepare (simulators that are fitted first), seal (the hashes of all answ
 then the cases are driven), ask (scripts/diagnose.py, which is given one case and no answer), again
 (where it cannot tell, the manoeuvre that it suggests is driven), weigh (the true structure fitted
 to the same drives), compare (other methods), settle (complete cases are entered in the ledger, one
-line each), score, page. A stage does nothing twice: stop it, start it. A case in the ledger is not
-run again on any machine: with the same ledger, draw.cases=50 today and draw.cases=100 tomorrow are
-100 cases.
+line each: the answers and the hash of the truth), score and page (which open what is sealed: the
+truth is added to the lines). A stage does nothing twice: stop it, start it. A case in the ledger is
+not run again on any machine: with the same ledger, draw.cases=50 today and draw.cases=100 tomorrow
+are 100 cases. A line that was not opened is opened where its case was sealed.
 """
 
 from pathlib import Path
@@ -25,16 +26,17 @@ def main() -> None:
     config = from_command_line(__doc__, "buggy_rl.proof.proof:ProofConfig")
 
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.proof.proof import cases_of, steps
-    from buggy_rl.proof.score.outcome import OURS, Ledger, open_once, openings
+    from buggy_rl.proof.cases.draw import drawn
+    from buggy_rl.proof.ledger import OURS
+    from buggy_rl.proof.proof import open_once, opened, openings, settle, steps
     from buggy_rl.proof.score.score import score
 
-    store, ledger = config.store, Ledger(config.ledger_file)
+    store, ledger = config.store, config.lines
     for folder in (store.output, store.sealed, store.prepared):
         folder.mkdir(parents=True, exist_ok=True)
-    drawn = cases_of(config)
+    cases = drawn(config.draw)
 
-    for step in steps(config, drawn, Path(__file__).parent):
+    for step in steps(config, cases, Path(__file__).parent):
         with tqdm(desc=step.title, total=step.total, unit="case") as bar:
             for count, message in step.results:
                 bar.update(count)
@@ -42,11 +44,16 @@ def main() -> None:
                     bar.write(message)
     save_run(config, store.sealed)  # beside the answers: it tells what they were drawn from
     if "settle" in config.stages:
-        count = ledger.settle(store, compared="compare" in config.stages)
+        count = settle(config, cases)
         print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
     if not {"score", "page"} & set(config.stages):
         return
-    scores = {method: score(found) for method, found in ledger.outcomes(store, drawn).items()}
+    entries = opened(config, cases)
+    methods = dict.fromkeys([OURS, *(method for entry in entries for method in entry.answers)])
+    scores = {
+        method: score([entry.scored(method) for entry in entries if method in entry.answers])
+        for method in methods
+    }
     if "score" in config.stages:
         if config.draw.split == "sealed":
             open_once(config.counter)

@@ -2,9 +2,10 @@
 
 Of a few hundred cars an operation of PyTorch takes microseconds whatever it does, and a step of a
 car has hundreds. Compiled into one call they take as long as their arithmetic. Both give the same
-numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and a minute or two, so
-it is done once, by `scripts/compile.py`. A package holds for the source and the processor that it
-was made of and no other.
+numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and some ten seconds a
+kernel, so it is done once, by `scripts/compile.py`. A package holds for the source and the
+processor that it was made of and no other. Of several processes one compiles a package, and the
+others wait for it.
 
 A package has the batch as the last dimension of all arguments, contiguous in memory: only so does
 the compiler make vector instructions of it. `run` brings arguments into this layout; results that
@@ -13,12 +14,14 @@ the compiler make vector instructions of it. `run` brings arguments into this la
 Source: `torch.export` and `torch._inductor.aoti_compile_and_package`, PyTorch documentation.
 """
 
+import fcntl
 import hashlib
 import os
 import platform
+import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -81,18 +84,40 @@ class Kernel:
         return folder / f"{self.name}-{kernel_digest()}.pt2"
 
     def compile(self, folder: Path) -> Path:
-        """Makes the package.
+        """Makes the package unless it is there; waits for a process that is making it.
 
         Raises:
             RuntimeError: There is no C++ compiler, or it refuses.
         """
+        folder.mkdir(parents=True, exist_ok=True)
+        with open(self._lock(folder), "a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # until the file is closed, or the process ends
+            if not self.file(folder).is_file():
+                self._make(folder)
+        return self.file(folder)
+
+    def there(self, folder: Path) -> bool:
+        """Whether the package is there, once no other process is making it."""
+        if self.file(folder).is_file() or not self._lock(folder).is_file():
+            return self.file(folder).is_file()
+        with open(self._lock(folder)) as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                print(f"another process compiles {self.name}: waiting for it", file=sys.stderr)
+                fcntl.flock(lock, fcntl.LOCK_SH)
+        return self.file(folder).is_file()
+
+    def _lock(self, folder: Path) -> Path:
+        return self.file(folder).with_suffix(".lock")
+
+    def _make(self, folder: Path) -> None:
         import torch._inductor.config as inductor
 
         arguments = self._batch_last(self.example(64))
         cars = torch.export.Dim("cars", min=2)
         batch = zip(self.batch, arguments, strict=True)
         shapes = tuple(None if dim is None else {a.dim() - 1: cars} for dim, a in batch)
-        folder.mkdir(parents=True, exist_ok=True)
         written = self.file(folder).with_suffix(f".{os.getpid()}.pt2")
         # One thread: cases run beside each other, and sums keep their order.
         with torch.no_grad(), inductor.patch({"cpp.threads": 1}), warnings.catch_warnings():
@@ -100,7 +125,6 @@ class Kernel:
             program = torch.export.export(_Module(self), tuple(arguments), dynamic_shapes=(shapes,))
             torch._inductor.aoti_compile_and_package(program, package_path=str(written))
         os.replace(written, self.file(folder))
-        return self.file(folder)
 
 
 class _Module(torch.nn.Module):
@@ -139,21 +163,32 @@ def _instructions() -> str:
 
 @cache
 def _package(kernel: Kernel, folder: str) -> Callable[[list[Tensor]], list[Tensor]] | None:
-    if not folder or not Path(folder).is_dir():
+    if not folder:
         return None
-    if not kernel.file(Path(folder)).is_file():
-        again = "python scripts/compile.py" + ("" if folder == str(CACHE) else f" output={folder}")
-        warnings.warn(
-            f"{folder} holds no {kernel.name} of this source, which runs by PyTorch, slower: "
-            f"{again} makes it",
-            stacklevel=2,
-        )
+    if not kernel.there(Path(folder)):
+        _tell_missing(kernel.name, folder)
         return None
     file = str(kernel.file(Path(folder)))
     # Not by `aoti_load_package`: it compiles a program to ask what the processor is, which takes a
     # second and is in the digest. One thread, one runner, of a file with the default name, no GPU.
     aoti: Any = torch._C._aoti  # type: ignore[attr-defined]
     return aoti.AOTIModelPackageLoader(file, "model", True, 1, -1).run
+
+
+_MISSING: set[str] = set()  # folders of which it was said that they lack a package
+
+
+def _tell_missing(name: str, folder: str) -> None:
+    """Warns that PyTorch runs instead of a package; once a folder, since others may lack too."""
+    if folder in _MISSING:
+        return
+    _MISSING.add(folder)
+    again = "python scripts/compile.py" + ("" if folder == str(CACHE) else f" output={folder}")
+    warnings.warn(
+        f"{folder} holds no {name} of this source: what is not compiled runs by PyTorch, slower; "
+        f"{again} compiles it, once, in a minute or two",
+        stacklevel=2,
+    )
 
 
 KERNELS = (
@@ -179,8 +214,22 @@ class CompileConfig:
     output: str = ""
     """Folder of the packages; empty for the user's cache, where every script looks for them.
     Another one is to be named in BUGGY_RL_KERNELS."""
+    only: list[str] = field(default_factory=list)
+    """Names of kernels, which are compiled in this order; empty for all."""
+    workers: int = 0
+    """Processes that compile beside one another; 0 for one a core."""
 
 
-def kernels() -> list[Kernel]:
-    """Two engines, one with brakes too; a step of effects on the motion; tyre effects."""
-    return [load_named(name) for name in KERNELS]
+def kernels(only: Sequence[str] = ()) -> list[Kernel]:
+    """Two engines, one with brakes too; a step of effects on the motion; tyre effects.
+
+    Args:
+        only: Names of those wanted, in the order wanted; none for all.
+
+    Raises:
+        ValueError: There is no kernel of a name.
+    """
+    known = {kernel.name: kernel for kernel in map(load_named, KERNELS)}
+    if unknown := [name for name in only if name not in known]:
+        raise ValueError(f"no kernels {unknown}; available: {', '.join(known)}")
+    return [known[name] for name in only or known]

@@ -1,14 +1,18 @@
-"""Options of nested dataclasses: their types, what a text on the command line means, their names.
+"""Options of nested dataclasses: types, names, what a text means as a value, lines of `--help`.
 
 A text option is taken as it stands, so that a file's name may have any character. Brackets about a
 list may be left out, which shells need: `recordings=drives`, `seeds=0,1`, `effects=[payload,wind]`.
+`--help` reads the dataclass's source instead of importing it, so it answers without torch.
 """
 
+import ast
 import dataclasses
 import difflib
+import importlib.util
 import os
 import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -130,3 +134,84 @@ def option_names(cls: Any, prefix: str = "") -> Iterator[str]:
             yield from option_names(inner, f"{prefix}{name}.")
         else:
             yield prefix + name
+
+
+def describe(schema: str, prefix: str = "") -> Iterator[str]:
+    """One line for each option of a dataclass: key, default, what it means. Imports nothing."""
+    module, _, name = schema.partition(":")
+    tree = _source(module)
+    origins, classes = _imported(tree), _classes(tree)
+    if name not in classes:
+        raise ValueError(f"{module} defines no class {name}")
+    body = classes[name].body
+    own = {prefix + ast.unparse(node.target) for node in body if isinstance(node, ast.AnnAssign)}
+    for base in map(ast.unparse, classes[name].bases):
+        inherited = f"{module}:{base}" if base in classes else _home(origins.get(base, ""))
+        if inherited:
+            lines = describe(inherited, prefix)
+            yield from (line for line in lines if _key(line) not in own)
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        key, kind = prefix + node.target.id, ast.unparse(node.annotation)
+        if kind.startswith("dict[str, "):  # options of each entry, under a name of one's own
+            inner = kind.removeprefix("dict[str, ").rstrip("]")
+            if inner in classes or _home(origins.get(inner, "")):
+                key, kind = f"{key}.NAME", inner
+        nested = f"{module}:{kind}" if kind in classes else _home(origins.get(kind, ""))
+        if nested:
+            yield from describe(nested, f"{key}.")
+            continue
+        default = "(needed)" if node.value is None else _default(node.value)
+        yield f"  {key}={default}\n      {_docline(after)}".rstrip()
+
+
+def _key(line: str) -> str:
+    """The option that a line of `describe` is about."""
+    return line.strip().partition("=")[0]
+
+
+def _source(module: str) -> ast.Module:
+    # `find_spec` of a submodule imports its parents; ours import nothing heavy.
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ValueError(f"there is no module {module}")
+    return ast.parse(Path(spec.origin).read_text())
+
+
+def _imported(tree: ast.Module) -> dict[str, str]:
+    """What a module imports by name, also for the type checker only: name -> `module:name`."""
+    return {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+
+
+def _classes(tree: ast.Module) -> dict[str, ast.ClassDef]:
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+def _home(name: str) -> str:
+    """The `module:Class` itself if the class is ours, else ""."""
+    module, _, attribute = name.partition(":")
+    ours = module.startswith("buggy_rl.") and attribute in _classes(_source(module))
+    return name if ours else ""
+
+
+def _default(value: ast.expr) -> str:
+    if isinstance(value, ast.Call):  # field(default_factory=lambda: [...])
+        for keyword in value.keywords:
+            if keyword.arg == "default_factory":
+                factory = keyword.value
+                body = factory.body if isinstance(factory, ast.Lambda) else factory
+                return {"list": "[]", "dict": "{}"}.get(ast.unparse(body), ast.unparse(body))
+    text = ast.unparse(value)
+    return "(needed)" if text == "MISSING" else text
+
+
+def _docline(node: ast.stmt | None) -> str:
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        return " ".join(str(node.value.value).split())
+    return ""

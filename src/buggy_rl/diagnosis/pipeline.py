@@ -1,50 +1,43 @@
-"""Leads from recordings and a simulator to the answer, stage by stage."""
+"""The diagnosis: from recordings and a simulator to the answer, stage by stage."""
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from buggy_rl.core.car_file import load_car
+from buggy_rl.diagnosis.answer import behaviour, experiments, located, statement
 from buggy_rl.diagnosis.answer.answer import Answer
-from buggy_rl.diagnosis.answer.experiments import decided
+from buggy_rl.diagnosis.answer.equivalents import equivalents
 from buggy_rl.diagnosis.answer.other_sensors import other_sensors
-from buggy_rl.diagnosis.answer.retuning import retuned
-from buggy_rl.diagnosis.answer.sections import answered
+from buggy_rl.diagnosis.answer.retuning import left_open, retuned
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.preflight.commands import CommandCheck, check_commands
-from buggy_rl.diagnosis.preflight.integration import IntegrationStep, fine_enough
-from buggy_rl.diagnosis.preflight.recordings import (
-    check_blocks,
-    check_clock,
-    check_drives,
-    check_latency,
-    check_residuals,
-    weak,
-)
+from buggy_rl.diagnosis.preflight.recordings import check_drives
 from buggy_rl.diagnosis.preflight.simulator import blaming, check_simulator
-from buggy_rl.diagnosis.repair.proof import Proof
-from buggy_rl.diagnosis.run.case import DiagnosisCase, prepare_case
-from buggy_rl.diagnosis.run.drives import Drives
-from buggy_rl.diagnosis.run.maker import Maker, engine_of, own_options
+from buggy_rl.diagnosis.repair import proof
+from buggy_rl.diagnosis.run.case import DiagnosisCase, Drives, check_case, prepare_case
+from buggy_rl.diagnosis.run.maker import (
+    Maker,
+    measured_again,
+    open_simulator,
+    own_options,
+)
 from buggy_rl.diagnosis.run.meter import Meter, MeterReading
-from buggy_rl.diagnosis.run.opening import measured, measured_again
 from buggy_rl.diagnosis.run.plan import plan_of
 from buggy_rl.diagnosis.run.stages import Stages
-from buggy_rl.diagnosis.search.candidate import Effects
-from buggy_rl.diagnosis.search.joint import Keep, joint_search
-from buggy_rl.diagnosis.search.limits import same_sets
+from buggy_rl.diagnosis.search.joint import Admits, Keep, joint_search
+from buggy_rl.diagnosis.search.limits import limits_within, same_sets
 from buggy_rl.diagnosis.search.observed import concluded
-from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.baseline import Correction, correct
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.recording import refuse_another_rest
-from buggy_rl.simulators import ENGINES, simulator_name
+from buggy_rl.simulators import simulator_name
 from buggy_rl.task.augment import effects_of
 
 Progress = Callable[[str], None]
@@ -105,72 +98,45 @@ def run_diagnosis(
     if callable(config.simulator):  # no other process finds it, and no file tells what it does
         kept, count = None, 1
     stages, meter = Stages(kept, config, recordings, baseline), Meter(show, progress)
+
     progress("looking at drives and simulator")
     seen = _preflight(config, recordings, baseline)
-    drives = Drives.cut(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
-        step = _step(config, drives)
-        make = Maker.of(config, options=step.options)
-        simulation = Simulation(make, workers=workers, rolled=meter.rolled)
-        spent = time.perf_counter() - begun  # a chain of its measurement has about as many steps
-        ready = measured(config, simulation, drives, spent)
-        simulation, library = ready.simulation, ready.library
+        every = Drives.cut(config, recordings, baseline)
+        simulation = partial(Simulation, workers=workers, rolled=meter.rolled)
+        opened = open_simulator(config, every, simulation, begun)
+        given, library, limits = opened.simulation, opened.library, limits_within(opened.library)
+        short = SHORT if seen.first else ""
         plan = stages.done(
             "plan",
-            lambda: plan_of(
-                simulation, library, drives, config.minutes, begun, SHORT if seen.first else ""
-            ),
+            lambda: plan_of(given, library, every, config.minutes, begun, short, limits),
         )
         meter.begin(plan, deadline=begun + (60 * config.minutes or math.inf))
-        drives = drives.within(plan.budget)
-        correction = _corrected(simulation, drives, stages, progress)
-        case = prepare_case(simulation, drives, library, config, correction, plan.budget)
-        left = _checked(case, name)
-        done = _diagnosed(case, stages, "", meter)
-        done = replace(done, step={**own_options(config), **step.options})
-        again = left_open(done.found.posterior, done.found.best.effects, done.answer.proof)
-        again = again and not (seen.first and config.minutes)
-        left_out: list[str] = []
-        if library.parameters and not baseline and again:
-            if meter.admits("retuning"):
-                done = _retuned_first(config, done, stages, meter)
-            else:
-                left_out = ["re-tuning the simulator's own parameters"]
-    short = check_blocks(case.problem.segments)
-    left_out = [*done.answer.left_out, *left_out]
-    offset = done.found.best.fit.values()[""]["clock_offset"]
-    notes = [
-        *(*seen.notes, *ready.notes, *plan.notes),
-        *([correction.note] if correction else []),
-        *(*left, *short),
-        *([step.note] if step.note else []),
-        *(f"left out: {part}; minutes={config.minutes:g} were up" for part in left_out),
-        *(*check_clock(offset), *check_latency(done.found.best.effects, offset)),
-    ]
+
+        drives = every.within(plan.budget)
+        correction = _corrected(given, drives, stages, progress)
+        case = prepare_case(given, drives, library, config, correction, plan.budget)
+        notes = [
+            *(*seen.notes, *opened.notes, *plan.notes),
+            *([correction.note] if correction else []),
+            *check_case(case, name),
+            *([opened.step.note] if opened.step.note else []),
+        ]
+        options = {**own_options(config), **opened.step.options}
+        done = _diagnosed(case, options, stages, "", meter)
+        done = _retuned_too(config, done, stages, meter, bool(seen.first and config.minutes))
+
+    said = done.answer
+    notes += [f"left out: {part}; minutes={config.minutes:g} were up" for part in said.left_out]
+    undecidable = case.one_block or bool(seen.first)
     answer = replace(
-        done.answer,
-        notes=notes,
-        verdict="cannot_tell" if short or seen.first else done.answer.verdict,
+        said,
+        notes=[*notes, *said.notes],
+        verdict="cannot_tell" if undecidable else said.verdict,
         sensors=other_sensors(recordings),
         first=seen.first,
     )
-    if config.car:
-        similarity = load_car(config.car).similarity
-        answer = replace(answer, weak=weak(done.case.problem.segments, similarity))
     return replace(done, answer=answer)
-
-
-def open_case(
-    config: DiagnosisConfig,
-    recordings: Sequence[Recording],
-    baseline: Sequence[Recording] = (),
-) -> DiagnosisCase:
-    """Recordings and simulator, ready to be searched; arguments as of `run_diagnosis`."""
-    drives = Drives.cut(config, recordings, baseline)
-    make = Maker.of(config, options=_step(config, drives).options)
-    ready = measured(config, Simulation(make), drives)
-    correction = _corrected(ready.simulation, drives, Stages(None, config), lambda _: None)
-    return prepare_case(ready.simulation, drives, ready.library, config, correction)
 
 
 def _preflight(
@@ -191,17 +157,6 @@ def _preflight(
     return CommandCheck(first, notes)
 
 
-def _step(config: DiagnosisConfig, drives: Drives) -> IntegrationStep:
-    """Integration step for these drives; a user's own factory takes no options."""
-    if engine_of(config.simulator) not in ENGINES:
-        return IntegrationStep()
-    return fine_enough(
-        lambda options: Simulation(Maker.of(config, options=options)),
-        drives.segments,
-        config.search.finer_step_gain,
-    )
-
-
 def _corrected(
     simulation: Simulation, drives: Drives, stages: Stages, progress: Progress
 ) -> Correction | None:
@@ -212,11 +167,20 @@ def _corrected(
     return stages.done("correction", lambda: correct(simulation, before, 0, progress))
 
 
-def _checked(case: DiagnosisCase, name: str) -> list[str]:
-    problem, residuals = case.problem, case.problem.noise.about
-    assert residuals is not None  # nothing has been searched: they are of the simulator as given
-    instants = problem.simulation.instants(problem.segments)
-    return check_residuals(residuals, problem.segments, instants, case.names, name)
+def _diagnosed(
+    case: DiagnosisCase, options: dict[str, Any], stages: Stages, stage: str, meter: Meter
+) -> Diagnosed:
+    """Searches and answers, or takes what was kept under the stage's name."""
+    meter.stage("search")
+
+    def kept(name: str, compute: Callable[[], Any]) -> Any:
+        return stages.done(f"{stage}{name}", compute)
+
+    found = kept("search", lambda: _searched(case, meter, kept))
+    case = replace(case, problem=found.problem(case.problem))
+    meter.stage("answer")
+    said = kept("answer", lambda: answered(case, found, meter.says, meter.admits))
+    return Diagnosed(case, found, said, options)
 
 
 def _searched(case: DiagnosisCase, meter: Meter, kept: Keep) -> SearchResult:
@@ -232,42 +196,114 @@ def _searched(case: DiagnosisCase, meter: Meter, kept: Keep) -> SearchResult:
     return concluded(case.criteria, found, same_sets(tried, found.problem.segments))
 
 
-def _diagnosed(case: DiagnosisCase, stages: Stages, stage: str, meter: Meter) -> Diagnosed:
-    """Searches and answers, or takes what was kept under the stage's name."""
-    meter.stage("search")
+@dataclass(frozen=True)
+class Section:
+    """A part of the answer."""
 
-    def kept(name: str, compute: Callable[[], Any]) -> Any:
-        return stages.done(f"{stage}{name}", compute)
-
-    found = kept("search", lambda: _searched(case, meter, kept))
-    case = replace(case, problem=found.problem(case.problem))
-    meter.stage("answer")
-    said = kept("answer", lambda: answered(case, found, meter.says, meter.admits))
-    return Diagnosed(case, found, said)
-
-
-def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
-    """Whether parameters of the simulator may be off: it is re-tuned then, and searched again."""
-    unsure = not decided(posterior, named) and proof.prefers_retuning
-    return posterior.says == "unknown" or unsure
+    doing: str
+    """What is told to be done; empty for what takes no time."""
+    say: Callable[[DiagnosisCase, SearchResult], Mapping[str, Any]]
+    """Case and what a search found -> field of `Answer` -> what it holds."""
+    part: Literal["longer", "experiments"] | None = None
+    """Part of the plan, and field of the budget, that is given up where there is no time."""
+    left_out: str = ""
+    """What is left out then, in words."""
 
 
-def _retuned_first(
-    config: DiagnosisConfig, done: Diagnosed, stages: Stages, meter: Meter
+SECTIONS = (
+    Section("locating the error", located.answer_section),
+    Section("", statement.answer_section),
+    Section("step tests of both simulators", behaviour.answer_section),
+    Section(
+        "proving it on what was held out",
+        proof.answer_section,
+        "longer",
+        "errors beyond the segments",
+    ),
+    Section(
+        "looking for what to drive next",
+        experiments.answer_section,
+        "experiments",
+        "what to drive next",
+    ),
+)
+
+
+def answered(
+    case: DiagnosisCase,
+    found: SearchResult,
+    progress: Progress = lambda _: None,
+    admits: Admits = lambda _: True,
+) -> Answer:
+    """The answer, section by section.
+
+    Args:
+        case: Recordings and simulator, with the noise model that the search came to.
+        found: What it found.
+        progress: Told what is being done.
+        admits: Whether there is time for what may be left out.
+    """
+    parts: dict[str, Any] = {}
+    left_out = [*found.left_out]
+    for section in SECTIONS:
+        if section.doing:
+            progress(section.doing)
+        asked = case
+        if section.part and not admits(section.part):
+            asked = replace(case, budget=replace(case.budget, **{section.part: False}))
+            left_out.append(section.left_out)
+        parts |= section.say(asked, found)
+    answer = Answer(**parts, left_out=left_out)
+    return replace(answer, equivalents=equivalents(case, found, answer.effects, answer.manoeuvres))
+
+
+def _retuned_too(
+    config: DiagnosisConfig, done: Diagnosed, stages: Stages, meter: Meter, short: bool
 ) -> Diagnosed:
-    """Looks again with all parameters of the simulator fitted; the better answer of both.
+    """Looks again with all parameters of the simulator fitted, where they may be off.
 
     A few effects explain a simulator that is right but for them. One that was never fitted to this
-    car is wrong in everything a little, and missing physics shows only after that.
+    car is wrong in everything a little, and missing physics shows only after that. On a baseline
+    its parameters were right.
+
+    Args:
+        config: The question.
+        done: With the simulator as it was given.
+        stages: Of the diagnosis.
+        meter: Of the diagnosis.
+        short: Whether nothing is looked at again.
+
+    Returns:
+        The better one of both.
     """
-    given = done.case.problem.simulation
-    first = replace(done.case, problem=replace(done.case.problem, dispersion=1.0))
+    case, answer = done.case, done.answer
+    if short or case.drives.baseline is not None or not case.problem.library.parameters:
+        return done
+    if not left_open(done.found.posterior, done.found.best.effects, answer.proof):
+        return done
+    if not meter.admits("retuning"):
+        left_out = [*answer.left_out, "re-tuning the simulator's own parameters"]
+        return replace(done, answer=replace(answer, left_out=left_out))
+    given = case.problem.simulation
+    first = replace(case, problem=replace(case.problem, dispersion=1.0))
     tuned = stages.done("retuning", lambda: retuned(first, meter.says))
     make = Maker.of(config, tuned.values, done.step)
-    ready = measured_again(config, given, make, done.case.problem.library)
-    drives, budget = done.case.drives, done.case.budget
-    case = prepare_case(ready.simulation, drives, ready.library, config, budget=budget)
-    again = _diagnosed(replace(case, retuned_from=given, tuned=tuned), stages, "second_", meter)
-    if not again.answer.proof.better_than(done.answer.proof):
-        return done
-    return replace(again, step=done.step)
+    opened = measured_again(config, given, make, case.problem.library)
+    second = prepare_case(
+        opened.simulation, case.drives, opened.library, config, budget=case.budget
+    )
+    second = replace(second, retuned_from=given, tuned=tuned)
+    again = _diagnosed(second, done.step, stages, "second_", meter)
+    return again if again.answer.proof.better_than(answer.proof) else done
+
+
+def open_case(
+    config: DiagnosisConfig,
+    recordings: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+) -> DiagnosisCase:
+    """Recordings and simulator, ready to be searched; arguments as of `run_diagnosis`."""
+    drives = Drives.cut(config, recordings, baseline)
+    opened = open_simulator(config, drives)
+    correction = _corrected(opened.simulation, drives, Stages(None, config), lambda _: None)
+    return prepare_case(opened.simulation, drives, opened.library, config, correction)

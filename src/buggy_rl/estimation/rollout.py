@@ -61,7 +61,11 @@ def tell_nobody(environments: int, rows: int) -> None:
 
 @dataclass(frozen=True)
 class Simulation:
-    """Rolls a simulator out along segments and reads its sensor."""
+    """Rolls a simulator out along segments and reads its sensor.
+
+    Rollouts run on the simulator's device. Segments, parameter sets and what is returned are on the
+    CPU, where fits and their small linear algebra in double precision are computed.
+    """
 
     make: Callable[[int], EnvBase]
     """Builds the simulator for a number of environments."""
@@ -158,6 +162,7 @@ class Simulation:
     def _readings(self, segments, settings: ParameterSets, start_error: Tensor | None) -> Tensor:
         sets, count = len(settings), len(segments)
         env, stack = self._environment(settings, count)
+        segments = segments.to(_device(env))
         pose, velocity = _start(segments, stack, sets, start_error)
         action = _commands(segments, settings.clock_offset)
 
@@ -170,7 +175,7 @@ class Simulation:
         wanted = set((self.instants(segments) + segments.start).tolist())
         states = trajectory(env, state, act, action.shape[1] - 1)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
-        return torch.stack(seen, 1).view(sets, count, len(seen), 6)
+        return torch.stack(seen, 1).view(sets, count, len(seen), 6).cpu()
 
     def single_steps(
         self, segments: Segments, settings: ParameterSets = AS_GIVEN
@@ -183,6 +188,7 @@ class Simulation:
         """
         sets = len(settings)
         env, stack = self._environment(settings, len(segments))
+        segments = segments.to(_device(env))
         pose, velocity = (
             x.repeat(sets, 1, 1) for x in (segments.smooth_pose, segments.smooth_velocity)
         )
@@ -198,7 +204,8 @@ class Simulation:
         states = trajectory(env, state, act, action.shape[1] - 1)
         for row, (_, after) in enumerate(pairwise(states)):
             if row >= segments.start:
-                yield row, torch.cat([pose[:, row], velocity[:, row]], -1), _motion(after)
+                imposed = torch.cat([pose[:, row], velocity[:, row]], -1)
+                yield row, imposed.cpu(), _motion(after).cpu()
 
     def drive(
         self, actions: Tensor, settings: ParameterSets, start: TensorDictBase
@@ -211,13 +218,16 @@ class Simulation:
             start: `pose` and `velocity` [B, 3].
         """
         env, _ = self._environment(settings, len(actions) // len(settings))
+        device = _device(env)
+        actions = actions.to(device=device)
         states = trajectory(
             env,
-            env.reset(start),
+            env.reset(start if device is None else start.to(device)),
             lambda row, state: state.set(keys.ACTION, actions[:, row]),
             actions.shape[1] - 1,
         )
-        yield from states
+        for state in states:
+            yield state.cpu()
 
     def _environment(self, settings: ParameterSets, count: int):
         """One environment for each set and segment."""
@@ -228,7 +238,8 @@ class Simulation:
     def _reset(self, env, stack, segments: Segments, pose: Tensor, velocity: Tensor):
         """State at row 0, latent states of effects as the commands before it left them."""
         sets = len(pose) // len(segments)
-        state = env.reset(TensorDict({keys.POSE: pose, keys.VELOCITY: velocity}, [len(pose)]))
+        motion = {keys.POSE: pose, keys.VELOCITY: velocity}
+        state = env.reset(TensorDict(motion, [len(pose)], device=env.device))
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
             state[keys.ELAPSED] = segments.session.repeat(sets).unsqueeze(-1)
         for effect in stack:
@@ -239,6 +250,11 @@ class Simulation:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)
         return state
+
+
+def _device(env) -> torch.device | None:
+    """The device of an environment; None where it does not say, which is the CPU."""
+    return env.device
 
 
 def _counted(
@@ -293,7 +309,7 @@ def _start(
         pose, velocity = effect.unsensed(pose, velocity, segments.dt)
     pose, velocity = pose[:, :first].clone(), velocity[:, :first].clone()
     if error is not None:
-        each = error.repeat_interleave(len(segments), 0)  # (C * N, 6)
+        each = error.to(pose.device).repeat_interleave(len(segments), 0)  # (C * N, 6)
         pose[:, -1, :2] += rotate(each[:, :2], pose[:, -1, 2])
         pose[:, -1, 2] += each[:, 2]
         velocity[:, -1] += each[:, 3:]
@@ -306,8 +322,9 @@ def _commands(segments: Segments, offset: Tensor) -> Tensor:
     if not bool(offset.any()):
         return action
     length = action.shape[1]
-    late = _each(offset, len(segments)) / segments.dt  # (C * N,) rows
-    row = (torch.arange(length) - late.unsqueeze(-1)).clamp(0, length - 1)  # (C * N, L)
+    late = _each(offset, len(segments)).to(action.device) / segments.dt  # (C * N,) rows
+    index = torch.arange(length, device=action.device)
+    row = (index - late.unsqueeze(-1)).clamp(0, length - 1)  # (C * N, L)
     before = row.floor().long().clamp_max(length - 2)
     older, newer = (
         action.gather(1, index.unsqueeze(-1).expand(-1, -1, 2)) for index in (before, before + 1)

@@ -90,6 +90,11 @@ class Segments:
         parts = {n: value[index] for n, value in vars(self).items() if isinstance(value, Tensor)}
         return replace(self, **parts)
 
+    def to(self, device: torch.device | None) -> "Segments":
+        """Segments with all tensors on a device; None leaves them where they are."""
+        tensors = {n: value for n, value in vars(self).items() if isinstance(value, Tensor)}
+        return replace(self, **{n: value.to(device=device) for n, value in tensors.items()})
+
     def shortened(self, rows: int) -> "Segments":
         """Segments of rollouts of so many rows."""
         length = self.start + rows + 1

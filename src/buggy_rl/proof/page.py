@@ -14,8 +14,9 @@ from buggy_rl.core.files import write_atomically
 from buggy_rl.figures.style import COLOURS, FAINT, tidy
 from buggy_rl.proof.cases.case import DRIVING, NUISANCES
 from buggy_rl.proof.cases.equivalents import meant
+from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
-from buggy_rl.proof.score.outcome import OURS, ScoredCase
+from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
 
 GOOD, BAD = COLOURS[1], COLOURS[0]
@@ -218,12 +219,12 @@ def _target(row: ScoreRow) -> str:
 
 def _single(o: ScoredCase) -> list[str]:
     """A case with one effect: the first name, its errors, and how hard the case is."""
-    first = o.first
+    answer, first = o.answer, o.answer.first
     shares = (first and first.confidence, o.off(), o.off(True), o.closed())
     return [
         o.case.id,
         o.case.truth[0],
-        first.name if first else o.verdict or o.status,
+        first.name if first else answer.verdict or answer.status,
         *("" if share is None else f"{100 * share:.1f} %" for share in shares),
         *("" if nats is None else f"{nats:.0f}" for nats in (o.nats, o.margin)),
     ]
@@ -233,8 +234,10 @@ def _failing(o: ScoredCase) -> list[str]:
     """A failing case: what was said, what was true, and why it fails."""
     case = o.case
     true = "; ".join(f"{effect} {_numbers(v)}" for effect, v in case.concealed.items())
-    said = "; ".join(f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in o.said)
-    verdict = o.verdict.replace("_", " ") or o.status
+    said = "; ".join(
+        f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in o.answer.said
+    )
+    verdict = o.answer.verdict.replace("_", " ") or o.answer.status
     return [
         case.id,
         case.pairing,
@@ -253,10 +256,12 @@ def _numbers(values: Mapping[str, float], digits: str = "g") -> str:
 
 def reason(o: ScoredCase) -> str:
     """Why an answer did not pass."""
-    if o.status != "answered":
+    if o.answer.status != "answered":
         return "no answer"
     if o.case.family == "nothing":
-        return "a name for nothing" if o.said else "nothing is there, and it is not known what"
+        return (
+            "a name for nothing" if o.answer.said else "nothing is there, and it is not known what"
+        )
     if o.case.family == "unknown":
         return _outside(o)
     return "; ".join([*_undecidable(o), *_missed(o)])
@@ -264,7 +269,7 @@ def reason(o: ScoredCase) -> str:
 
 def _outside(o: ScoredCase) -> str:
     """Why an answer to a case outside the library did not pass."""
-    if o.verdict == "no_mismatch":
+    if o.answer.verdict == "no_mismatch":
         return "not seen"
     return "taken for what the library has" if o.sure_and_wrong else "named, though not surely"
 
@@ -281,14 +286,15 @@ def _undecidable(o: ScoredCase) -> list[str]:
 
 def _missed(o: ScoredCase) -> list[str]:
     """Why an answer about effects of the library did not pass."""
-    if not o.said:
-        return ["not seen" if o.verdict == "no_mismatch" else "no name earned its place"]
-    truth = set(o.case.truth)
-    rivals = {meant(name) for said in o.said for name in said.rivals}
-    found = [f"{name} stands as a rival" for name in sorted((truth - o.names) & rivals)]
-    found += [f"{name} is not named" for name in sorted(truth - o.names - rivals)]
-    found += [f"{name} is not there" for name in sorted(o.names - truth)]
-    if o.verdict == "unknown_physics":
+    answer, truth = o.answer, {*o.case.truth}
+    if not answer.said:
+        return ["not seen" if answer.verdict == "no_mismatch" else "no name earned its place"]
+    rivals = {meant(name) for said in answer.said for name in said.rivals}
+    missed = truth - answer.names
+    found = [f"{name} stands as a rival" for name in sorted(missed & rivals)]
+    found += [f"{name} is not named" for name in sorted(missed - rivals)]
+    found += [f"{name} is not there" for name in sorted(answer.names - truth)]
+    if answer.verdict == "unknown_physics":
         found.append("called unknown")
     # Only a single effect's order matters; of several the set does.
     if not found:

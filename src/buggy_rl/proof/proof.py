@@ -1,17 +1,23 @@
-"""A run of the proof: its options, and its stages up to the answers of other methods."""
+"""A run of the proof: its options, its stages, and what they enter in the ledger.
 
+A case is entered with its answers and the hash of its truth, and opened when it is scored.
+"""
+
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from omegaconf import MISSING
 
-from buggy_rl.jobs import Job, results, run_jobs
+from buggy_rl.core.files import write_json
+from buggy_rl.jobs import Job, read_outcome, results, run_jobs
 from buggy_rl.jobs.launching import Launching
+from buggy_rl.proof import baselines
 from buggy_rl.proof.baselines import compare, unanswered_methods
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.cases.draw import PAIRINGS, DrawConfig, draw_all
+from buggy_rl.proof.cases.draw import DrawConfig
 from buggy_rl.proof.cases.sealing import (
     CaseStore,
     again,
@@ -23,9 +29,10 @@ from buggy_rl.proof.cases.sealing import (
     unsealed,
 )
 from buggy_rl.proof.cases.simulators import prepare, unprepared
-from buggy_rl.proof.plants import abilities
-from buggy_rl.proof.score.outcome import Ledger
+from buggy_rl.proof.ledger import OURS, Entry, Ledger
+from buggy_rl.proof.score.outcome import CaseAnswer
 
+STATUS = {"done": "answered", "failed": "crashed"}  # status of a job -> of an answer
 STAGES = ("prepare", "seal", "ask", "again", "weigh", "compare", "settle", "score", "page")
 
 
@@ -76,20 +83,14 @@ class ProofConfig(Launching):
         return CaseStore(output, sealed, Path(self.hashes) if self.hashes else None)
 
     @property
-    def ledger_file(self) -> Path:
-        """File of scored cases."""
-        return Path(self.ledger or self.store.output / "ledger.jsonl")
+    def lines(self) -> Ledger:
+        """File of the ledger."""
+        return Ledger(Path(self.ledger or self.store.output / "ledger.jsonl"))
 
     @property
     def counter(self) -> Path:
         """File that counts how often sealed cases were scored."""
         return Path(self.opened or self.store.output / "opened.json")
-
-
-def cases_of(config: ProofConfig) -> list[Case]:
-    """What is drawn by a config."""
-    plants = {PAIRINGS[name].plant for name in config.draw.pairings}
-    return draw_all(config.draw, {plant: abilities(plant) for plant in plants})
 
 
 class ProofStep(NamedTuple):
@@ -111,13 +112,14 @@ def steps(config: ProofConfig, drawn: Sequence[Case], scripts: Path) -> Iterator
         scripts: Folder of `diagnose.py`, `fit_mujoco.py` and `train_models.py`.
     """
     store, stages = config.store, config.stages
-    cases = Ledger(config.ledger_file).open(drawn)
+    if "seal" in stages:
+        publish(store, drawn, config.secret)
+    cases = config.lines.left(drawn, store.digests())
     if "prepare" in stages:
         left = unprepared(cases, store.prepared)
         made = ((1, "") for case in left if prepare(case, store.prepared, scripts))
         yield ProofStep("preparing simulators", len(left), made)
     if "seal" in stages:
-        publish(store, drawn, config.secret)
         options = (config.effects, config.secret, config.stretches)
         yield _parallel(config, "sealing", seal, unsealed(store, cases), *options)
     if "ask" in stages:
@@ -169,3 +171,98 @@ def diagnosis_job(store: CaseStore, id_: str, script: Path, limit: float) -> Job
     folder = store.diagnosis(id_).resolve()
     command = (str(script.resolve()), "question.yaml", f"output={folder}")
     return Job(id_, folder, command, cwd=store.inputs(id_), limit=limit, final=True)
+
+
+def answers(store: CaseStore, id_: str) -> dict[str, CaseAnswer]:
+    """What was said of a case, by method; the truth is not looked at.
+
+    That of the diagnosis stands under `OURS`. Those of other methods come from `baselines.json`
+    beside its answer: name of the method -> an answer in the form of `diagnosis.json`.
+    """
+    folder = store.diagnosis(id_)
+    about = read_outcome(folder)
+    about["status"] = STATUS.get(about["status"], about["status"])
+    own = {}
+    if about["status"] == "answered":
+        own = json.loads((folder / "diagnosis.json").read_text())
+    found = {OURS: CaseAnswer.from_diagnosis(own, about)}
+    file = folder / baselines.FILE
+    for method, answer in (json.loads(file.read_text()) if file.exists() else {}).items():
+        about = {"status": "answered", "seconds": answer.get("seconds", 0.0)}
+        found[method] = CaseAnswer.from_diagnosis(answer, about)
+    return found
+
+
+def asked(store: CaseStore, cases: Sequence[Case], kind: str = "development") -> list[Entry]:
+    """Entries, sealed, of those of the cases that have an answer."""
+    seals, found = store.digests(), []
+    for case in cases:
+        if store.diagnosed(case.id):
+            second = again(case)
+            retold = answers(store, second)[OURS] if store.diagnosed(second) else None
+            told = answers(store, case.id)
+            found.append(Entry(case.id, kind, seal=seals[case.id], answers=told, again=retold))
+    return found
+
+
+def settle(config: ProofConfig, drawn: Sequence[Case]) -> int:
+    """Enters all complete cases; how many.
+
+    Where the stage `compare` is asked for, other methods must have an answer too. They must in any
+    case once they have begun: a case in the ledger is not run again, and their answers would be
+    lost.
+    """
+    store, ledger = config.store, config.lines
+    compared = "compare" in config.stages or any(
+        unanswered_methods(store, case) != [*baselines.METHODS] for case in drawn
+    )
+    left = [case for case in ledger.left(drawn) if complete(store, case, compared)]
+    ledger.enter(asked(store, left, config.draw.split))
+    return len(left)
+
+
+def complete(store: CaseStore, case: Case, compared: bool = True) -> bool:
+    """Whether nothing of a case is left to run."""
+    return (
+        store.weighed(case.id)
+        and (store.diagnosed(again(case)) or not suggested_manoeuvres(store, case))
+        and not (compared and unanswered_methods(store, case))
+    )
+
+
+def opened(config: ProofConfig, drawn: Sequence[Case]) -> list[Entry]:
+    """Entries of the cases that have an answer, by seed; the ledger's own are opened in it."""
+    store, ledger = config.store, config.lines
+    wanted = {case.id for case in drawn}
+    entries = [entry for entry in ledger.entries() if entry.id in wanted]
+    sealed = [entry for entry in entries if entry.opened is None]
+    for entry in sealed:  # they were complete when they were entered
+        if not store.weighed(entry.id):
+            file = store.oracle(entry.id)
+            raise FileNotFoundError(f"{file} is missing: score case {entry.id} where it was sealed")
+    unsealed = [open_entry(store, entry) for entry in sealed]
+    if unsealed:
+        ledger.replace(unsealed)
+    known = {entry.id: entry for entry in [*entries, *unsealed]}
+    new = asked(store, [case for case in drawn if case.id not in known], config.draw.split)
+    known |= {entry.id: open_entry(store, entry) for entry in new}
+    return [known[id_] for id_ in sorted(known)]
+
+
+def open_entry(store: CaseStore, entry: Entry) -> Entry:
+    """An entry with the truth, and what the oracle found."""
+    case = store.sealed_case(entry.id, entry.seal)
+    weighed = json.loads(store.oracle(case.id).read_text()) if store.weighed(case.id) else {}
+    return replace(entry, opened=case, weighed=weighed)
+
+
+def openings(file: Path) -> int:
+    """How often sealed cases were scored: each time is one more chance to tune to them."""
+    return json.loads(file.read_text())["opened"] if file.exists() else 0
+
+
+def open_once(file: Path) -> int:
+    """Counts one more; how often that is."""
+    count = openings(file) + 1
+    write_json(file, {"opened": count})
+    return count

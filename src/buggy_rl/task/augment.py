@@ -43,7 +43,7 @@ def augmented(
     engine = simulator.base_env if isinstance(simulator, TransformedEnv) else simulator
     present = [effect.clone() for effect in (*effects_of(simulator), *standing)]
     if parameters:
-        values = TensorDict(dict(parameters), engine.batch_size)
+        values = TensorDict(dict(parameters), engine.batch_size, device=engine.device)
         engine = engine.with_parameters(values)  # type: ignore[operator]
     period = {"dt": getattr(engine, "dt", CONTROL_PERIOD)}
     added = [

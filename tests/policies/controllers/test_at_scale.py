@@ -13,9 +13,8 @@ from buggy_rl.policies.controllers.at_scale import (
     for_car,
     taken_by,
 )
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, Stanley
 from buggy_rl.policies.controllers.room import RoomDriver
-from buggy_rl.policies.controllers.stanley import Stanley
 from buggy_rl.policies.evaluation.drives import evaluation_task
 from buggy_rl.simulators import make_engine
 from buggy_rl.task.config import TaskConfig

@@ -10,8 +10,12 @@ from tensordict import TensorDict
 from buggy_rl.core import keys
 from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
-from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
+from buggy_rl.policies.controllers.path_tracking import (
+    PurePursuit,
+    PurePursuitConfig,
+    Stanley,
+    StanleyConfig,
+)
 from buggy_rl.task.config import TaskConfig, TransformConfig, default_transforms
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig, make_paths

@@ -4,7 +4,7 @@ import pytest
 import torch
 from tensordict.nn import TensorDictModule
 
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.tuning import Number, TuningConfig, tune, within
 from tests.policies.controllers.test_followers import course
 

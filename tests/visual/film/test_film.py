@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from buggy_rl.visual.film import gl
+from buggy_rl.visual.film import renderer as rendering
 from buggy_rl.visual.film.canvas import Inset, captioned
 from buggy_rl.visual.film.film import director, frames
 from buggy_rl.visual.film.options import PictureConfig
@@ -40,7 +40,9 @@ def test_captions_follow_one_another_in_equal_parts_of_the_film():
 
 
 def test_the_user_is_told_once_why_it_is_drawn(monkeypatch):
-    monkeypatch.setattr(gl, "probe", lambda: gl.Probe(None, "MUJOCO_GL=egl: no library"))
+    monkeypatch.setattr(
+        rendering, "probe", lambda: rendering.Probe(None, "MUJOCO_GL=egl: no library")
+    )
     told = []
     made = list(frames(director([straight()]), [0.0, 1.0], on_note=told.append))
     assert len(made) == 2
@@ -50,7 +52,7 @@ def test_the_user_is_told_once_why_it_is_drawn(monkeypatch):
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_the_page_s_code_runs(block, monkeypatch, tmp_path):
-    monkeypatch.setattr(gl, "probe", lambda: gl.Probe(None, "quicker so"))
+    monkeypatch.setattr(rendering, "probe", lambda: rendering.Probe(None, "quicker so"))
     monkeypatch.chdir(tmp_path)
     exec(block, {})
     assert "write_video" not in block or (tmp_path / "runs" / "mine.mp4").stat().st_size > 1000

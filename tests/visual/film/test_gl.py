@@ -6,27 +6,27 @@ import sys
 
 import pytest
 
-from buggy_rl.visual.film import gl
+from buggy_rl.visual.film import renderer as rendering
 
 
 @pytest.fixture
 def fresh():
-    gl.probe.cache_clear()
+    rendering.probe.cache_clear()
     yield
-    gl.probe.cache_clear()
+    rendering.probe.cache_clear()
 
 
 def test_a_backend_that_is_set_is_the_only_one_tried():
-    assert gl.gl_backends({"MUJOCO_GL": "osmesa"}, "linux") == ["osmesa"]
-    assert gl.gl_backends({}, "linux") == ["egl", "osmesa"]
-    assert gl.gl_backends({"DISPLAY": ":0"}, "linux") == ["egl", "osmesa", "glfw"]
-    assert gl.gl_backends({}, "darwin") == [""]
+    assert rendering.gl_backends({"MUJOCO_GL": "osmesa"}, "linux") == ["osmesa"]
+    assert rendering.gl_backends({}, "linux") == ["egl", "osmesa"]
+    assert rendering.gl_backends({"DISPLAY": ":0"}, "linux") == ["egl", "osmesa", "glfw"]
+    assert rendering.gl_backends({}, "darwin") == [""]
 
 
 @pytest.mark.usefixtures("fresh")
 def test_a_backend_that_fails_does_so_elsewhere_and_is_named(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
-    found = gl.probe()
+    found = rendering.probe()
     assert found.backend is None
     assert "MUJOCO_GL=nonsense: RuntimeError: invalid value" in found.reason
 
@@ -40,24 +40,24 @@ def test_the_answer_is_found_once(monkeypatch):
             started.append(backend)
 
         def ask(self, content):
-            raise gl.WorkerError("no")
+            raise rendering.WorkerError("no")
 
         def close(self):
             pass
 
-    monkeypatch.setattr(gl, "WorkerProcess", Failing)
-    monkeypatch.setattr(gl, "gl_backends", lambda environment: ["egl", "osmesa"])
-    assert gl.probe() is gl.probe()
+    monkeypatch.setattr(rendering, "WorkerProcess", Failing)
+    monkeypatch.setattr(rendering, "gl_backends", lambda environment: ["egl", "osmesa"])
+    assert rendering.probe() is rendering.probe()
     assert started == ["egl", "osmesa"]
 
 
 def test_a_process_that_hangs_is_ended(monkeypatch):
-    monkeypatch.setattr(gl, "PATIENCE", 0.3)
-    monkeypatch.setattr(gl.worker, "__file__", __file__)  # which neither reads nor answers
-    monkeypatch.setattr(gl.sys, "executable", "/bin/cat")
-    monkeypatch.setattr(gl.subprocess, "Popen", _sleeping(subprocess.Popen))
-    process = gl.WorkerProcess("egl")
-    with pytest.raises(gl.WorkerError, match=r"MUJOCO_GL=egl did not answer within 0\.3 s"):
+    monkeypatch.setattr(rendering, "PATIENCE", 0.3)
+    monkeypatch.setattr(rendering.worker, "__file__", __file__)  # which neither reads nor answers
+    monkeypatch.setattr(rendering.sys, "executable", "/bin/cat")
+    monkeypatch.setattr(rendering.subprocess, "Popen", _sleeping(subprocess.Popen))
+    process = rendering.WorkerProcess("egl")
+    with pytest.raises(rendering.WorkerError, match=r"MUJOCO_GL=egl did not answer within 0\.3 s"):
         process.ask(None)
     process.close()
 
@@ -70,7 +70,7 @@ def test_importing_films_loads_nothing_of_mujoco_and_sets_nothing():
     # TorchRL imports mujoco itself, so what is looked for is what of ours needs it.
     code = (
         "import os, sys, buggy_rl.figures, buggy_rl.visual.film.film, buggy_rl.visual.film.film, "
-        "buggy_rl.visual.film.source, buggy_rl.visual.film.gl; "
+        "buggy_rl.visual.film.source, buggy_rl.visual.film.renderer; "
         "needing = [f'buggy_rl.visual.film.{name}' for name in ('bodywork', 'scene', 'live')]; "
         "assert not set(needing) & set(sys.modules), 'imported'; "
         "assert 'MUJOCO_GL' not in os.environ"

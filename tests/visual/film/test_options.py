@@ -4,7 +4,8 @@ from dataclasses import fields
 
 import pytest
 
-from buggy_rl.core.config import ConfigError, build, describe
+from buggy_rl.core.config import ConfigError, build
+from buggy_rl.core.option_values import describe
 from buggy_rl.visual.film.options import PictureConfig, RenderConfig
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.visual.film import gl
+from buggy_rl.visual.film import renderer as rendering
 from buggy_rl.visual.film.canvas import GHOSTS, OPEN, pixel
 from buggy_rl.visual.film.director import Director
 from buggy_rl.visual.film.drawing import Drawing
@@ -16,7 +16,9 @@ SIZE = 160, 120
 
 @pytest.fixture
 def nothing_works(monkeypatch):
-    monkeypatch.setattr(gl, "probe", lambda: gl.Probe(None, "MUJOCO_GL=egl: no library"))
+    monkeypatch.setattr(
+        rendering, "probe", lambda: rendering.Probe(None, "MUJOCO_GL=egl: no library")
+    )
 
 
 def frames(choice, tracks, times, camera="top"):
@@ -33,8 +35,8 @@ def near(frame, colour, tolerance=40):
 
 @pytest.fixture(params=["mujoco", "drawing"], scope="module")
 def choice(request):
-    if request.param == "mujoco" and gl.probe().backend is None:
-        pytest.skip(f"MuJoCo cannot render here: {gl.probe().reason}; {gl.REMEDY}")
+    if request.param == "mujoco" and rendering.probe().backend is None:
+        pytest.skip(f"MuJoCo cannot render here: {rendering.probe().reason}; {rendering.REMEDY}")
     return request.param
 
 

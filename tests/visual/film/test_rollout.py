@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.path_tracking import PurePursuit
 from buggy_rl.recordings.recording import Recording
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env, make_simulator

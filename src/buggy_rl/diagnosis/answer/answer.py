@@ -8,12 +8,11 @@ from typing import Any, Literal
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault, differing
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.experiments import DecisionRate
+from buggy_rl.diagnosis.answer.located import Located
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect
 from buggy_rl.diagnosis.answer.other_sensors import SensorFinding
-from buggy_rl.diagnosis.answer.words import READINGS
-from buggy_rl.diagnosis.repair.delivery import Repair
-from buggy_rl.diagnosis.repair.proof import Proof
-from buggy_rl.diagnosis.residuals import Located, Unexplained
+from buggy_rl.diagnosis.repair.proof import Proof, Repair
+from buggy_rl.diagnosis.residuals import READINGS, Unexplained
 from buggy_rl.diagnosis.search.candidate import excess_misfit
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import SearchResult

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,14 +11,10 @@ import torch
 from torch import Tensor
 
 from buggy_rl.core.longitudinal import declared_by
-from buggy_rl.diagnosis.answer.experiments import most_probable
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
-from buggy_rl.diagnosis.answer.retuning import Retuned, with_own
 from buggy_rl.diagnosis.answer.step_tests import Driven, Quantity, step_tests
-from buggy_rl.diagnosis.answer.words import CONDITIONS, READINGS
-from buggy_rl.diagnosis.residuals import drive_features
-from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.search.posterior import FormError, shipped
+from buggy_rl.diagnosis.residuals import CONDITIONS, READINGS, drive_features
+from buggy_rl.diagnosis.run.case import DiagnosisCase, Retuned
+from buggy_rl.diagnosis.search.posterior import NORMAL, FormError, shipped
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -81,6 +77,11 @@ class Tested:
         return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
 
 
+def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any]:
+    """The part of the answer that says what the car does otherwise, and what is left of it."""
+    return {"behaviours": behaviours(case, found), "form": form_faults(case.problem, found)}
+
+
 def behaviours(case: DiagnosisCase, found: SearchResult) -> list[Behaviour]:
     """Quantities that were driven, of the simulator as given and with what was found.
 
@@ -98,19 +99,19 @@ def behaviours(case: DiagnosisCase, found: SearchResult) -> list[Behaviour]:
 def step_values(case: DiagnosisCase, found: SearchResult) -> list[Tested]:
     """Quantities that were driven and that the tests show; the arguments are `behaviours`'."""
     problem, simulation, library = case.problem, case.given, case.as_given
-    driven = driven_of(case)
-
-    def whole(fit: Hypothesis) -> Hypothesis:
-        return fit if case.retuned_from is None else with_own(case, fit)
-
     described = found.described
-    neutral, best = library.hypothesis(()), whole(described.fit)
+    neutral, best = library.hypothesis(()), case.about_given(described.fit)
     covariance = described.cross_validated.covariance
     if case.retuned_from is not None:
         covariance = _joint(covariance, case.tuned)
-    others = [whole(found.tried[key].fit) for key in most_probable(found) if key != described.key]
+    others = [
+        case.about_given(found.tried[key].fit)
+        for key in found.most_probable
+        if key != described.key
+    ]
     samples = [(best, vector) for vector in _sampled(best, covariance)]
     rows = [(neutral, neutral.vector), *samples, *((h, h.vector) for h in others)]
+    driven = driven_of(case)
     steps = step_tests(simulation, library, rows, driven, problem.segments.dt)
     given, repaired, rivals = steps.split([1, len(samples), len(others)])
     values = repaired[0]
@@ -167,7 +168,7 @@ def _joint(effects: Tensor, tuned: Retuned | None) -> Tensor:
 
     Both were fitted one after the other, so what they share is unknown and taken for nothing.
     """
-    own = effects.new_zeros(0, 0) if tuned is None else tuned.covariance
+    own = effects.new_zeros(0, 0) if tuned is None else tuned.covariance[:-1, :-1]
     return torch.block_diag(effects[:-1, :-1], own, effects[-1:, -1:])
 
 

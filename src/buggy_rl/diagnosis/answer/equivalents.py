@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from buggy_rl.diagnosis.answer.experiments import SUGGESTED, SURE, DecisionRate
+from buggy_rl.diagnosis.answer.experiments import SUGGESTED, DecisionRate
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, sentence
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
-from buggy_rl.diagnosis.search.posterior import LISTED
+from buggy_rl.diagnosis.search.posterior import LISTED, SURE
 from buggy_rl.diagnosis.search.result import SearchResult
 
 

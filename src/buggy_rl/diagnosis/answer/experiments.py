@@ -4,7 +4,7 @@ Each leading hypothesis is taken for the truth, weighted by its probability. Wha
 recorded of a manoeuvre is simulated; the others take other numbers as far as what was driven lets
 them; noise of the size that the search came to is drawn; and the calibrated posterior is computed
 anew with these drives as further held-out blocks. The decision rate of a manoeuvre is how often the
-truth then has a probability of at least `SURE`.
+truth then has a probability of at least `SURE`. Beside it stands what was hardly driven at all.
 """
 
 import math
@@ -15,19 +15,19 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from buggy_rl.core.vehicle import Similarity, wrap_angle
 from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, simulated, trusted
+from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.diagnosis.search.posterior import LISTED, Posterior, posterior
+from buggy_rl.diagnosis.search.posterior import SURE, posterior
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.evidence import misfit, typical
 from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
 from buggy_rl.estimation.noise_model import noise_model
-from buggy_rl.estimation.segments import cut_segments
+from buggy_rl.estimation.segments import Segments, cut_segments
 
-SURE = 0.9  # [-] probability from which a hypothesis is decided
 SUGGESTED = 0.8  # [-] decision rate from which a manoeuvre is suggested
-MOST = 3  # leading hypotheses, of which each is taken for the truth
 SAMPLES = 32  # of the noise, for each manoeuvre and truth
 LEAST = 1e-9  # [prior scales^2] variance of a parameter, at least
 
@@ -60,6 +60,16 @@ class DecisionRate:
         )
 
 
+def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any]:
+    """The part of the answer that says what to drive next, and what was hardly driven."""
+    rates = decision_rates(case.problem, found) if case.budget.experiments else []
+    return {
+        "manoeuvres": rates,
+        "suggest": manoeuvre_suggestions(rates),
+        "weak": weak(case.problem.segments, case.similarity),
+    }
+
+
 def manoeuvre_suggestions(rates: Sequence[DecisionRate]) -> list[str]:
     """The manoeuvre that most probably decides, as a line; none where none reaches `SUGGESTED`."""
     return [best.line() for best in rates[:1] if best.rate >= SUGGESTED]
@@ -72,8 +82,8 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
         problem: What was driven, with the noise model and dispersion that the search came to.
         found: What it found.
     """
-    between = most_probable(found)
-    if len(between) < 2 or decided(found.posterior, between[0]):
+    between = found.most_probable
+    if len(between) < 2 or found.posterior.decided(between[0]):
         return []
     candidates = [found.tried[effects] for effects in between]
     weights = [found.posterior.sets[effects] for effects in between]
@@ -85,22 +95,6 @@ def decision_rates(problem: Problem, found: SearchResult) -> list[DecisionRate]:
         for m, (rate, expected) in zip(MANOEUVRES, mean, strict=True)
     ]
     return sorted(every, key=lambda r: (-r.rate, -r.expected))
-
-
-def most_probable(found: SearchResult) -> list[Effects]:
-    """The most probable hypotheses, of those that are listed; at most `MOST`."""
-    ranked = sorted(found.posterior.sets.items(), key=lambda item: -item[1])
-    return [effects for effects, p in ranked[:MOST] if p >= LISTED]
-
-
-def decided(posterior: Posterior, effects: Effects) -> bool:
-    """Whether every effect of a hypothesis has the probability `SURE`; of none, nothing."""
-    return least_sure(posterior, effects) >= SURE
-
-
-def least_sure(posterior: Posterior, effects: Effects) -> float:
-    """Probability of the least probable effect of a hypothesis; of none, of nothing."""
-    return min([posterior.of(e) for e in effects] or [posterior.nothing])
 
 
 @dataclass(frozen=True)
@@ -194,7 +188,7 @@ def _rate(
     for k in range(SAMPLES):
         drawn = {effects: square[k] for effects, square in squares.items()}
         after = posterior(with_drives(problem, found.observed, drawn, manoeuvre))
-        sure.append(least_sure(after.merged(found.same), truth))
+        sure.append(after.merged(found.same).least_sure(truth))
     return sum(p >= SURE for p in sure) / SAMPLES, sum(sure) / SAMPLES
 
 
@@ -239,3 +233,60 @@ def _with(
         typical=(segments * hypothesis.typical + more * median) / (segments + more),
         evidence=replace(evidence, log_evidence=evidence.log_evidence - float(loss.sum())),
     )
+
+
+BUGGY = Similarity()
+SHOWN = 0.03  # [-] share of the time from which a condition counts as driven
+SECTORS = 8  # sectors of the heading
+FAST, SLOW, ROLLING, CRAWLING = 2.0, 1.0, 0.5, 0.1  # [m/s] of the buggy; chosen
+QUICK = 5.0  # [1/s] change of the steering command that counts as quick; chosen
+
+
+def weak(segments: Segments, similarity: Similarity = BUGGY) -> list[str]:
+    """A line for each condition that was hardly or never driven, with the effects that it hides.
+
+    Args:
+        segments: What was driven.
+        similarity: Of the car to the buggy, for which the speeds were chosen.
+    """
+    fast, slow, rolling, crawling = (similarity.speed * v for v in (FAST, SLOW, ROLLING, CRAWLING))
+    rows = slice(segments.start, None)
+    vx, yaw_rate = segments.smooth_velocity[:, rows, 0], segments.smooth_velocity[:, rows, 2]
+    throttle, steering = segments.action[:, rows].unbind(-1)
+    drive, lateral = (throttle + 1) / 2, (vx * yaw_rate).abs()
+    yaw = wrap_angle(segments.smooth_pose[:, rows, 2])
+    heading = ((yaw + torch.pi) / (2 * torch.pi) * SECTORS).long().clamp(0, SECTORS - 1)
+    seen = torch.bincount(heading.flatten(), minlength=SECTORS) / heading.numel()
+    checks = (
+        ("more than 0.6 of full drive", drive > 0.6, "motor_power_limit, top_speed"),
+        (f"above {fast:g} m/s", vx > fast, "aerodynamic_drag, top_speed"),
+        (
+            f"below {slow:g} m/s",
+            (vx < slow) & (vx > crawling),
+            "rolling_resistance, throttle_deadband",
+        ),
+        (
+            "coasting without drive",
+            (drive < 0.05) & (vx > rolling),
+            "rolling_resistance, viscous_drag, aerodynamic_drag apart from the throttle's effects",
+        ),
+        ("hard left turns", steering > 0.6, "steering_asymmetry"),
+        ("hard right turns", steering < -0.6, "steering_asymmetry"),
+        ("bends near the limit of grip (5 m/s^2)", lateral > 5.0, "tire_grip, grip_balance"),
+        (
+            "quick steering",
+            segments.action[:, rows, 1].diff(dim=1).abs() > QUICK * segments.dt,
+            "steering_dead_time from steering_lag, steering_rate_limit, steering_backlash",
+        ),
+        ("going straight", (steering.abs() < 0.1) & (vx > rolling), "steering_offset"),
+    )
+    found = [
+        f"{what} hardly driven: hides {hides}"
+        for what, mask, hides in checks
+        if float(mask.double().mean()) < SHOWN
+    ]
+    if int((seen > 0.02).sum()) < SECTORS:
+        found.append("not all directions driven: hides floor_slope, wind")
+    if float(torch.maximum(segments.elapsed, segments.session).max()) < 30.0:
+        found.append("less than 30 s of one recording: hides battery_sag, thermal_foldback")
+    return found

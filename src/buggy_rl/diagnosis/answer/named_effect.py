@@ -1,6 +1,7 @@
 """An effect that a diagnosis names: numbers, confidence, and whether they are plausible."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -8,14 +9,17 @@ import torch
 
 from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.diagnosis.answer.words import CONDITIONS
-from buggy_rl.diagnosis.search.posterior import certainly_missing
+from buggy_rl.diagnosis.residuals import CONDITIONS
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.candidate import excess_misfit
+from buggy_rl.diagnosis.search.limits import words_of
+from buggy_rl.diagnosis.search.posterior import EVEN, NORMAL, certainly_missing, shipped
+from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.estimation.hypothesis import CLOCK, CLOCK_PRIOR
+from buggy_rl.estimation.hypothesis import CLOCK, CLOCK_PRIOR, OWN
 from buggy_rl.estimation.segments import Segments
 
-NORMAL = 1.96  # standard deviations of a 95 % interval
 SUREST = 0.99  # [-] confidence that is said at most: some hundred cases show no more
 
 
@@ -108,6 +112,78 @@ class NamedEffect:
         }
 
 
+@dataclass(frozen=True)
+class Confidence:
+    """Confidence in one effect of the best hypothesis."""
+
+    probability: float
+    alternatives: dict[str, float]
+    """Other effects in its place -> their probability."""
+    whatever_else: float
+    """Probability if effects are missing at all."""
+
+
+def name_effect(
+    case: DiagnosisCase, found: SearchResult, effect: str, sure: Confidence
+) -> NamedEffect:
+    """An effect of the best hypothesis with its numbers, and what speaks for and against it."""
+    fit, problem = found.best.fit, case.problem
+    by_blocks = found.best.cross_validated.covariance.diagonal().clamp_min(0.0)
+    excess = excess_misfit(found.best, found.null)
+    form, share = shipped().form_error, case.criteria.usual.remaining(excess, found.closed(effect))
+    spread = [
+        form.sd(z, math.sqrt(v), share)
+        for z, v in zip(fit.vector.tolist(), by_blocks.tolist(), strict=True)
+    ]
+    values: dict[str, Value] = {}
+    for c, z, sd in zip(fit.coordinates, fit.vector.tolist(), spread, strict=True):
+        if c.effect != effect:
+            continue
+        p = c.parameter
+        values[p.name] = Value(float(p.value_at(z)), *interval(p, z, sd), p.unit)
+    numbers = {name: v.value for name, v in values.items()}
+    own = effect.startswith(OWN)
+    kind = "parameter" if own else effect_class(effect).kind
+    library = case.problem.library
+    p = library.numbers(effect)[0]
+    # Without a baseline nothing shows that the simulator was right but for this.
+    doubtful = effect_implausible(library.numbers(effect), numbers)
+    most = EVEN if doubtful and case.criteria.baseline is None else 1.0
+    return NamedEffect(
+        name=effect,
+        kind=kind,
+        equation="" if own else effect_class(effect).equation,
+        sentence=sentence(effect, numbers, p.unit, p.value, case.command, case.car_of(effect))
+        + words_of(effect, found.same),
+        parameters=values,
+        confidence=min(most, sure.probability),
+        held_out_gain=found.closed(effect) / max(found.without(effect), 1e-9),
+        confused_with=sure.alternatives,
+        at_bound=fit.at_bound(effect),
+        varies_with=found.varies.get(effect, ""),
+        whatever_else=sure.whatever_else,
+        inside=(effect.removeprefix(OWN),) if own else library.inside.parameters_of(effect),
+        unusual=unusual(library.numbers(effect), numbers),
+        undetermined=undetermined(library.numbers(effect), values, problem.segments),
+    )
+
+
+def interval(parameter: EffectParameter, z: float, sd: float) -> tuple[float, float]:
+    """95 % interval of a parameter's value, neither end beyond the parameter's own bounds.
+
+    A reciprocal parameter's would turn over there: a rate limit near none has no upper bound.
+
+    Args:
+        parameter: The parameter.
+        z: Its coordinate,
+        sd: and that coordinate's standard deviation.
+    """
+    first, last = sorted(parameter.coordinate(b) for b in (parameter.lower, parameter.upper))
+    reached = (min(max(z + side * NORMAL * sd, first), last) for side in (-1, 1))
+    low, high = sorted(parameter.value_at(end) for end in reached)
+    return float(low), float(high)
+
+
 def sentence(
     effect: str,
     values: Mapping[str, float],
@@ -136,6 +212,7 @@ WHOLE = 0.95  # [-] share of a number's range that an interval without meaning s
 IMPLAUSIBLE = (
     4.0  # times as far from neutral as the usual end: beyond all that is drawn, by a third
 )
+LATE = 0.015  # [s] by which clocks may differ without a word
 PLACES = ("x", "y")  # numbers that are places in the room, in effects that have a radius
 
 
@@ -193,3 +270,32 @@ def latencies_refused(clock_offset: float) -> tuple[str, ...]:
     Of a late sensor and an early clock only the difference is known: their numbers may be anything.
     """
     return CLOCKLIKE if abs(clock_offset) >= FAR_CLOCK - 1e-6 else ()
+
+
+def check_clock(offset: float) -> list[str]:
+    """Whether the commands' clock as fitted [s] is that of the motion."""
+    if abs(offset) <= LATE:
+        return []
+    side = "later" if offset > 0 else "earlier"
+    return [
+        f"commands act {1000 * abs(offset):.0f} ms {side} than they are stamped, throttle and "
+        "steering alike: the clocks of commands and motion differ, or both commands are late. "
+        "Compare the clocks; where the stamps are off, add "
+        f"{offset:+.3f} s to command_offset of the column map and diagnose again"
+    ]
+
+
+def check_latency(effects: Collection[str], offset: float = 0.0) -> list[str]:
+    """Says what else a late sensor could be, with the commands' clock as fitted [s]."""
+    if "sensor_latency" not in effects:
+        return []
+    if latencies_refused(offset):
+        return [
+            "a late sensor was fitted beside a clock that is off by more than stamps are: only the "
+            "difference of both is known, so none is named; compare the clocks of commands and "
+            "motion, correct command_offset of the column map, and diagnose again"
+        ]
+    return [
+        "a sensor that is late and commands that are stamped too early by as much are the same to "
+        "these drives: compare the clocks of both before anything is built on it"
+    ]

@@ -27,7 +27,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import savgol_filter
 
 from buggy_rl.core import keys
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
+from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.recordings import Recording
 from buggy_rl.recordings.columns import ColumnMap
 from buggy_rl.recordings.resampling import ORDER

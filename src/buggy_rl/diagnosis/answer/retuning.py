@@ -1,15 +1,16 @@
 """The other null hypothesis: the simulator with all its own parameters fitted."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import torch
-from torch import Tensor
+from torchrl.envs import EnvBase
 
-from buggy_rl.diagnosis.answer.named_effect import NORMAL, NamedEffect, Value, sentence
+from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value, sentence
 from buggy_rl.diagnosis.config import SearchConfig
-from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.search.candidate import Candidate
+from buggy_rl.diagnosis.repair.proof import Proof
+from buggy_rl.diagnosis.run.case import DiagnosisCase, Retuned
+from buggy_rl.diagnosis.search.candidate import Effects
+from buggy_rl.diagnosis.search.posterior import NORMAL, Posterior
 from buggy_rl.estimation.body import body_of, implausible
 from buggy_rl.estimation.evidence import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
@@ -19,16 +20,10 @@ CERTAINLY = 0.95  # [-] that a number has moved by more than `certain` standard 
 ROUNDS, ITERATIONS = 3, 4  # of the fit; between rounds the dispersion is estimated anew
 
 
-@dataclass(frozen=True)
-class Retuned:
-    """A simulator whose own parameters were fitted to the recordings."""
-
-    values: dict[str, float]
-    """Values of all its parameters."""
-    wrong: list[NamedEffect]
-    """Parameters that have certainly moved, the farthest first; their gain is still open."""
-    covariance: Tensor
-    """[P, P] of all their normalised values, in the order of the simulator's declaration."""
+def left_open(posterior: Posterior, named: Effects, proof: Proof) -> bool:
+    """Whether parameters of the simulator may be off: it is re-tuned then, and searched again."""
+    unsure = not posterior.decided(named) and proof.prefers_retuning
+    return posterior.says == "unknown" or unsure
 
 
 def retuned(case: DiagnosisCase, progress: Callable[[str], None] = lambda _: None) -> Retuned:
@@ -37,15 +32,8 @@ def retuned(case: DiagnosisCase, progress: Callable[[str], None] = lambda _: Non
     progress(f"re-tuning {len(problem.library.parameters)} parameters of the simulator's own")
     problem, best = tuned(problem, ROUNDS, ITERATIONS, rules.expected_left)
     [known] = cross_validated(problem, [best], case.criteria.group)
-    values = {n: v for effect, ps in best.values().items() if effect for n, v in ps.items()}
-    # The clock is the last coordinate.
-    odd = implausible(values, body_of(problem.simulation.make(1)))
-    wrong = [
-        replace(n, sentence=f"{n.sentence} ({odd[name]})") if name in odd else n
-        for n in _wrong(Candidate(best, known), rules)
-        for name in n.parameters
-    ]
-    return Retuned(values, wrong, known.covariance[:-1, :-1])
+    fit = Hypothesis(best.effects, best.coordinates, best.vector)
+    return Retuned(fit, known.covariance)
 
 
 def tuned(
@@ -61,26 +49,27 @@ def tuned(
     return problem, best
 
 
-def with_own(case: DiagnosisCase, best: Hypothesis) -> Hypothesis:
-    """A hypothesis about the re-tuned simulator, as one about the simulator as it was given."""
-    library = case.problem.library
-    own = [OWN + name for name in library.parameters]
-    start = case.as_given.hypothesis((*best.effects, *own))
-    tuned = {p.name: p.value for p in library.parameters.values()}
-    moved = [
-        float(c.parameter.coordinate(tuned[c.parameter.name]))
-        for c in start.coordinates
-        if c.effect in own
+def wrong_parameters(tuned: Retuned, rules: SearchConfig, simulator: EnvBase) -> list[NamedEffect]:
+    """Parameters that have certainly moved, the farthest first; their gain is still open.
+
+    Args:
+        tuned: All parameters of the simulator.
+        rules: From which distance a parameter has moved.
+        simulator: As it was given; what its car cannot be is said of a parameter.
+    """
+    odd = implausible(tuned.values, body_of(simulator))
+    return [
+        replace(n, sentence=f"{n.sentence} ({odd[name]})") if name in odd else n
+        for n in _moved(tuned, rules)
+        for name in n.parameters
     ]
-    vector = torch.cat([best.vector[:-1], best.vector.new_tensor(moved), best.vector[-1:]])
-    return replace(start, vector=vector)
 
 
-def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
+def _moved(tuned: Retuned, rules: SearchConfig) -> list[NamedEffect]:
     """Parameters that have certainly moved, by themselves or apart from their other side's."""
-    fit = candidate.fit
-    spread = candidate.cross_validated.covariance.diagonal().clamp_min(0.0).sqrt()
-    apart = _apart(candidate, rules)
+    fit = tuned.fit
+    spread = tuned.covariance.diagonal().clamp_min(0.0).sqrt()
+    apart = _apart(tuned, rules)
     found: list[tuple[float, NamedEffect]] = []
     numbers = zip(fit.coordinates, fit.vector.tolist(), spread.tolist(), strict=True)
     for index, (coordinate, z, sd) in enumerate(numbers):
@@ -106,13 +95,13 @@ def _wrong(candidate: Candidate, rules: SearchConfig) -> list[NamedEffect]:
     return [named for _, named in sorted(found, key=lambda item: -item[0])]
 
 
-def _apart(candidate: Candidate, rules: SearchConfig) -> set[int]:
+def _apart(tuned: Retuned, rules: SearchConfig) -> set[int]:
     """Indices of parameters of a left and a right side of which one has certainly moved.
 
     What turns a car as much to both sides, such as its mass, leaves each side's number open, but
     not the difference of the two.
     """
-    fit, covariance = candidate.fit, candidate.cross_validated.covariance
+    fit, covariance = tuned.fit, tuned.covariance
     index = {c.parameter.name: i for i, c in enumerate(fit.coordinates) if c.effect}
     found: set[int] = set()
     for name, left in index.items():

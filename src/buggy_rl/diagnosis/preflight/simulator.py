@@ -79,6 +79,7 @@ SETTLING = 10  # [steps] in which a car that was set down sideways comes to roll
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
 EDIT = 0.5  # share of an edit that must be felt
 TOGETHER = 30  # [steps] after which a command has acted, late ones too
+SAME = 1e-5  # [m, rad, m/s, rad/s] by which equal steps may differ: a GPU adds in changing order
 MIXED = 1e-4  # [m/s, rad/s] by which environments of a batch may differ; a batch's rounding
 SMALL = 1e-3  # [m/s] edits of vx; within a few of them the next one is a straight line of it
 COARSE = 2e-4  # [m/s] distance from that line that is worth a word; float32 at 5 m/s has 5e-7
@@ -131,7 +132,7 @@ def blaming(name: str) -> Iterator[None]:
 
 def _commands(env: EnvBase) -> Tensor:
     """The trial commands [CARS, 2] of a simulator, whose rest may be at -1 or at 0."""
-    command, action = declared_by(env), torch.tensor(DRIVES)
+    command, action = declared_by(env), torch.tensor(DRIVES, device=env.device)
     action[:, 0] = command_of(action[:, 0], command.rest)
     if command.two_way:
         action[BACKWARD, 0] = -1.0
@@ -140,7 +141,7 @@ def _commands(env: EnvBase) -> Tensor:
 
 def _gentle(env: EnvBase) -> Tensor:
     """A little drive [B, 2], wheels straight."""
-    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0])
+    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0], device=env.device)
     return gentle.expand(*env.batch_size, 2)
 
 
@@ -176,9 +177,7 @@ def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
 
 def _set_down(env: EnvBase, name: str) -> TensorDictBase:
     """Cars as a reset with pose and velocity leaves them."""
-    pose = torch.tensor([2.0, -1.0, 0.0]).expand(CARS, 3)  # heading along x
-    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
-    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    given = _rolling(env, (2.0, -1.0, 0.0))  # heading along x
     state = _reset(env, name, given)
     for key in (keys.POSE, keys.VELOCITY):
         _check_shape(state.get(key, None), key, name, "reset")
@@ -195,6 +194,13 @@ def _set_down(env: EnvBase, name: str) -> TensorDictBase:
             f"{', '.join(map(str, env.action_keys))} of shape {list(env.action_spec.shape)}"
         )
     return state
+
+
+def _rolling(env: EnvBase, pose: tuple[float, float, float]) -> TensorDict:
+    """Pose and velocity [CARS, 3] of cars that all roll at `SPEED`, on the simulator's device."""
+    rows = torch.tensor([pose, (SPEED, 0.0, 0.0)], device=env.device)
+    poses, velocities = rows.unsqueeze(1).repeat(1, CARS, 1)
+    return TensorDict({keys.POSE: poses, keys.VELOCITY: velocities}, [CARS], device=env.device)
 
 
 def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None:
@@ -214,11 +220,12 @@ def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> No
     one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
     for key in (keys.POSE, keys.VELOCITY):
         _check_shape(one.get(key, None), key, name, "a step")
-        if not torch.equal(one[key].nan_to_num(), two[key].nan_to_num()):
+        apart = float((one[key].nan_to_num() - two[key].nan_to_num()).abs().max())
+        if apart > SAME:
             raise ValueError(
                 f"simulator {name}: two steps from one TensorDict differ in {key!r} by "
-                f"{float((one[key] - two[key]).abs().max()):.3g}: it is stochastic, or remembers "
-                "what is not in the TensorDict; switch noise off, keep its whole state there"
+                f"{apart:.3g}: it is stochastic, or remembers what is not in the TensorDict; "
+                "switch noise off, keep its whole state there"
             )
     _check_edit(env, name, one, gentle)
     _check_period(name, (state, one), dt)
@@ -230,9 +237,7 @@ def check_axes(env: EnvBase, name: str, dt: float) -> None:
     Raises:
         ValueError: Its heading is in degrees, or its velocity is the world's.
     """
-    pose = torch.tensor([0.0, 0.0, ASKEW]).expand(CARS, 3)
-    velocity = torch.tensor([SPEED, 0.0, 0.0]).expand(CARS, 3)
-    given = TensorDict({keys.POSE: pose.clone(), keys.VELOCITY: velocity.clone()}, [CARS])
+    given = _rolling(env, (0.0, 0.0, ASKEW))
     states, action = [_reset(env, name, given)], _commands(env)
     for _ in range(TOGETHER):
         states.append(_step(env, name, states[-1], action))
@@ -265,11 +270,11 @@ def _odd(
 
 def _resolution(make: Callable[[int], EnvBase], name: str, state: TensorDictBase) -> float:
     """How far vx a step later [m/s] is from a straight line over small edits of it."""
-    edits = SMALL * torch.arange(-10.0, 11.0)
+    edits = SMALL * torch.arange(-10.0, 11.0, device=state[keys.VELOCITY].device)
     env = make(len(edits))
     motion = {key: state[key][:1].expand(len(edits), 3) for key in (keys.POSE, keys.VELOCITY)}
     edited = _reset(env, name, TensorDict(motion, [len(edits)]))
-    edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * torch.eye(3)[0]
+    edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * _axis(0, edits)
     after = _step(env, name, edited, _gentle(env))[keys.VELOCITY][:, 0].double()
     felt, line = after - after.mean(), edits.double()
     rest = felt - line * (line @ felt) / line.square().sum()
@@ -280,7 +285,7 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
     following = _step(env, name, state, action)
     for key, channel, size in ((keys.VELOCITY, 0, 1.0), (keys.POSE, 0, 5.0)):
         edited = state.clone()
-        edited[key] = state[key] + size * torch.eye(3)[channel]
+        edited[key] = state[key] + size * _axis(channel, state[key])
         felt = _step(env, name, edited, action)[key] - following[key]
         share = float(felt[:, channel].min()) / size
         if share < EDIT:
@@ -289,6 +294,11 @@ def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) 
                 f"{size * share:.2g} more after one step; begin each step with the {key} it is "
                 "given"
             )
+
+
+def _axis(channel: int, beside: Tensor) -> Tensor:
+    """Unit vector [3] along a channel, on the device of a tensor."""
+    return torch.eye(3, device=beside.device)[channel]
 
 
 def _check_period(name: str, ends: tuple[TensorDictBase, TensorDictBase], expected: float) -> None:

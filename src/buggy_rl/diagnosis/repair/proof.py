@@ -1,11 +1,123 @@
-"""Errors of rollouts on what was held out: as given, repaired, re-tuned, learned."""
+"""What is delivered, and what speaks for it: the set whose repair predicts what was held out.
+
+A repair is validated as it is delivered, commands as they are stamped, and none is delivered that
+makes rollouts of held-out data worse. Its proof are errors on what was held out: as given,
+repaired, re-tuned, learned.
+"""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-SAID = 1.0  # [s] horizon of the errors that are said
+from torch import Tensor
+
+from buggy_rl.diagnosis.repair.validation import (
+    ITERATIONS,
+    SAID,
+    Errors,
+    delivered,
+    segment_folds,
+    validated,
+)
+from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.candidate import Candidate
+from buggy_rl.diagnosis.search.result import SearchResult
+from buggy_rl.estimation.evidence import misfit
+from buggy_rl.estimation.gauss_newton import Problem
+from buggy_rl.estimation.hypothesis import Hypothesis
+
+SLACK = 0.02  # [-] share by which a median distance may seem larger without being worse; chosen
+OTHER = "other"  # name of the second candidate's errors
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What `repaired.yaml` has beyond the simulator as given."""
+
+    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Effect, or `parameter:NAME` -> number -> value, about the simulator as given."""
+    median: Mapping[float, float] = field(default_factory=dict)
+    """Horizon [s] -> median distance [m] of rollouts of the file on all that it was fitted to."""
+    refused: tuple[str, ...] = ()
+    """Effects that were fitted and would make held-out rollouts worse."""
+    worse: tuple[float, float] | None = None
+    """[m] median distance after `SAID` without and with them, where they were refused."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of what is in it."""
+        return tuple(self.values)
+
+    def lines(self, named: tuple[str, ...]) -> list[str]:
+        """What a reader of the names could not guess of the file.
+
+        Args:
+            named: Effects that the answer names.
+        """
+        if self.refused:
+            distance = ""
+            if self.worse is not None:
+                without, given = (f"{1000 * of:.0f} mm" for of in self.worse)
+                distance = f" (median position error {without} without, {given} with it)"
+            return [
+                f"repaired.yaml is the simulator as given: {', '.join(self.refused)} would make "
+                f"held-out rollouts worse{distance}."
+            ]
+        own = [name for name in self.effects if not name.startswith("parameter:")]
+        if set(own) <= set(named):
+            return []
+        return [
+            f"repaired.yaml has {', '.join(own)}: the set that predicts held-out rollouts best, "
+            "whether or not each is what the car has."
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Makes its entry in `diagnosis.json`."""
+        return {
+            "values": {effect: dict(own) for effect, own in self.values.items()},
+            "position_median": {f"{horizon:g} s": of for horizon, of in self.median.items()},
+            "refused": list(self.refused),
+        }
+
+
+def repair_candidates(found: SearchResult) -> list[Candidate]:
+    """Sets whose repair is validated, the preferred one first; the empty one is none."""
+    first, second = found.best, found.predictive
+    if found.posterior.says == "unknown":
+        first, second = second, first
+    chosen = [first] if found.posterior.says == "nothing" else [first, second]
+    return [c for i, c in enumerate(chosen) if c not in chosen[:i]]
+
+
+def chosen(errors: Mapping[str, Errors], unknown: bool) -> str:
+    """Name of the errors of the set that is delivered; `before` where each would be worse.
+
+    Args:
+        errors: `before`, `after` of the preferred set, and maybe `OTHER`.
+        unknown: Whether what predicts best is asked for, rather than what is most probable.
+    """
+    before = errors["before"]
+    names = [n for n in ("after", OTHER) if n in errors and not is_worse(errors[n], before)]
+    if unknown:
+        names.sort(key=lambda name: misfit(errors[name].square, before.square))
+    return names[0] if names else "before"
+
+
+def is_worse(errors: Errors, before: Errors) -> bool:
+    """Whether held-out rollouts are farther off, by misfit or by the median distance."""
+    given: Tensor = before.square
+    if misfit(errors.square, given) > misfit(given, given):
+        return True
+    then, now = (e.median.get(SAID, 0.0) for e in (before, errors))
+    return now > (1 + SLACK) * then
+
+
+def as_file(best: Hypothesis, errors: Errors) -> Repair:
+    """What a hypothesis about the simulator as given puts into its file."""
+    return Repair(best.values(), errors.median)
+
+
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
 BETTER = 0.8  # [-] of the repair's error, below which a learned residual is worth a word; chosen
 
@@ -92,3 +204,49 @@ def _by_horizon(values: Mapping[float, float]) -> dict[str, float]:
 
 def _millimetres(before: float, after: float) -> str:
     return f"{1000 * before:.0f} mm before, {1000 * after:.0f} mm after"
+
+
+def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any]:
+    """The part of the answer that says what is delivered, and what speaks for it.
+
+    Sets of effects that may be delivered are validated; one of them is delivered, or none.
+    """
+    problem, every = case.problem, [c.fit for c in repair_candidates(found)]
+    if case.retuned_from is not None:
+        # Its parameters have seen all recordings: they are fitted anew with the effects', from the
+        # simulator as given, on what is not held out.
+        simulation = replace(problem.simulation, make=case.given.make)
+        problem = replace(problem, simulation=simulation)
+        every = [case.about_given(fit) for fit in every]
+    problem = replace(problem, library=case.as_given, dispersion=1.0)
+    starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
+    second = {name: fit for name, fit in starts.items() if name != "after"}
+    errors = validated(problem, every[0], case.drives.longer, case.budget, second)
+    name = chosen(errors, found.posterior.says == "unknown")
+    if name == "before":
+        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
+        worse = None if None in ways else ways
+        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
+    else:
+        iterations = min(ITERATIONS, case.budget.iterations)
+        repair = as_file(*delivered(problem, starts[name], iterations))
+    errors["after"] = errors[name]
+    errors.pop(OTHER, None)
+    return {"proof": _proof(problem, errors), "repair": repair}
+
+
+def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:
+    """Errors of rollouts by what they are of, beside the sensor's noise."""
+    floor = 2 * float(problem.noise.sd[:2].square().sum())
+    before, given, none = errors["before"].mean_square, errors["before"].square, Errors()
+    return Proof(
+        before=before,
+        after=errors["after"].mean_square,
+        retuned=errors.get("retuned", none).mean_square,
+        noise_floor={h: floor for h in before},
+        black_box=errors["black_box"].mean_square,
+        median={name: e.median for name, e in errors.items()},
+        misfit_before=misfit(given, given),
+        misfit_after=misfit(errors["after"].square, given),
+        held_out=len(segment_folds(problem.segments).unique()) > 1,
+    )

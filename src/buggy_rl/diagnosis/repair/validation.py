@@ -25,6 +25,9 @@ from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments
 
+SAID = 1.0  # [s] horizon of the errors that are said
+
+
 FOLDS = 2
 ITERATIONS = 2  # of a fit to a part of the recordings, from the one to all of them
 TRIMS = ("throttle_gain", "throttle_offset", "steering_gain", "steering_offset")

@@ -15,8 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from buggy_rl.diagnosis.answer.answer import OPEN, Answer, describe_unexplained
 from buggy_rl.diagnosis.answer.behaviour import differing
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
-from buggy_rl.diagnosis.answer.words import CONDITIONS
+from buggy_rl.diagnosis.answer.located import locate
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.figures import (
@@ -29,8 +28,9 @@ from buggy_rl.diagnosis.report.figures import (
     worst_segment,
 )
 from buggy_rl.diagnosis.report.wording import alternatives, ranking
-from buggy_rl.diagnosis.residuals import locate
+from buggy_rl.diagnosis.residuals import CONDITIONS
 from buggy_rl.diagnosis.run.case import DiagnosisCase
+from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.segments import WARM_UP
 from buggy_rl.figures.drives import manoeuvre_figure, replay_figure

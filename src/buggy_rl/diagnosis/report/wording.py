@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from buggy_rl.diagnosis.answer.answer import Verdict
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
+from buggy_rl.diagnosis.answer.located import Region
 from buggy_rl.diagnosis.answer.named_effect import SUREST
-from buggy_rl.diagnosis.answer.words import CONDITIONS, READINGS, Condition
-from buggy_rl.diagnosis.residuals import Region
+from buggy_rl.diagnosis.residuals import CONDITIONS, READINGS, Condition
 from buggy_rl.diagnosis.search.candidate import substitutes
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects import effect_class

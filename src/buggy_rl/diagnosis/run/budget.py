@@ -29,6 +29,8 @@ class Budget:
     """Whether what is held out is rolled out anew; predicted to first order otherwise."""
     longer: bool = True
     """Whether errors are told at horizons beyond the segments too."""
+    experiments: bool = True
+    """Whether it is looked for what to drive next."""
 
     @property
     def sets(self) -> int:

@@ -1,15 +1,29 @@
-"""Builds the simulator that is diagnosed, here and in worker processes."""
+"""The simulator that is diagnosed: built, stepped finely enough for its drives, measured."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from torchrl.envs import EnvBase
 
-from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.core.car_file import load_car
+from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity, VehicleDimensions
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.run.case import Drives
+from buggy_rl.effects import OF_A_COLUMN, offered
+from buggy_rl.effects.measuring import in_turn, measurable_options
+from buggy_rl.estimation.body import body_of, bounded_by
+from buggy_rl.estimation.evidence import misfit
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.noise_model import noise_model
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import Segments
 from buggy_rl.simulators import ENGINES, Factory, read_simulator
+from buggy_rl.task.augment import effects_of
 from buggy_rl.task.env import make_simulator
 
 
@@ -66,3 +80,169 @@ def engine_of(simulator: str | Factory) -> str:
     while simulator.endswith((".yaml", ".yml")):
         simulator = str(read_simulator(Path(simulator))["engine"])
     return simulator
+
+
+@dataclass(frozen=True)
+class IntegrationStep:
+    """The integration step with which a simulator is looked at."""
+
+    options: dict[str, Any] = field(default_factory=dict)
+    """Options of the simulator, where its step is not the one that it was given with."""
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A simulator, and the library that is compared with it."""
+
+    simulation: Simulation
+    """Simulation with what effects must know of the simulator."""
+    library: Library
+    """What the simulator may lack, or have wrong."""
+    notes: list[str]
+    step: IntegrationStep = field(default_factory=IntegrationStep)
+
+
+def open_simulator(
+    config: DiagnosisConfig,
+    drives: Drives,
+    simulation: Callable[[Maker], Simulation] = Simulation,
+    begun: float | None = None,
+) -> Opened:
+    """Builds the simulator of a question with a step that is fine enough, and measures it.
+
+    Args:
+        config: The question.
+        drives: What it is compared with.
+        simulation: Of what a maker builds.
+        begun: When the diagnosis began (`time.perf_counter`): measuring has chains of about as many
+            steps as have been made since. None where no process is worth starting for one.
+    """
+    step = _step(config, drives)
+    make = Maker.of(config, options=step.options)
+    spent = 0.0 if begun is None else time.perf_counter() - begun
+    return replace(_measured(config, simulation(make), drives, spent), step=step)
+
+
+def _step(config: DiagnosisConfig, drives: Drives) -> IntegrationStep:
+    """The step that the simulator needs for drives; a user's own factory takes no options."""
+    if engine_of(config.simulator) not in ENGINES:
+        return IntegrationStep()
+    return fine_enough(
+        lambda options: Simulation(Maker.of(config, options=options)),
+        drives.segments,
+        config.search.finer_step_gain,
+    )
+
+
+HALVINGS = 3  # at most; each takes twice the time
+
+
+def fine_enough(
+    simulation: Callable[[Mapping[str, Any]], Simulation], segments: Segments, least_gain: float
+) -> IntegrationStep:
+    """Halves a simulator's step as long as that brings it closer to the recordings.
+
+    The error of a coarse step resembles other tyres. Solving the equations with half the step tells
+    one from the other: verification comes before validation (Oberkampf & Roy 2010, Verification and
+    Validation in Scientific Computing). A simulator that was fitted with a coarse step is right
+    with it, and keeps it.
+
+    Args:
+        simulation: Of the simulator with further options; with none, as it was given.
+        segments: Of the recordings.
+        least_gain: By which half the step must come closer [noise].
+    """
+    own = simulation({})
+    finer = _halved(own)
+    if not finer:
+        return IntegrationStep()
+    noise = noise_model(own, segments)
+    given = noise.whiten(own.residuals(segments))[0].square().mean(-1)
+    first = last = misfit(given, given)
+    chosen: dict[str, Any] = {}
+    for _ in range(HALVINGS):
+        half = simulation(finer)
+        off = misfit(noise.whiten(half.residuals(segments))[0].square().mean(-1), given)
+        if last - off < least_gain:
+            break
+        chosen, last, finer = finer, off, _halved(half)
+    if not chosen:
+        return IntegrationStep()
+    named = ", ".join(f"{name}={value:g}" for name, value in chosen.items())
+    return IntegrationStep(
+        chosen,
+        f"the simulator integrates too coarsely for these drives: with {named} in its options it "
+        f"is off by {last:.2f} times the noise instead of {first:.2f}; the answer is about that "
+        "one, and repaired.yaml has it",
+    )
+
+
+def _halved(simulation: Simulation) -> dict[str, Any]:
+    """Options with half the step of a simulator, if it has one."""
+    return getattr(simulation.make(1), "half_step", {})
+
+
+def _measured(
+    config: DiagnosisConfig, simulation: Simulation, drives: Drives, seconds: float
+) -> Opened:
+    """What effects must know of a simulator, and the library that is compared with it.
+
+    Args:
+        config: The question.
+        simulation: Of the simulator.
+        drives: What it is compared with.
+        seconds: That a chain of its steps is expected to take; for little, no process is started.
+    """
+    make, apart = simulation.make, partial(simulation.workers.results, seconds=seconds)
+    own = drives.baseline is None if config.parameters is None else config.parameters
+    inside = [effect.name for effect in effects_of(make(1))]
+    black_box = config.parameters is False
+    realises = {} if black_box else getattr(make(1), "realises", {})
+    declared = getattr(make(1), "declared", {}) if own or realises else {}
+    declared = {name: bounded_by(body_of(make(1)), p) for name, p in declared.items()}
+    derived = set.intersection(*(set(r.derived) for r in drives.recordings))
+    names = config.effects or offered(declared_by(make(1)), derived)
+    scale = _similarity(config, make)
+    library = Library([e for e in names if e not in inside], declared, own, realises, scale)
+    options, notes = measurable_options(make, apart, *_of_the_file(config))
+    left_out = [n for n, column in OF_A_COLUMN.items() if column in derived]
+    if left_out and not config.effects:
+        notes.append(
+            f"{', '.join(sorted(derived))} follow from the pose in all recordings: "
+            f"{', '.join(left_out)} cannot be told and are not looked for"
+        )
+    return Opened(replace(simulation, options=options), library, notes)
+
+
+def measured_again(
+    config: DiagnosisConfig, given: Simulation, make: Callable[[int], Any], library: Library
+) -> Opened:
+    """A simulator whose own parameters were fitted: what effects must know of it is measured anew.
+
+    Args:
+        config: The question.
+        given: Of the simulator as it was given.
+        make: Builds the re-tuned one.
+        library: Of the simulator as it was given.
+    """
+    options, notes = measurable_options(make, in_turn, *_of_the_file(config))
+    declared = getattr(make(1), "declared", {})
+    library = Library(library.effects, declared, own=False, similarity=library.similarity)
+    return Opened(replace(given, make=make, options=options), library, notes)
+
+
+def _of_the_file(config: DiagnosisConfig) -> tuple[VehicleDimensions | None, float | None]:
+    """Dimensions and largest road-wheel angle [rad] of the car, where a file says them."""
+    if not config.car:
+        return None, None
+    car = load_car(config.car)
+    locks = [angle for angle in (car.steering.left, car.steering.right) if angle]
+    return car.vehicle, max(locks, default=None)
+
+
+def _similarity(config: DiagnosisConfig, make: Callable[[int], Any]) -> Similarity:
+    """Ratios of the car to the buggy; without a car's file those of the simulator."""
+    if config.car:
+        return load_car(config.car).similarity
+    return getattr(make(1), "similarity", Similarity())

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from buggy_rl.diagnosis.run.budget import Budget, smaller
-from buggy_rl.diagnosis.run.drives import Drives
-from buggy_rl.diagnosis.search.limits import LIMITS
+from buggy_rl.diagnosis.run.case import Drives
 from buggy_rl.estimation.cost import MANY, Cost, measured_cost
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
@@ -220,6 +219,7 @@ def plan_of(
     minutes: float,
     begun: float | None = None,
     short: str = "",
+    limits: int = 0,
 ) -> Plan:
     """The plan of a diagnosis in the time that it may take.
 
@@ -230,6 +230,7 @@ def plan_of(
         minutes: That the diagnosis may take.
         begun: When that time began (`time.perf_counter`); None for now.
         short: Why the search is as short as it can be, where `minutes` limits it at all.
+        limits: Effects of the library that another of its effects becomes in a limit.
     """
     segments = drives.segments
     cost = measured_cost(
@@ -242,7 +243,7 @@ def plan_of(
         trials=sum(len(library.trials(name, segments, (1.0,))) for name in library.names),
         baseline=0 if drives.baseline is None else len(drives.baseline),
         longer=len(drives.longer.get(HORIZONS[-1], ())),
-        limits=sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS),
+        limits=limits,
     )
     if short and minutes:
         return shortest(question, cost, short)

@@ -1,13 +1,22 @@
-"""A fitted hypothesis, how well it predicts, and what it leaves."""
+"""A fitted hypothesis: how well it predicts, what it leaves, whether its numbers are constant.
+
+What the library has no equation for is closed in part by an effect that resembles it: a servo that
+sticks passes for play. But the number that fits best is then another at another speed. Structural
+change of regression coefficients is an old test of form (Chow 1960; Brown, Durbin, Evans 1975).
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.residuals import drive_features
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.estimation.evidence import CrossValidated, misfit, typical
-from buggy_rl.estimation.gauss_newton import Fit
+from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.segments import Segments
 
 Effects = tuple[str, ...]
 """Names of a hypothesis, sorted."""
@@ -77,3 +86,94 @@ def substitutes(tried: Mapping[Effects, Candidate], others: frozenset[str]) -> d
         if others <= frozenset(effects) and len(more) <= 1:
             result[next(iter(more), "")] = candidate
     return result
+
+
+MOST = 3.0  # [standard deviations] from the median, as which a condition counts at most
+EVEN = 1e-6  # [-] of the largest value: a condition that differs by less was the same everywhere
+SIGNED = ("steering", "lateral_acceleration")  # conditions whose magnitude is another one
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How much better an effect would do if its parameters were not the same in all segments."""
+
+    condition: str = ""
+    """Condition with which the parameters change most significantly."""
+    closes: float = 0.0
+    """Excess misfit that is closed more, on what was held out."""
+    nats: float = 0.0
+    """Nats by which it does better there."""
+
+
+def conditions(segments: Segments, instants: Tensor) -> dict[str, Tensor]:
+    """How each segment was driven: name -> [N], about its median, in standard deviations.
+
+    Args:
+        segments: N segments.
+        instants: Rows [K] after the start that are read.
+    """
+    seen = drive_features(segments, instants)
+    heading = seen.pop("heading")
+    seen |= {"heading_x": torch.cos(heading), "heading_y": torch.sin(heading)}
+    seen |= {f"abs_{name}": seen[name].abs() for name in SIGNED}
+    seen["steering_rate"] = seen["steering_rate"].abs()
+    means = {name: value.double().mean(1) for name, value in seen.items()}
+    means["acceleration"] = (seen["vx"][:, -1] - seen["vx"][:, 0]).double()
+    return {
+        name: ((x - x.median()) / x.std()).clamp(-MOST, MOST)
+        for name, x in means.items()
+        if float(x.std()) > EVEN * float(x.abs().max())
+    }
+
+
+def variation(
+    criteria: Criteria, problem: Problem, best: Candidate, null: Candidate, effect: str
+) -> Variation:
+    """Lets an effect's parameters change with one condition at a time, to first order.
+
+    theta_n = theta + u c_n with the condition c_n of a segment and u ~ N(0, variation_prior^2);
+    blocks are held out one at a time, with all parameters fitted anew beside u.
+
+    Args:
+        criteria: Blocks and priors.
+        problem: Of all segments; nothing is rolled out.
+        best: The hypothesis, with its derivatives.
+        null: The simulator as given.
+        effect: One of the best's.
+    """
+    fit = best.fit
+    assert fit.jacobian is not None
+    own = [i for i, coordinate in enumerate(fit.coordinates) if coordinate.effect == effect]
+    constant = _held_out(criteria, problem, best, fit.jacobian[..., :0])
+    found = Variation()
+    instants = problem.simulation.instants(problem.segments)
+    for name, value in conditions(problem.segments, instants).items():
+        columns = fit.jacobian[..., own] * value[:, None, None]
+        varied = _held_out(criteria, problem, best, columns)
+        lost = [problem.noise.loss(s, problem.dispersion) for s in (constant, varied)]
+        nats = float((lost[0] - lost[1]).sum())
+        if nats > found.nats:
+            size = fit.whitened.shape[-1]
+            first, last = (misfit(s / size, null.held_out) for s in (constant, varied))
+            found = Variation(name, first - last, nats)
+    return found
+
+
+def _held_out(criteria: Criteria, problem: Problem, best: Candidate, more: Tensor) -> Tensor:
+    """|W e|^2 [N] with further columns [N, D, Q], when a segment's block was held out."""
+    fit, dispersion = best.fit, problem.dispersion
+    assert fit.jacobian is not None
+    columns = torch.cat([fit.jacobian, more], -1)
+    weight = problem.noise.weight(fit.square, dispersion) / dispersion
+    curve = torch.einsum("ndp,ndq,n->npq", columns, columns, weight)
+    score = torch.einsum("ndp,nd,n->np", columns, fit.whitened, weight)
+    varying = torch.full((more.shape[-1],), criteria.rules.variation_prior, dtype=torch.float64)
+    prior = torch.cat([fit.prior, varying])
+    vector = torch.cat([fit.vector, torch.zeros_like(varying)])
+    hessian, gradient = curve.sum(0) + torch.diag(prior**-2), score.sum(0) + vector / prior**2
+    square = torch.empty(len(criteria.group), dtype=torch.float64)
+    for block in criteria.group.unique():
+        out = criteria.group == block
+        step = torch.linalg.solve(hessian - curve[out].sum(0), gradient - score[out].sum(0))
+        square[out] = (fit.whitened[out] - columns[out] @ step).square().sum(-1)
+    return square

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
-from buggy_rl.diagnosis.search.candidate import Effects, leading
-from buggy_rl.diagnosis.search.constancy import Variation
+from buggy_rl.diagnosis.search.candidate import Effects, Variation, leading
 from buggy_rl.estimation.evidence import BaselineMisfit, Evidence
 
 DIGITS = 5  # of every number

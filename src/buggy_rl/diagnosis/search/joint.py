@@ -16,10 +16,9 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.run.budget import FULL, Budget
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.run.plan import Part
-from buggy_rl.diagnosis.search.candidate import Candidate, Effects, priced
-from buggy_rl.diagnosis.search.constancy import conditions
+from buggy_rl.diagnosis.search.candidate import Candidate, Effects, conditions, priced
 from buggy_rl.diagnosis.search.limits import missing_hypotheses
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import (

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects
+from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.estimation.hypothesis import Hypothesis, Library
 from buggy_rl.estimation.segments import Segments
 
@@ -54,6 +54,11 @@ LIMITS = (
         ", wherever it was driven",
     ),
 )
+
+
+def limits_within(library: Library) -> int:
+    """Number of effects of a library that another of its effects becomes in a limit."""
+    return sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS)
 
 
 def same_sets(tried: Mapping[Effects, Candidate], segments: Segments) -> dict[Effects, Effects]:

@@ -7,13 +7,11 @@ from functools import partial
 import torch
 
 from buggy_rl.diagnosis.residuals import CLIPPED, by_condition, unexplained
-from buggy_rl.diagnosis.run.criteria import Criteria
-from buggy_rl.diagnosis.search.candidate import Effects, excess_misfit
+from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.search.candidate import Effects, excess_misfit, variation
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.diagnosis.search.constancy import variation
-from buggy_rl.diagnosis.search.features import varying
 from buggy_rl.diagnosis.search.joint import JointSearch, Weighed
-from buggy_rl.diagnosis.search.posterior import posterior
+from buggy_rl.diagnosis.search.posterior import posterior, varying
 from buggy_rl.diagnosis.search.result import SearchResult
 
 

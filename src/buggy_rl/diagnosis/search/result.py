@@ -5,14 +5,16 @@ from dataclasses import dataclass, field, replace
 
 import torch
 
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects, excess_misfit, leading
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.diagnosis.search.posterior import LISTED, Posterior
 from buggy_rl.estimation.evidence import cross_validated, rewhitened
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.noise_model import NoiseModel, noise_model
+
+LEADING = 3  # hypotheses, of which each may be the truth
 
 
 def held_out_loss(noise: NoiseModel, dispersion: float, candidate: Candidate) -> float:
@@ -60,6 +62,12 @@ class SearchResult:
         little: there it is the one that predicts best.
         """
         return self.predictive if self.posterior.says == "unknown" else self.best
+
+    @property
+    def most_probable(self) -> list[Effects]:
+        """The most probable hypotheses, of those that are listed; at most `LEADING`."""
+        ranked = sorted(self.posterior.sets.items(), key=lambda item: -item[1])
+        return [effects for effects, p in ranked[:LEADING] if p >= LISTED]
 
     def problem(self, problem: Problem) -> Problem:
         """The problem with the noise model and dispersion that the search came to."""

@@ -13,7 +13,7 @@ from buggy_rl.core import keys
 from buggy_rl.core.config import build
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import taken_by
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.training.actor_critic import load_policy
 from buggy_rl.policies.training.run import EngineConfig, new_engine, task_of, training_engine
 from buggy_rl.task.config import TaskConfig, TransformConfig, evaluation_transforms

@@ -16,9 +16,13 @@ from torch import Tensor
 from buggy_rl.core.longitudinal import LongitudinalCommand
 from buggy_rl.policies.closed_loop import Driver, Scores, drive
 from buggy_rl.policies.controllers.at_scale import for_car, taken_by
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit, PurePursuitConfig
+from buggy_rl.policies.controllers.path_tracking import (
+    PurePursuit,
+    PurePursuitConfig,
+    Stanley,
+    StanleyConfig,
+)
 from buggy_rl.policies.controllers.replay import RandomDriver
-from buggy_rl.policies.controllers.stanley import Stanley, StanleyConfig
 from buggy_rl.policies.controllers.tuning import Trial, TuningConfig, tune
 from buggy_rl.policies.evaluation.drives import STEPS, Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.human_table import HumanDrives, human_lines

@@ -16,7 +16,7 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore
 
 METHODS = {  # as the page calls it -> seen folder -> answer
-    "random guess": "buggy_rl.proof.baselines.answers:guess",
+    "random guess": "buggy_rl.proof.baselines.asked:guess",
     "re-tuning alone": "buggy_rl.proof.baselines.retune:retune",
     "mujoco.sysid": "buggy_rl.proof.baselines.sysid:identified",
     "sparse regression": "buggy_rl.proof.baselines.sindy:sindy",

@@ -27,8 +27,7 @@ from buggy_rl.estimation.hypothesis import Coordinate, Library
 from buggy_rl.estimation.noise_model import NoiseModel, sensor_noise
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import AHEAD, Segments, cut_segments
-from buggy_rl.proof.baselines.answers import named, parameter_interval, unnamed
-from buggy_rl.proof.baselines.asked import Asked, open_question
+from buggy_rl.proof.baselines.asked import Asked, named, open_question, parameter_interval, unnamed
 from buggy_rl.task.augment import effects_of
 
 SPAN = 10  # rows (0.1 s) whose mean is one number: shorter drowns in the noise of a derivative

@@ -22,8 +22,7 @@ from buggy_rl.estimation.hypothesis import OWN, Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
-from buggy_rl.proof.baselines.answers import named, parameter_interval, unnamed
-from buggy_rl.proof.baselines.asked import Asked, open_question
+from buggy_rl.proof.baselines.asked import Asked, named, open_question, parameter_interval, unnamed
 from buggy_rl.proof.baselines.columns import mean_of_blocks, roots
 from buggy_rl.proof.cases.equivalents import meant
 

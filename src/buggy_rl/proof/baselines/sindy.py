@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from buggy_rl.proof.baselines.answers import named, unnamed
-from buggy_rl.proof.baselines.asked import open_question
+from buggy_rl.proof.baselines.asked import named, open_question, unnamed
 from buggy_rl.proof.baselines.columns import Columns, residual_columns
 
 FAINT = 0.1  # of a typical size: the threshold under which a coefficient is dropped

@@ -19,8 +19,7 @@ from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.least_squares import SCALES, STEP, scaled_settings
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
-from buggy_rl.proof.baselines.answers import unnamed
-from buggy_rl.proof.baselines.asked import open_question
+from buggy_rl.proof.baselines.asked import open_question, unnamed
 from buggy_rl.proof.baselines.retune import Move, farthest
 from buggy_rl.simulators.mujoco import MujocoEngine
 

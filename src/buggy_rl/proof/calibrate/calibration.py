@@ -4,7 +4,7 @@ A case counts with the logarithm of the probability that its truth is given: the
 parameter of the simulator's that is the same as an effect counts as that), nothing, or `unknown`
 where no effect is what the simulator lacks: other physics is concealed, or nothing, and without
 drives from before the simulator of another make is not the car. A set that the search did not come
-to cannot be given, and the case does not count; in `named.counted` it does. Weights are shrunk by a
+to cannot be given, and the case does not count; in `score.tables` it does. Weights are shrunk by a
 Gaussian prior on scaled features, as wide as predicts left-out groups best.
 """
 
@@ -12,26 +12,27 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 import yaml
 from omegaconf import MISSING
 from torch import Tensor
 
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
-from buggy_rl.diagnosis.search.features import of_case, of_hypotheses
-from buggy_rl.diagnosis.search.posterior import Calibration, FormError, Posterior, posterior
-from buggy_rl.effects import EFFECTS
-from buggy_rl.estimation.hypothesis import OWN
-from buggy_rl.proof.cases.sizes import UNKNOWN_SIZES
+from buggy_rl.diagnosis.search.posterior import (
+    Calibration,
+    FormError,
+    Posterior,
+    of_case,
+    of_hypotheses,
+)
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.equivalents import of_same_name
+from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.plants.composed import Sort, is_composed
 
 RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # precisions of the weights' prior that are tried
 FOLDS = 8  # groups are left out by as many parts
 SHUT = -1e9  # score of a hypothesis that a case does not have
-
-Entry = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -71,47 +72,11 @@ class FeatureTable:
         )
 
 
-def outside(entry: Entry) -> bool:
-    """What is concealed is no effect of the library."""
-    return any(is_composed(e) or e in UNKNOWN_SIZES for e in entry["case"]["concealed"])
-
-
-def of_another_form(entry: Entry) -> bool:
-    """Nothing is concealed, and yet simulator and car differ, which no baseline shows."""
-    return not entry["case"]["concealed"] and differs_unseen(entry)
-
-
-def differs_unseen(entry: Entry) -> bool:
-    """The simulator is of another make than the car, and no baseline shows how they differ."""
-    case = entry["case"]
-    return case["plant"] != case["simulator"] and not case["baseline"]
-
-
-def unknown(entry: Entry) -> bool:
-    """The truth is that something differs which no effect describes."""
-    return outside(entry) or of_another_form(entry)
-
-
-def truth(entry: Entry) -> tuple[str, ...]:
-    """What is concealed, sorted."""
-    return tuple(sorted(entry["case"]["concealed"]))
-
-
-def meant(effects: Iterable[str]) -> tuple[str, ...]:
-    """Effects of a hypothesis, sorted; a parameter of an effect's name is that effect.
-
-    A dead time of the steering is the same whether it is added to the simulator or a number of it.
-    """
-    plain = {e: e.removeprefix(OWN) for e in effects}
-    return tuple(sorted({name if name in EFFECTS else e for e, name in plain.items()}))
-
-
-def group(entry: Entry) -> str:
+def group(case: Case) -> str:
     """What is left out together: a kind of unknown physics, or cases of one pairing."""
-    if not outside(entry):
-        case = entry["case"]
-        return f"{case['plant']}, {case['simulator']}, {case['baseline']}, {case['seed'] % 4}"
-    [sort] = truth(entry)
+    if case.family != "unknown":
+        return f"{case.plant}, {case.simulator}, {case.baseline}, {case.seed % 4}"
+    [sort] = case.truth
     return Sort.named(sort).where if is_composed(sort) else sort
 
 
@@ -121,7 +86,7 @@ def feature_table(entries: Sequence[Entry], without: Collection[str] = ()) -> Fe
     Raises:
         ValueError: There is no such feature.
     """
-    seen = [CaseEvidence.from_dict(e) for e in entries]
+    seen = [e.seen for e in entries]
     own, cases = [of_hypotheses(s) for s in seen], [of_case(s) for s in seen]
     missing = {*without} - {*own[0][0], *cases[0]}
     if missing:
@@ -141,8 +106,9 @@ def feature_table(entries: Sequence[Entry], without: Collection[str] = ()) -> Fe
         hypotheses[row, : len(features)] = torch.tensor([[*f.values()] for f in features]).double()
         shut[row, : len(features)] = 0.0
         for column, h in enumerate(seen[row].fitted):
-            true[row, column] = meant(h.effects) == truth(entry) and not unknown(entry)
-        true[row, -1] = unknown(entry)
+            effects = tuple(sorted({*map(of_same_name, h.effects)}))
+            true[row, column] = effects == entry.case.truth and not entry.case.unknown
+        true[row, -1] = entry.case.unknown
     case = torch.tensor([[*c.values()] for c in cases]).double()
     return FeatureTable(hypotheses, shut, case, true, names)
 
@@ -182,9 +148,9 @@ def _log_likelihood(of: FeatureTable, w: Tensor, v: Tensor) -> Tensor:
 
 def case_folds(entries: Sequence[Entry]) -> Tensor:
     """Part [n] of each case; a group is in one part."""
-    names = sorted({group(e) for e in entries})
+    names = sorted({group(e.case) for e in entries})
     part = {name: number % FOLDS for number, name in enumerate(names)}
-    return torch.tensor([part[group(e)] for e in entries])
+    return torch.tensor([part[group(e.case)] for e in entries])
 
 
 def left_out(
@@ -197,7 +163,7 @@ def left_out(
     for out, w, v in kept:
         calibration = _calibration(of[~out], w, v)
         for row in out.nonzero().flatten().tolist():
-            found[row] = posterior(CaseEvidence.from_dict(entries[row]), calibration)
+            found[row] = entries[row].posterior(calibration)
     return found, _predicted(of, kept)
 
 

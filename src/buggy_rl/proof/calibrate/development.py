@@ -1,34 +1,28 @@
-"""Development cases: drawn wide, recorded, searched, and all that was seen written down.
+"""Cases of a known truth: drawn wide, recorded, searched, and all that was seen written down."""
 
-One JSON line a case: what is concealed, every hypothesis that was fitted, with its numbers, its
-held-out loss by block and its evidence. Nothing here is sealed: a calibration is made from it, and
-no published score.
-"""
-
-import gzip
 import json
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from omegaconf import MISSING
 
 from buggy_rl.core.files import clear_folder, write_json
+from buggy_rl.diagnosis.answer.experiments import weak
 from buggy_rl.diagnosis.pipeline import open_case
-from buggy_rl.diagnosis.preflight.recordings import weak
-from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
-from buggy_rl.diagnosis.search.joint import JointSearch, joint_search
+from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence
 from buggy_rl.effects import EFFECTS
+from buggy_rl.jobs import results
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.proof.baselines.asked import open_question
-from buggy_rl.proof.calibrate import intervals as step_intervals
+from buggy_rl.proof.calibrate.intervals import step_quantities
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.cases.draw import PAIRINGS, DrawConfig, draw_all
-from buggy_rl.proof.cases.sealing import HELD_OUT, INPUTS, CaseStore, seal
-from buggy_rl.proof.plants import abilities
+from buggy_rl.proof.cases.draw import DrawConfig, drawn
+from buggy_rl.proof.cases.sealing import HELD_OUT, INPUTS, CaseStore, groups, seal
+from buggy_rl.proof.ledger import Entry, Ledger
 
 
 @dataclass(frozen=True)
@@ -57,88 +51,100 @@ class DevelopmentConfig(Launching):
         return CaseStore(Path(self.output), Path(self.output) / "truth")
 
     @property
-    def file(self) -> Path:
+    def lines(self) -> Ledger:
         """File of the ledger."""
-        return Path(self.ledger or Path(self.output) / "development.jsonl")
+        return Ledger(Path(self.ledger or Path(self.output) / "development.jsonl"))
+
+    @property
+    def left(self) -> list[Case]:
+        """What is drawn and not in the ledger."""
+        return self.lines.left(drawn(self.draw))
 
 
-def cases_left(config: DevelopmentConfig) -> list[Case]:
-    """Cases of the config that are not in its ledger."""
-    plants = {PAIRINGS[name].plant for name in config.draw.pairings}
-    cases = draw_all(config.draw, {plant: abilities(plant) for plant in plants})
-    done = {entry["case"]["seed"] for entry in entries(config.file)}
-    return [case for case in cases if case.seed not in done]
+@dataclass(frozen=True)
+class Searching:
+    """How cases are searched."""
 
+    store: CaseStore
+    """Store in which the cases lie meanwhile."""
+    kind: str = "development"
+    """Kind of the lines, of `ledger.KINDS`."""
+    effects: Sequence[str] = ()
+    """Effects to choose from; none for the whole library."""
+    stretches: int = 48
+    """Segments of 1 s."""
 
-def entries(ledger: Path) -> list[dict[str, Any]]:
-    """Lines of a ledger, also of one that is packed (.gz); none where there is no such file.
+    def into(
+        self, ledger: Ledger, parts: Sequence[Sequence[Case]], workers: int, launching: Launching
+    ) -> Iterator[int]:
+        """Enters cases in the order in which they are done; how many each time.
 
-    Raises:
-        ValueError: A line is not a ledger's; the message names file and line.
-    """
-    if not ledger.exists():
-        return []
-    found = []
-    content = ledger.read_bytes()
-    text = (gzip.decompress(content) if ledger.suffix == ".gz" else content).decode()
-    for number, line in enumerate(text.splitlines(), 1):
+        Args:
+            ledger: What is in it is whole, whenever this is stopped.
+            parts: Cases of one job each.
+            workers: Jobs at a time.
+            launching: Where.
+        """
+        calls = {part[0].id: (self, part) for part in parts}
+        jobs = self.store.output / "jobs" / "search"
+        for lines in results(Searching.searched, calls, jobs, workers, launching):
+            entries = [Entry.from_dict(line) for line in lines]
+            ledger.enter(entries)
+            for entry in entries:
+                self._line_file(entry.id).unlink()
+            yield len(entries)
+
+    def searched(self, cases: Sequence[Case]) -> list[dict[str, Any]]:
+        """Lines of cases that share plant and length; their drives are removed again.
+
+        Each line is written to a file of its own too: interrupted, it goes on with the next case.
+        """
+        store = self.store
+        store.sealed.mkdir(parents=True, exist_ok=True)
+        if not all(self._line_file(case.id).exists() for case in cases):
+            # The batch of a case stays.
+            seal(store, cases, list(self.effects), segments=self.stretches)
+        for case in cases:
+            if not self._line_file(case.id).exists():
+                write_json(self._line_file(case.id), self._entry(case).to_dict())
+        for case in cases:
+            clear_folder(store.inputs(case.id), INPUTS)
+            clear_folder(store.held_out(case.id), HELD_OUT)
+            store.truth(case.id).unlink(missing_ok=True)
+        return [json.loads(self._line_file(case.id).read_text()) for case in cases]
+
+    def _line_file(self, id_: str) -> Path:
+        """The line of a case that is done, until it is in the ledger."""
+        return self.store.output / "lines" / f"{id_}.json"
+
+    def _entry(self, case: Case) -> Entry:
+        """What is entered of a case that has been driven."""
+        begun = time.monotonic()
+        found = Entry(case.id, self.kind, case)
         try:
-            entry = json.loads(line)
-            if "seed" not in entry["case"] or "hypotheses" not in entry:
-                raise KeyError("seed or hypotheses are missing")
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(
-                f"{ledger}, line {number}: no development case ({error}); take the line out, and "
-                "the case is run again"
-            ) from error
-        found.append(entry)
-    return found
+            found = self._with_evidence(found)
+        except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
+            found = replace(found, failed=f"{type(error).__name__}: {error}")
+        return replace(found, seconds=round(time.monotonic() - begun, 1))
 
-
-def developed(
-    store: CaseStore, effects: Sequence[str], stretches: int, cases: Sequence[Case]
-) -> list[dict[str, Any]]:
-    """Lines of cases that share plant and length; their drives are removed again.
-
-    Each line is written to its `line_file` too: interrupted, it goes on with the next case.
-    """
-    store.sealed.mkdir(parents=True, exist_ok=True)
-    if not all(line_file(store, case).exists() for case in cases):
-        seal(store, cases, list(effects), segments=stretches)  # the batch of a case stays
-    for case in cases:
-        if not line_file(store, case).exists():
-            write_json(line_file(store, case), _line(store, effects, case))
-    for case in cases:
-        clear_folder(store.inputs(case.id), INPUTS)
-        clear_folder(store.held_out(case.id), HELD_OUT)
-        store.truth(case.id).unlink(missing_ok=True)
-    return [json.loads(line_file(store, case).read_text()) for case in cases]
-
-
-def line_file(store: CaseStore, case: Case) -> Path:
-    """The line of a case that is done, until it is in the ledger."""
-    return store.output / "lines" / f"{case.id}.json"
-
-
-def _line(store: CaseStore, effects: Sequence[str], case: Case) -> dict[str, Any]:
-    """What is written of a case that has been driven."""
-    begun = time.monotonic()
-    try:
-        question = open_question(store.inputs(case.id))
+    def _with_evidence(self, entry: Entry) -> Entry:
+        case = entry.case
+        question = open_question(self.store.inputs(case.id))
         ready = open_case(question.config, question.recordings, question.baseline)
-        also = [case.truth] if set(case.truth) <= set(effects or EFFECTS) else []
+        also = [case.truth] if set(case.truth) <= set(self.effects or EFFECTS) else []
         found = joint_search(ready.problem, ready.criteria, also)
-        line = _described_search(ready, found, case)
-        searched = replace(ready, problem=found.problem)
-        line["steps"] = step_intervals.step_quantities(searched, found, case)
-    except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
-        line = {"failed": f"{type(error).__name__}: {error}", "hypotheses": []}
-    seconds = round(time.monotonic() - begun, 1)
-    return {"case": asdict(case), "seconds": seconds, **line}
+        driven = tuple(line.partition(" hardly")[0] for line in weak(ready.problem.segments))
+        steps = step_quantities(replace(ready, problem=found.problem), found, case)
+        return replace(
+            entry,
+            rank=found.rank(case.truth),
+            weak=driven,
+            evidence=search_evidence(ready.criteria, found),
+            steps=tuple(steps),
+        )
 
 
-def _described_search(ready: Opened, found: JointSearch, case: Case) -> dict[str, Any]:
-    """What is written of a search."""
-    driven = [line.partition(" hardly")[0] for line in weak(ready.problem.segments)]
-    seen = search_evidence(ready.criteria, found).to_dict()
-    return {"rank": found.rank(case.truth), "weak": driven, **seen}
+def parts_of(cases: Sequence[Case], most: int) -> list[list[Case]]:
+    """Cases that can be driven in one batch, so many at most."""
+    every = groups(cases)
+    return [group[i : i + most] for group in every for i in range(0, len(group), most)]

@@ -8,14 +8,13 @@ apart by what was logged of it, fitted without the sort, or the pairing, that it
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence
-from buggy_rl.proof.cases.sizes import UNKNOWN_SIZES
-from buggy_rl.proof.plants.composed import Sort, is_composed
+from buggy_rl.proof.calibrate.calibration import group
+from buggy_rl.proof.ledger import Entry
 
 PRICE = 3.0  # [nats] of an effect more, where nothing is true and the most evident is taken
 REGULARISATION = 0.3  # inverse strength, as scikit-learn has it
@@ -41,29 +40,27 @@ class Sample:
     features: Mapping[str, float]
 
 
-def samples(entries: Sequence[Mapping[str, Any]]) -> list[Sample]:
+def samples(entries: Sequence[Entry]) -> list[Sample]:
     """Samples of all cases in which the simulator as given is off by more than is usual."""
     found = []
     for entry in entries:
-        truth = tuple(sorted(entry["case"]["concealed"]))
-        if not entry["hypotheses"] or not truth:
+        case, seen = entry.case, entry.evidence
+        if seen is None or not case.truth:
             continue
-        seen = CaseEvidence.from_dict(entry)
         by_set = {h.effects: h for h in seen.hypotheses}
         if seen.first <= seen.usual.most:
             continue
-        unknown = any(is_composed(e) or e in UNKNOWN_SIZES for e in truth)
+        unknown = case.family == "unknown"
         if unknown:
             named = {k: h for k, h in by_set.items() if k}
             chosen = max(named, key=lambda k: named[k].evidence.log_evidence - PRICE * len(k))
-            sort = truth[0]
-            group = Sort.named(sort).where if is_composed(sort) else sort
-        elif truth in by_set:
-            chosen, group = truth, f"{entry['case']['plant']}, {entry['case']['simulator']}"
+            kind = group(case)
+        elif case.truth in by_set:
+            chosen, kind = case.truth, f"{case.plant}, {case.simulator}"
         else:
             continue
         features = _features(seen, by_set[chosen])
-        found.append(Sample(not unknown, group, features))
+        found.append(Sample(not unknown, kind, features))
     return found
 
 
@@ -116,7 +113,7 @@ def left_out(found: Sequence[Sample], used: Sequence[str]) -> NDArray:
     return scores
 
 
-def discrimination(entries: Sequence[Mapping[str, Any]], seed: int = 0) -> str:
+def discrimination(entries: Sequence[Entry], seed: int = 0) -> str:
     """Areas under the curve, a line for each choice of features, with 95 % bootstrap intervals."""
     found = samples(entries)
     right = np.array([s.right for s in found], dtype=bool)

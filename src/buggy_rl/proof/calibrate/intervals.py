@@ -21,99 +21,120 @@ from buggy_rl.diagnosis.answer.behaviour import driven_of, step_values
 from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.answer.step_tests import step_tests
 from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
-from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvidence, rounded
+from buggy_rl.diagnosis.search.case_evidence import HypothesisEvidence, rounded
 from buggy_rl.diagnosis.search.joint import JointSearch
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import FormError
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
-from buggy_rl.proof.calibrate.calibration import Entry, group, truth, unknown
+from buggy_rl.proof.calibrate.calibration import group
 from buggy_rl.proof.cases.case import RATES, Case
 from buggy_rl.proof.cases.drives import plant_of, plant_parameters
-from buggy_rl.proof.score.oracle import expected
-from buggy_rl.proof.score.score import Figure, share
+from buggy_rl.proof.cases.equivalents import expected
+from buggy_rl.proof.ledger import Entry
+from buggy_rl.proof.score.score import Figure, cell, share, written
 
 CHANCE = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # tried
 ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried
 REMAINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)  # tried
 TRIED = [FormError(*of) for of in product(CHANCE, ALWAYS, REMAINS)]
+STEPS_TRIED = [FormError(chance, always, 0.0) for chance in CHANCE for always in ALWAYS if always]
+CHANCE_ALONE = FormError(1.0, 0.0, 0.0)
 COVERED = 0.95
-REDEFINED = {"cornering_drag": "steps"}
-"""Effects whose equation has changed -> what lines of ledgers have since: numbers in earlier lines
-are of another equation. Until then cornering_drag was -c |vx r|, and step tests were not kept."""
+REDEFINED = {"cornering_drag"}
+"""Effects whose equation has changed: numbers in lines from before step tests were kept are of
+another one. Until then cornering_drag was -c |vx r|."""
 FINEST = 1e-6  # [prior scales] added to half widths before a logarithm
 
 
 @dataclass(frozen=True)
 class Number:
-    """A fitted number of the true set."""
+    """A number that was said, and what it is in truth: of a true set, or of a step test."""
 
-    z: float
+    value: float
+    """[prior scales] of a fitted number, in its own unit of a step test; so are the others."""
     true: float
-    by_blocks: float
-    """[prior scales] standard deviation by leaving out blocks."""
-    share: float
-    """What remains over what its effect closes."""
+    size: float
+    """Size that form errors are shares of."""
+    spread: float
+    """Standard deviation by leaving out blocks."""
     group: str
+    share: float = 0.0
+    """What remains over what its effect closes."""
+    apart: float = 0.0
+    """Spread of the other leading hypotheses about it."""
+    name: str = ""
+    """Name of a step test's quantity."""
 
     def half_width(self, form: FormError) -> float:
-        """Half width of its 95 % interval [prior scales]."""
-        return NORMAL * form.sd(self.z, self.by_blocks, self.share)
+        """Half width of its 95 % interval."""
+        return NORMAL * form.sd(self.size, self.spread, self.share) + self.apart
+
+    def inside(self, form: FormError) -> bool:
+        """Whether the truth is in the interval."""
+        return abs(self.value - self.true) <= self.half_width(form)
 
 
 def scored_numbers(entries: Sequence[Entry]) -> list[Number]:
     """Numbers of all cases whose true set was fitted, and has a number in truth."""
     found = []
     for entry in entries:
-        if not truth(entry) or unknown(entry):
+        if not entry.case.truth or entry.case.unknown:
             continue
-        seen = CaseEvidence.from_dict(entry)
-        own = seen.of(truth(entry))
-        found += [] if own is None else _of(entry, seen, own)
+        own = entry.seen.of(entry.case.truth)
+        found += [] if own is None else _of(entry, own)
     return found
 
 
-def _of(entry: Entry, seen: CaseEvidence, own: HypothesisEvidence) -> list[Number]:
-    case = Case(**entry["case"])
+def _of(entry: Entry, own: HypothesisEvidence) -> list[Number]:
+    case, seen = entry.case, entry.seen
     names = [(e, p) for e, values in own.values.items() if e for p in values]
     found = []
     for (effect, name), z, sd in zip(names, own.z, own.sd, strict=False):  # the clock is last
         value = expected(case, effect).get(name)
-        today = effect not in REDEFINED or REDEFINED[effect] in entry
+        today = effect not in REDEFINED or entry.steps is not None
         if value is not None and today:
             [parameter] = [p for p in effect_class(effect).declared if p.name == name]
             true = float(parameter.coordinate(value))
             closed = seen.without(own, effect).excess - own.excess
             share = seen.usual.remaining(own.excess, closed)
-            found.append(Number(z, true, sd, share, group(entry)))
+            found.append(Number(z, true, z, sd, group(case), share))
     return found
 
 
-def form_error(of: Sequence[Number]) -> FormError:
-    """The narrowest of `TRIED` that covers; the widest where none does."""
-    return narrowest(*_tried(of))
+def form_error(of: Sequence[Number], tried: Sequence[FormError] = TRIED) -> FormError:
+    """The narrowest of those tried that covers; the widest where none does."""
+    return narrowest(*_tried(of, tried), tried)
 
 
-def left_out(of: Sequence[Number]) -> list[tuple[Number, FormError]]:
+def left_out(
+    of: Sequence[Number], tried: Sequence[FormError] = TRIED
+) -> list[tuple[Number, FormError]]:
     """Each number with the form error of all other groups."""
-    half, inside = _tried(of)
+    half, inside = _tried(of, tried)
     group_of = np.array([n.group for n in of])
-    forms = {g: narrowest(half[:, group_of != g], inside[:, group_of != g]) for g in {*group_of}}
+    forms: dict[str, FormError] = {}
+    for name in {*group_of}:
+        others = group_of != name if (group_of != name).any() else slice(None)
+        forms[name] = narrowest(half[:, others], inside[:, others], tried)
     return [(n, forms[n.group]) for n in of]
 
 
-def _tried(of: Sequence[Number]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _tried(
+    of: Sequence[Number], tried: Sequence[FormError]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Half widths [tried, numbers], and whether the truth is inside."""
-    z, true, by_blocks, share = (
-        np.array([getattr(n, name) for n in of]) for name in ("z", "true", "by_blocks", "share")
+    value, true, size, spread, share, apart = (
+        np.array([getattr(n, name) for n in of])
+        for name in ("value", "true", "size", "spread", "share", "apart")
     )
-    half = NORMAL * np.stack([form.sd(z, by_blocks, share) for form in TRIED])
-    return half, np.abs(z - true) <= half
+    half = NORMAL * np.stack([form.sd(size, spread, share) for form in tried]) + apart
+    return half, np.abs(value - true) <= half
 
 
 def narrowest(
-    half: NDArray[np.float64], inside: NDArray[np.bool_], tried: Sequence[FormError] = TRIED
+    half: NDArray[np.float64], inside: NDArray[np.bool_], tried: Sequence[FormError]
 ) -> FormError:
     """The form error with the narrowest half widths [tried, numbers] of those that cover."""
     width = np.log(half + FINEST).mean(1)
@@ -122,9 +143,10 @@ def narrowest(
 
 
 def covered(of: Sequence[tuple[Number, FormError]]) -> tuple[Figure, float]:
-    """Share of numbers inside their intervals, and the median half width [prior scales]."""
-    inside = [abs(n.z - n.true) <= n.half_width(form) for n, form in of]
-    return share(inside), statistics.median(n.half_width(form) for n, form in of)
+    """Share of numbers inside their intervals, and the median half width."""
+    return share([n.inside(form) for n, form in of]), statistics.median(
+        n.half_width(form) for n, form in of
+    )
 
 
 def intervals(entries: Sequence[Entry], form: FormError | None = None) -> str:
@@ -140,40 +162,13 @@ def intervals(entries: Sequence[Entry], form: FormError | None = None) -> str:
         "form error" if form else "form error of other groups": (
             [(n, form) for n in of] if form else left_out(of)
         ),
-        "chance alone": [(n, FormError(1.0, 0.0, 0.0)) for n in of],
+        "chance alone": [(n, CHANCE_ALONE) for n in of],
         "all that remains": [(n, FormError(1.0, 0.0, 1.0)) for n in of],
     }
     for name, given in ways.items():
         inside, width = covered(given)
-        between = f"{100 * inside.low:.0f} to {100 * inside.high:.0f}"
-        lines.append(
-            f"| {name} | {100 * inside.value:.0f} % ({between}) of {inside.count} | {width:.2f} |"
-        )
+        lines.append(f"| {name} | {cell(inside)} | {width:.2f} |")
     return "\n".join(lines)
-
-
-STEPS_TRIED = [FormError(chance, always, 0.0) for chance in CHANCE for always in ALWAYS if always]
-
-
-@dataclass(frozen=True)
-class StepQuantity:
-    """A quantity of a case's step tests, and what it is of the car."""
-
-    name: str
-    value: float
-    size: float
-    spread: float
-    apart: float
-    true: float
-    group: str
-
-    def half_width(self, form: FormError) -> float:
-        """Half width of its 95 % interval, in its unit."""
-        return NORMAL * form.sd(self.size, self.spread, 0.0) + self.apart
-
-    def holds(self, form: FormError) -> bool:
-        """Whether the truth is inside."""
-        return abs(self.value - self.true) <= self.half_width(form)
 
 
 def has_truth(case: Case) -> bool:
@@ -208,16 +203,9 @@ def step_quantities(ready: Opened, found: JointSearch, case: Case) -> list[dict[
     return rounded([line for line in lines if np.isfinite(line["true"])])
 
 
-def steps(entries: Sequence[Entry]) -> list[StepQuantity]:
+def steps(entries: Sequence[Entry]) -> list[Number]:
     """Quantities of all cases whose line has them."""
-    return [StepQuantity(**line, group=group(e)) for e in entries for line in e.get("steps", ())]
-
-
-def step_error(of: Sequence[StepQuantity]) -> FormError:
-    """The narrowest of `STEPS_TRIED` that covers; the widest where none does."""
-    half = np.array([[step.half_width(form) for step in of] for form in STEPS_TRIED])
-    inside = np.array([[step.holds(form) for step in of] for form in STEPS_TRIED])
-    return narrowest(half, inside, STEPS_TRIED)
+    return [Number(**line, group=group(e.case)) for e in entries for line in e.steps or ()]
 
 
 def step_intervals(entries: Sequence[Entry], form: FormError | None = None) -> str:
@@ -226,18 +214,9 @@ def step_intervals(entries: Sequence[Entry], form: FormError | None = None) -> s
     lines = ["| step test | truth inside | with the numbers' spread alone |", "|---|---|---|"]
     if not of:
         return "\n".join([*lines, "| none in these ledgers | | |"])
-    groups = sorted({s.group for s in of})
-    others = {g: form or step_error([s for s in of if s.group != g] or of) for g in groups}
-    alone = FormError(1.0, 0.0, 0.0)
-    for name in ("all", *dict.fromkeys(s.name for s in of)):
-        own = [s for s in of if name in ("all", s.name)]
-        inside, without = (
-            share([s.holds(law) for s, law in zip(own, laws, strict=True)])
-            for laws in ([others[s.group] for s in own], [alone] * len(own))
-        )
-        parts = (
-            f"{100 * f.value:.0f} % ({100 * f.low:.0f} to {100 * f.high:.0f})"
-            for f in (inside, without)
-        )
-        lines.append(f"| {name} | {' | '.join(parts)} of {inside.count} |")
+    given = [(n, form) for n in of] if form else left_out(of, STEPS_TRIED)
+    for name in ("all", *dict.fromkeys(n.name for n in of)):
+        own = [(n, law) for n, law in given if name in ("all", n.name)]
+        inside, without = covered(own)[0], covered([(n, CHANCE_ALONE) for n, _ in own])[0]
+        lines.append(f"| {name} | {written(inside, digits=0)} | {cell(without)} |")
     return "\n".join(lines)

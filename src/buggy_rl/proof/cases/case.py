@@ -135,6 +135,21 @@ class Case:
             return "unknown"
         return ("nothing", "one", "two", "three")[len(self.concealed)]
 
+    @property
+    def own_make(self) -> bool:
+        """Whether the simulator is of the car's make."""
+        return self.plant == self.simulator
+
+    @property
+    def differs_unseen(self) -> bool:
+        """Whether the simulator is of another make, and no baseline shows how they differ."""
+        return not self.own_make and not self.baseline
+
+    @property
+    def unknown(self) -> bool:
+        """Whether something differs that no effect describes; that may be the simulator's form."""
+        return self.family == "unknown" or (not self.concealed and self.differs_unseen)
+
     def _is_unknown(self, effect: str) -> bool:
         """Whether no effect describes it: a drag brake is known of a car whose command has one."""
         named = self.command != "throttle" and effect in COMMANDED_SIZES

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from buggy_rl.effects import offered
+from buggy_rl.proof import plants
 from buggy_rl.proof.cases.case import BUGGY, COMMANDS, RATES, Case
 from buggy_rl.proof.cases.sizes import (
     CAMERA,
@@ -142,6 +143,12 @@ class DrawConfig:
         unknown = sorted(set(self.pairings) - set(PAIRINGS))
         if unknown:
             raise ValueError(f"no pairings {unknown}; available: {', '.join(PAIRINGS)}")
+
+
+def drawn(settings: DrawConfig) -> list[Case]:
+    """The cases of a run, by seed."""
+    names = {PAIRINGS[name].plant for name in settings.pairings}
+    return draw_all(settings, {name: plants.abilities(name) for name in names})
 
 
 def draw_all(settings: DrawConfig, abilities: dict[str, frozenset[str]]) -> list[Case]:

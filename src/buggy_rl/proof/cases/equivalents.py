@@ -6,6 +6,7 @@ where the two differ by a known factor, an answer is measured against the textbo
 
 from collections.abc import Mapping
 
+from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import OWN
 from buggy_rl.proof.cases.case import Case
 
@@ -75,6 +76,15 @@ def meant(name: str) -> str:
     """The effect that an answer's name stands for."""
     own = name.removeprefix(OWN)
     return SAME.get(own, name) if name.startswith(OWN) else name
+
+
+def of_same_name(effect: str) -> str:
+    """The effect that a parameter of a simulator has the name of; others stand for themselves.
+
+    A dead time of the steering is the same whether it is added to the simulator or a number of it.
+    """
+    own = effect.removeprefix(OWN)
+    return own if own in EFFECTS else effect
 
 
 def same_group(one: str, other: str) -> bool:

@@ -111,23 +111,24 @@ class CaseStore:
         lines = (line.split() for line in self.hashes.read_text().splitlines())
         return {id_: digest for digest, id_ in lines}
 
-    def cases(self) -> list[Case]:
-        """Reads all that is sealed here: only for scoring.
+    def sealed_case(self, id_: str, digest: str = "") -> Case:
+        """Opens a case: only for scoring.
 
-        Cases whose hash was published, but which are not diagnosed here, are not among them.
+        Args:
+            id_: Its name.
+            digest: Hash of what was sealed; empty for the published one.
 
         Raises:
-            ValueError: A sealed file is not the one whose hash was published.
+            FileNotFoundError: It was not sealed here.
+            ValueError: The sealed file is another one.
         """
-        found = []
-        for id_, digest in sorted(self.digests().items()):
-            if not self.truth(id_).exists() and not self.diagnosis(id_).exists():
-                continue
-            text = self.truth(id_).read_bytes()
-            if hashlib.sha256(text).hexdigest() != digest:
-                raise ValueError(f"{self.truth(id_)} is not what was sealed: its hash differs")
-            found.append(Case(**json.loads(text)["case"]))
-        return found
+        file = self.truth(id_)
+        if not file.exists():
+            raise FileNotFoundError(f"{file} is missing: score case {id_} where it was sealed")
+        text = file.read_bytes()
+        if hashlib.sha256(text).hexdigest() != (digest or self.digests()[id_]):
+            raise ValueError(f"{file} is not what was sealed: its hash differs")
+        return Case(**json.loads(text)["case"])
 
 
 def unsealed(store: CaseStore, cases: Sequence[Case]) -> list[list[Case]]:

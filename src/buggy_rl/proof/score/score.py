@@ -1,4 +1,4 @@
-"""The figures of a set of outcomes, by class of cases too, with their intervals."""
+"""The figures of a set of scored cases, by class of cases too, with their intervals."""
 
 import math
 import random
@@ -10,8 +10,9 @@ from typing import TypeVar
 
 from scipy.stats import binomtest
 
+from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.cases.equivalents import expected
-from buggy_rl.proof.score.outcome import SURE, ScoredCase
+from buggy_rl.proof.score.outcome import ScoredCase
 
 RESAMPLES = 2000
 BINS = 10
@@ -103,26 +104,6 @@ CLOSE = 0.1  # relative error of a number that counts as right
 NATS = (10, 30, 100, 300, 1000, 10_000)  # [nats] bounds of the classes of detectability
 
 
-def _detectability(o: ScoredCase) -> str:
-    if o.nats is None:
-        return "not weighed"
-    place = sum(o.nats >= bound for bound in NATS)
-    if place in (0, len(NATS)):
-        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
-    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
-
-
-KEYS: dict[str, Callable[[ScoredCase], str]] = {  # a property of a case -> its class
-    "effect": lambda o: o.case.truth[0],
-    "pairing": lambda o: o.case.pairing,
-    "plant": lambda o: o.case.plant,
-    "nuisance": lambda o: o.case.nuisance,
-    "size": _detectability,
-    "drive length": lambda o: f"{o.case.seconds:g} s",
-    "driving": lambda o: o.case.driving,
-}
-
-
 @dataclass(frozen=True)
 class ScoreRow:
     """One line of the score."""
@@ -145,6 +126,33 @@ class ScoreRow:
         if self.ceiling is not None and value > self.ceiling:
             return False
         return value <= self.target if self.most else value >= self.target
+
+
+def row(
+    name: str, hits: Sequence[bool], target: float | None = None, most: bool = False
+) -> ScoreRow:
+    """A share of cases."""
+    return ScoreRow(name, share(hits), target, most)
+
+
+def _detectability(o: ScoredCase) -> str:
+    if o.nats is None:
+        return "not weighed"
+    place = sum(o.nats >= bound for bound in NATS)
+    if place in (0, len(NATS)):
+        return f"{place}: {'under' if not place else 'above'} {NATS[place and -1]} nats"
+    return f"{place}: {NATS[place - 1]} to {NATS[place]} nats"
+
+
+KEYS: dict[str, Callable[[ScoredCase], str]] = {  # a property of a case -> its class
+    "effect": lambda o: o.case.truth[0],
+    "pairing": lambda o: o.case.pairing,
+    "plant": lambda o: o.case.plant,
+    "nuisance": lambda o: o.case.nuisance,
+    "size": _detectability,
+    "drive length": lambda o: f"{o.case.seconds:g} s",
+    "driving": lambda o: o.case.driving,
+}
 
 
 @dataclass(frozen=True)
@@ -172,10 +180,9 @@ class Score:
             for row in self.rows
         ]
         for o in self.failing:
-            said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in o.said) or o.status
-            found.append(
-                f"{o.case.id}: {'+'.join(o.case.truth) or 'nothing'} -> {o.verdict} {said}"
-            )
+            answer, true = o.answer, "+".join(o.case.truth) or "nothing"
+            said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in answer.said)
+            found.append(f"{o.case.id}: {true} -> {answer.verdict} {said or answer.status}")
         return found
 
 
@@ -189,7 +196,7 @@ def score(outcomes: Sequence[ScoredCase]) -> Score:
             for name, key in KEYS.items()
         },
         false_positives={
-            nuisance: share([bool(o.said) for o in same])
+            nuisance: share([bool(o.answer.said) for o in same])
             for nuisance, same in classes(of(outcomes, "nothing"), KEYS["nuisance"])
         },
         confusion=_confusion(outcomes),
@@ -210,22 +217,22 @@ def classes(
     return sorted(found.items())
 
 
-def of(outcomes: Iterable[ScoredCase], family: str) -> list[ScoredCase]:
+def of(outcomes: Iterable[ScoredCase], name: str) -> list[ScoredCase]:
     """Cases of one family."""
-    return [o for o in outcomes if o.case.family == family]
+    return [o for o in outcomes if o.case.family == name]
 
 
 def passed(o: ScoredCase) -> bool:
     """Whether an answer needs no entry among the failing cases."""
-    if o.status != "answered":
+    if o.answer.status != "answered":
         return False
     if o.case.family == "unknown":
-        return o.verdict == "unknown_physics" and not o.sure_and_wrong
+        return o.calls_unknown and not o.sure_and_wrong
     if o.case.family == "nothing":
-        return o.right and o.verdict != "unknown_physics"
+        return o.right and not o.calls_unknown
     if o.case.family == "one":
-        return o.right or (o.decidable is False and o.verdict == "cannot_tell")
-    return exact(o)
+        return o.right or (o.decidable is False and o.answer.verdict == "cannot_tell")
+    return o.exact
 
 
 def claims(outcomes: Iterable[ScoredCase]) -> list[tuple[float, bool]]:
@@ -233,61 +240,81 @@ def claims(outcomes: Iterable[ScoredCase]) -> list[tuple[float, bool]]:
     return [
         (first.confidence, o.right if o.case.truth else False)
         for o in outcomes
-        if (first := o.first) is not None
+        if (first := o.answer.first) is not None
+    ]
+
+
+def searched_rows(scored: Sequence[ScoredCase]) -> list[ScoreRow]:
+    """Shares of posteriors: what is named, and what is called unknown or nothing."""
+    one, two, three, outside, nothing = (
+        of(scored, name) for name in ("one", "two", "three", "unknown", "nothing")
+    )
+    forms = [o for o in nothing if o.case.unknown]  # simulator and car differ, and none shows how
+    same = [o for o in nothing if not o.case.unknown]
+    unseen = [o for o in one if o.case.differs_unseen]
+    others = [o for o in one if not o.case.differs_unseen]
+    left, form = "no effect describes it", "another form, no baseline"
+    return [
+        row("one effect: first name right", [o.first_right for o in one]),
+        row("one effect: and nothing else said", [o.exact for o in one]),
+        row("two effects: exact set", [o.exact for o in two]),
+        row("three effects: exact set", [o.exact for o in three]),
+        row("true set fitted (one, two, three)", [o.fitted for o in [*one, *two, *three]]),
+        row("nothing: a name above 0.5", [bool(o.answer.likely) for o in same]),
+        row(f"{left}: a name above 0.5", [bool(o.answer.likely) for o in outside]),
+        row(f"{left}: called unknown", [o.calls_unknown for o in outside]),
+        row(f"{left}: called nothing", [o.answer.verdict == "no_mismatch" for o in outside]),
+        row(f"{form}, nothing concealed: a name above 0.5", [bool(o.answer.likely) for o in forms]),
+        row(f"{form}, nothing concealed: called unknown", [o.calls_unknown for o in forms]),
+        row(
+            f"{form}, one effect: most probable name right",
+            [o.most_probable_right for o in unseen],
+        ),
+        row(
+            f"{form}, one effect: a wrong name above 0.5",
+            [not o.answer.likely <= {*o.case.truth} for o in unseen],
+        ),
+        row("one effect, all others: first name right", [o.first_right for o in others]),
     ]
 
 
 def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    seconds = middle([o.seconds for o in outcomes if o.seconds])
-    return [
-        *_naming(outcomes),
-        *_honesty(outcomes),
-        *_numbers(outcomes),
-        *_undecided(outcomes),
-        ScoreRow("crashed or timed out", share([o.status != "answered" for o in outcomes])),
-        ScoreRow("could not be weighed", share([bool(o.failed) for o in outcomes])),
-        ScoreRow("seconds a case, median", seconds, percent=False),
-    ]
-
-
-def _naming(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Rows of right names."""
-    one = of(outcomes, "one")
-    clear = _clear(one)
-    own = [o for o in clear if o.case.plant == o.case.simulator]
-    two, three = (of(outcomes, family) for family in ("two", "three"))
-    return [
-        ScoreRow(
-            "first name right, decidable single effects", share([o.right for o in clear]), 0.9
-        ),
-        ScoreRow(
-            "  of them, plant of the simulator's own make", share([o.right for o in own]), 0.97
-        ),
-        ScoreRow("  right group, decidable single effects", share([o.group_right for o in clear])),
-        ScoreRow("first name right, all single effects", share([o.right for o in one])),
-        ScoreRow("exact set, two effects", share([exact(o) for o in two]), 0.75),
-        ScoreRow("  of them, both decidable", share([exact(o) for o in _clear(two)])),
-        ScoreRow("exact set, three effects", share([exact(o) for o in three])),
-    ]
-
-
-def _honesty(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """False positives, effects outside the library, and calibration."""
-    nothing, unknown = of(outcomes, "nothing"), of(outcomes, "unknown")
-    alarms, lost = ([o.verdict == "unknown_physics" for o in same] for same in (nothing, unknown))
-    sure = f"named with confidence above {SURE:g}, outside the library"
-    error = bootstrapped(claims(outcomes), calibration_error)
+    """Figures of diagnoses, with their targets."""
+    one, two, three, unknown, nothing = (
+        of(outcomes, name) for name in ("one", "two", "three", "unknown", "nothing")
+    )
+    # Those without an oracle's fit count as decidable.
+    clear, both = ([o for o in same if o.decidable is not False] for same in (one, two))
+    own = [o for o in clear if o.case.own_make]
+    cannot, could = (
+        [o.answer.verdict == "cannot_tell" for o in same]
+        for same in ([o for o in one if o.decidable is False], clear)
+    )
     named = [("something named where nothing is", 0.02, nothing)]
     named += [(f"  {name}", 0.05, same) for name, same in classes(nothing, KEYS["nuisance"])]
+    sure = f"named with confidence above {EVEN:g}, outside the library"
+    error = bootstrapped(claims(outcomes), calibration_error)
+    seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
     return [
-        *(
-            ScoreRow(name, share([bool(o.said) for o in same]), most, True)
-            for name, most, same in named
-        ),
-        ScoreRow("called unknown where nothing is", share(alarms)),
-        ScoreRow(sure, share([o.sure_and_wrong for o in unknown]), 0.05, True),
-        ScoreRow("called unknown, outside the library", share(lost), 0.85),
+        row("first name right, decidable single effects", [o.right for o in clear], 0.9),
+        row("  of them, plant of the simulator's own make", [o.right for o in own], 0.97),
+        row("  right group, decidable single effects", [o.group_right for o in clear]),
+        row("first name right, all single effects", [o.right for o in one]),
+        row("exact set, two effects", [o.exact for o in two], 0.75),
+        row("  of them, both decidable", [o.exact for o in both]),
+        row("exact set, three effects", [o.exact for o in three]),
+        *(row(name, [bool(o.answer.said) for o in same], most, True) for name, most, same in named),
+        row("called unknown where nothing is", [o.calls_unknown for o in nothing]),
+        row(sure, [o.sure_and_wrong for o in unknown], 0.05, True),
+        row("called unknown, outside the library", [o.calls_unknown for o in unknown], 0.85),
         ScoreRow("expected calibration error", error, 0.05, True, percent=False),
+        *_numbers(outcomes),
+        row("undecidable, answered so", cannot, 0.8),
+        row("manoeuvre asked for decides, single effects", _known(o.decided for o in one), 0.8),
+        row("decidable, answered 'cannot tell'", could),
+        row("crashed or timed out", [o.answer.status != "answered" for o in outcomes]),
+        row("could not be weighed", [bool(o.failed) for o in outcomes]),
+        ScoreRow("seconds a case, median", seconds, percent=False),
     ]
 
 
@@ -302,42 +329,14 @@ def _numbers(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
     )
     inside = share(_covered(sized))
     return [
-        ScoreRow(
-            "number within 10 % of the truth, where rightly named",
-            share([e <= CLOSE for e in truth]),
-        ),
+        row("number within 10 % of the truth, where rightly named", [e <= CLOSE for e in truth]),
         ScoreRow("  median relative error", middle(truth)),
-        ScoreRow("number within 10 % of the oracle's", share([e <= CLOSE for e in by_oracle])),
+        row("number within 10 % of the oracle's", [e <= CLOSE for e in by_oracle]),
         ScoreRow("truth inside the 95 % interval", inside, 0.9, ceiling=0.97),
         ScoreRow("median gap closed, of the oracle's", middle(error), 0.95),
         ScoreRow("  in position alone", middle(position)),
-        ScoreRow("  at least 95 % closed", share([c >= 0.95 for c in error])),
+        row("  at least 95 % closed", [c >= 0.95 for c in error]),
     ]
-
-
-def _undecided(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
-    """Cases that the drives cannot decide, and manoeuvres that do."""
-    one = of(outcomes, "one")
-    cannot, could = (
-        [o.verdict == "cannot_tell" for o in same]
-        for same in ([o for o in one if o.decidable is False], _clear(one))
-    )
-    decided = _known(o.decided for o in one)
-    return [
-        ScoreRow("undecidable, answered so", share(cannot), 0.8),
-        ScoreRow("manoeuvre asked for decides, single effects", share(decided), 0.8),
-        ScoreRow("decidable, answered 'cannot tell'", share(could)),
-    ]
-
-
-def _clear(outcomes: Iterable[ScoredCase]) -> list[ScoredCase]:
-    """Decidable ones, and those without an oracle's fit."""
-    return [o for o in outcomes if o.decidable is not False]
-
-
-def exact(o: ScoredCase) -> bool:
-    """Whether all that is concealed is named, and nothing else."""
-    return o.names == set(o.case.truth) and o.verdict != "unknown_physics"
 
 
 def _known(values: Iterable[Value | None]) -> list[Value]:
@@ -349,7 +348,7 @@ def _covered(outcomes: Iterable[ScoredCase]) -> list[bool]:
     return [
         said.parameters[name]["low"] <= value <= said.parameters[name]["high"]
         for o in outcomes
-        for said in o.said
+        for said in o.answer.said
         if said.name in o.case.truth
         for name, value in expected(o.case, said.name).items()
         if name in said.parameters
@@ -362,15 +361,22 @@ def _confusion(outcomes: Iterable[ScoredCase]) -> dict[str, Counter]:
         if len(o.case.truth) > 1:
             continue
         true = o.case.truth[0] if o.case.truth else "nothing"
-        said = o.first.name if o.first else o.verdict or o.status
+        first, answer = o.answer.first, o.answer
+        said = first.name if first else answer.verdict or answer.status
         found.setdefault(true, Counter())[said] += 1
     return dict(sorted(found.items()))
 
 
-def written(figure: Figure, percent: bool = True) -> str:
+def written(figure: Figure, percent: bool = True, digits: int | None = None) -> str:
     """A figure with its interval, such as 95.0 % (88.1 to 98.2)."""
     if not figure.count:
         return "no case"
-    scale, unit, digits = (100, " %", 1) if percent else (1, "", 3)
+    scale, unit, usual = (100, " %", 1) if percent else (1, "", 3)
+    digits = usual if digits is None else digits
     value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
     return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def cell(figure: Figure) -> str:
+    """A share in whole per cent with its interval and the number of cases."""
+    return f"{written(figure, digits=0)} of {figure.count}" if figure.count else "no cases"

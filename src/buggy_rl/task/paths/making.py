@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from buggy_rl.core.car_file import load_car
 from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
-from buggy_rl.task.paths.shapes import along_arcs, read_points
-from buggy_rl.task.paths.simplex import simplex_paths
+from buggy_rl.task.paths.shapes import along_arcs, read_points, simplex_paths
 
 Kind = Literal["simplex", "lap", "infinity", "circle", "tight", "file"]
 Part = Literal["training", "validation"]

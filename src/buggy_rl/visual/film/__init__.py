@@ -7,8 +7,8 @@
 | `wheels`, `camera` | angles of the wheels; where the picture is taken from |
 | `director` | one or two tracks -> a `shot` for each time: numbers only |
 | `renderer` | `shot` -> pixels: MuJoCo in another process, or `drawing` on a `canvas` |
-| `gl`, `worker` | which OpenGL works; that process |
-| `meshes`, `bodywork`, `scene`, `marks` | MuJoCo's model of floor and cars; path and waypoints |
+| `worker` | the process that renders, with the OpenGL that works |
+| `bodywork`, `scene`, `marks` | MuJoCo's model of floor and cars; path and waypoints |
 | `inset`, `video` | commands and speed in a corner; mp4, gif and png |
 | `film` | tracks -> frames |
 | `live`, `pixels` | MuJoCo's viewer; frames for Gymnasium and TorchRL |

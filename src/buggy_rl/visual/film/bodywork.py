@@ -1,20 +1,71 @@
 """The buggy as MuJoCo geoms: body of convex meshes, wheels with tread and spokes that turn.
 
 Lengths are fractions of the car's own: half its length, half its track width, its wheel radius.
+Vertices and faces are in the part's own frame: x forward, y left, z up.
 """
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from buggy_rl.core.vehicle import VehicleDimensions
+from buggy_rl.visual.film import wheels
+from buggy_rl.visual.film.canvas import GHOST_TINT, RGB, mixed
+
+Section = tuple[float, float, float, float, float]
+"""x, half width at the foot, half width at the top, z of the foot, z of the top [m]."""
+
+
+def hull(sections: Sequence[Section]) -> NDArray[Any]:
+    """Corners [4 S, 3] of a convex part, symmetric about the xz plane, from its cross sections."""
+    corners = []
+    for x, foot, top, low, high in sections:
+        corners += [(x, foot, low), (x, -foot, low), (x, top, high), (x, -top, high)]
+    return np.array(corners)
+
+
+def revolved(
+    profile: Sequence[tuple[float, float]], sides: int, lugs: float = 0.0
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """A closed body of revolution about the y axis.
+
+    Args:
+        profile: y and radius [m], from one end to the other; both ends are closed by a disc.
+        sides: Of its outline; even where there are lugs.
+        lugs: Share by which every second side of the largest radius stands out.
+
+    Returns:
+        Vertices [V, 3], and faces [F, 3] that are counterclockwise seen from outside.
+    """
+    y, radius = np.array(profile).T  # (P,)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    swell = np.ones((len(y), sides))
+    swell[np.isclose(radius, radius.max())] += lugs * (np.arange(sides) % 2)
+    ring = radius[:, None] * swell  # (P, sides)
+    x, z = ring * np.cos(angle), ring * np.sin(angle)
+    tube = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], -1).reshape(-1, 3)
+    ends = np.array([[0.0, y[0], 0.0], [0.0, y[-1], 0.0]])
+    side = np.arange(sides)
+    after = (side + 1) % sides
+    faces = []
+    for row in range(len(y) - 1):
+        a, b = row * sides + side, row * sides + after
+        c, d = a + sides, b + sides
+        faces += [np.stack([a, c, b], 1), np.stack([b, c, d], 1)]
+    first, last = len(tube), len(tube) + 1
+    tail = (len(y) - 1) * sides
+    faces.append(np.stack([np.full(sides, first), side, after], 1))
+    faces.append(np.stack([np.full(sides, last), tail + after, tail + side], 1))
+    return np.concatenate([tube, ends]), np.concatenate(faces)
+
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-import mujoco
-import numpy as np
-
-from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.visual.film import meshes, wheels
-from buggy_rl.visual.film.canvas import GHOST_TINT, RGB, mixed
 
 Tint = Callable[[RGB], RGB]
 SPOKES = 5
@@ -28,7 +79,7 @@ DARK, GLASS, RIM, TYRE = (
 LAMP, TAIL, STRIPE = (1.0, 0.97, 0.82), (0.55, 0.04, 0.05), (0.97, 0.97, 0.95)
 
 # Cross sections: x, half width at foot and top, z of foot and top, in the fractions above.
-PARTS: dict[str, tuple[RGB | None, list[meshes.Section]]] = {  # None is the car's own colour
+PARTS: dict[str, tuple[RGB | None, list[Section]]] = {  # None is the car's own colour
     "pan": (DARK, [(-0.92, 0.34, 0.42, 0.62, 0.95), (0.95, 0.24, 0.26, 0.66, 0.9)]),
     "bumper": (DARK, [(0.9, 0.5, 0.46, 0.62, 0.98), (1.0, 0.42, 0.36, 0.66, 0.92)]),
     "nose": (None, [(0.1, 0.46, 0.4, 0.8, 1.72), (0.62, 0.32, 0.26, 0.8, 1.36),
@@ -68,7 +119,7 @@ class Scale:
         """Converts a point from fractions to metres in the body frame."""
         return [self.middle + x * self.length, y * self.width, z * self.radius]
 
-    def section(self, section: meshes.Section) -> meshes.Section:
+    def section(self, section: Section) -> Section:
         """Converts a section from fractions to metres in the body frame."""
         x, foot, top, low, high = section
         width, radius = self.width, self.radius
@@ -80,12 +131,12 @@ def add_meshes(spec: mujoco.MjSpec, dimensions: VehicleDimensions) -> None:
     """The shapes that all cars of a scene share."""
     scale = Scale.of(dimensions)
     for name, (_, sections) in PARTS.items():
-        vertices = meshes.hull([scale.section(section) for section in sections])
+        vertices = hull([scale.section(section) for section in sections])
         spec.add_mesh(name=name, uservert=vertices.flatten())
     radius, half = dimensions.wheel_radius, dimensions.wheel_width / 2
     tread = [(-1.0, 0.62), (-1.0, 0.84), (-0.72, 0.96), (0.72, 0.96), (1.0, 0.84), (1.0, 0.62)]
     profile = [(y * half, r * radius) for y, r in tread]
-    vertices, faces = meshes.revolved(profile, SIDES, lugs=0.04 / 0.96)
+    vertices, faces = revolved(profile, SIDES, lugs=0.04 / 0.96)
     spec.add_mesh(name="tyre", uservert=vertices.flatten(), userface=faces.flatten())
 
 

@@ -19,8 +19,7 @@ from buggy_rl.core.stepping import trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import for_car
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
-from buggy_rl.policies.controllers.stanley import Stanley
+from buggy_rl.policies.controllers.path_tracking import PurePursuit, Stanley
 from buggy_rl.policies.evaluation.drives import Benchmark, benchmark_paths, evaluation_task
 from buggy_rl.policies.training.actor_critic import load_policy
 from buggy_rl.policies.training.run import EngineConfig, new_engine, task_of, training_engine

@@ -9,7 +9,7 @@ from buggy_rl.car.human import HumanInput
 from buggy_rl.car.joystick import JoystickInput
 from buggy_rl.core.longitudinal import LongitudinalCommand
 from buggy_rl.policies.controllers.at_scale import taken_by
-from buggy_rl.policies.controllers.pure_pursuit import PurePursuit
+from buggy_rl.policies.controllers.path_tracking import PurePursuit
 from buggy_rl.policies.human_table import DriveNote
 from buggy_rl.policies.people import DriveConfig, Input, LiveStep, ScriptedInput
 from buggy_rl.visual.film.source import course_of, label
