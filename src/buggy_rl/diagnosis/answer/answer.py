@@ -11,6 +11,7 @@ from buggy_rl.diagnosis.answer.experiments import DecisionRate
 from buggy_rl.diagnosis.answer.located import Located
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect
 from buggy_rl.diagnosis.answer.other_sensors import SensorFinding
+from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.repair.proof import Proof, Repair
 from buggy_rl.diagnosis.residuals import READINGS, Unexplained
 from buggy_rl.diagnosis.search.candidate import excess_misfit
@@ -93,6 +94,8 @@ class Answer:
     """Faults of form, where the repaired simulator is wrong to one side, the largest first."""
     repair: Repair = field(default_factory=Repair)
     """What `repaired.yaml` has, as it was validated."""
+    layers: list[Layer] = field(default_factory=list)
+    """Layers of the repaired simulator that were tried, in their order."""
     left_out: list[str] = field(default_factory=list)
     """Parts for which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
@@ -121,6 +124,7 @@ class Answer:
                 },
                 "fit": self.proof.to_dict(),
                 "repair": self.repair.to_dict(),
+                "layers": [layer.to_dict() for layer in self.layers],
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,

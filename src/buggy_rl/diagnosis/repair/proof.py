@@ -12,10 +12,11 @@ from typing import Any
 
 from torch import Tensor
 
+from buggy_rl.diagnosis.repair.layers import layered
 from buggy_rl.diagnosis.repair.validation import (
-    ITERATIONS,
     SAID,
     Errors,
+    Validation,
     delivered,
     segment_folds,
     validated,
@@ -23,6 +24,7 @@ from buggy_rl.diagnosis.repair.validation import (
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
+from buggy_rl.effects.residual import ResidualNetwork
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -43,6 +45,8 @@ class Repair:
     """Effects that were fitted and would make held-out rollouts worse."""
     worse: tuple[float, float] | None = None
     """[m] median distance after `SAID` without and with them, where they were refused."""
+    residual: ResidualNetwork | None = None
+    """A learned acceleration on top, where it brings held-out rollouts nearer."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -60,8 +64,11 @@ class Repair:
             if self.worse is not None:
                 without, given = (f"{1000 * of:.0f} mm" for of in self.worse)
                 distance = f" (median position error {without} without, {given} with it)"
+            what = (
+                "has other layers" if self.values or self.residual else "is the simulator as given"
+            )
             return [
-                f"repaired.yaml is the simulator as given: {', '.join(self.refused)} would make "
+                f"repaired.yaml {what}: {', '.join(self.refused)} would make "
                 f"held-out rollouts worse{distance}."
             ]
         own = [name for name in self.effects if not name.startswith("parameter:")]
@@ -111,11 +118,6 @@ def is_worse(errors: Errors, before: Errors) -> bool:
         return True
     then, now = (e.median.get(SAID, 0.0) for e in (before, errors))
     return now > (1 + SLACK) * then
-
-
-def as_file(best: Hypothesis, errors: Errors) -> Repair:
-    """What a hypothesis about the simulator as given puts into its file."""
-    return Repair(best.values(), errors.median)
 
 
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
@@ -221,18 +223,25 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     problem = replace(problem, library=case.as_given, dispersion=1.0)
     starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
     second = {name: fit for name, fit in starts.items() if name != "after"}
-    errors = validated(problem, every[0], case.drives.longer, case.budget, second)
+    validation = Validation(problem, case.drives.longer, case.budget)
+    stacks, errors = validated(validation, every[0], second)
     name = chosen(errors, found.posterior.says == "unknown")
-    if name == "before":
-        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
-        worse = None if None in ways else ways
-        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
-    else:
-        iterations = min(ITERATIONS, case.budget.iterations)
-        repair = as_file(*delivered(problem, starts[name], iterations))
-    errors["after"] = errors[name]
-    errors.pop(OTHER, None)
-    return {"proof": _proof(problem, errors), "repair": repair}
+    refused = every[0].effects if name == "before" else ()
+    worse = tuple(errors[n].median.get(SAID) for n in ("before", "after")) if refused else ()
+    named = starts.get(name, problem.library.hypothesis(()))
+    done = layered(validation, case.criteria, named, stacks, errors, name)
+    if done.residual:
+        problem = validation.uncorrected.problem
+    file = delivered(problem, done.start, validation.iterations, done.residual)
+    repair = Repair(
+        values=file.fit.values(),
+        median=file.errors.median if file.fit.effects or done.residual else {},
+        refused=refused,
+        worse=None if None in worse or not worse else worse,  # type: ignore[arg-type]
+        residual=file.network,
+    )
+    errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}
+    return {"proof": _proof(problem, errors), "repair": repair, "layers": list(done.layers)}
 
 
 def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:
