@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from buggy_rl.diagnosis.run.criteria import Criteria
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.effects.terms.grammar import terms
