@@ -13,6 +13,7 @@ from buggy_rl.diagnosis.answer.answer import Answer
 from buggy_rl.diagnosis.answer.equivalents import equivalents
 from buggy_rl.diagnosis.answer.other_sensors import other_sensors
 from buggy_rl.diagnosis.answer.retuning import left_open, retuned
+from buggy_rl.diagnosis.answer.terms import named_terms
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.preflight.commands import CommandCheck, check_commands
 from buggy_rl.diagnosis.preflight.recordings import check_drives
@@ -254,7 +255,11 @@ def answered(
             left_out.append(section.left_out)
         parts |= section.say(asked, found)
     answer = Answer(**parts, left_out=left_out)
-    return replace(answer, equivalents=equivalents(case, found, answer.effects, answer.manoeuvres))
+    return replace(
+        answer,
+        equivalents=equivalents(case, found, answer.effects, answer.manoeuvres),
+        terms=named_terms(case, found, answer.layers),
+    )
 
 
 def _retuned_too(

@@ -96,6 +96,8 @@ class Answer:
     """What `repaired.yaml` has, as it was validated."""
     layers: list[Layer] = field(default_factory=list)
     """Layers of the repaired simulator that were tried, in their order."""
+    terms: list[NamedEffect] = field(default_factory=list)
+    """Equations without a name that the car behaves like, of the layer of terms."""
     left_out: list[str] = field(default_factory=list)
     """Parts for which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
@@ -109,7 +111,7 @@ class Answer:
                 "verdict": self.verdict,
                 "summary": self.lines(),
                 "located": self.located.to_dict(),
-                "effects": [e.to_dict() for e in self.effects],
+                "effects": [e.to_dict() for e in (*self.effects, *self.terms)],
                 "tried": [t.to_dict() for t in self.tried],
                 "equivalents": [e.to_dict() for e in self.equivalents],
                 "behaviours": [b.to_dict() for b in self.behaviours],
@@ -149,6 +151,7 @@ class Answer:
                 f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
+        result += [f"{t.sentence[:1].upper()}{t.sentence[1:]} [{t.equation}]." for t in self.terms]
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")

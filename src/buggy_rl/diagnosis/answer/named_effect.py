@@ -38,7 +38,7 @@ class NamedEffect:
     """An effect that the search selected."""
 
     name: str
-    kind: Literal["actuation", "motion", "sensing", "parameter"]
+    kind: Literal["actuation", "motion", "sensing", "parameter", "term"]
     equation: str
     sentence: str
     parameters: dict[str, Value]

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Stack, Validation, retunable
 from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.diagnosis.search.terms import discovered
 from buggy_rl.effects.terms.grammar import PREFIX
@@ -40,6 +41,10 @@ class Layer:
     kept: bool
     median: Mapping[float, float] = field(default_factory=dict)
     """Horizon [s] -> median distance [m] on what was held out, with it and those kept below it."""
+    fitted: Candidate | None = None
+    """Of terms: fitted beside what is below them, and cross-validated."""
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Term -> terms that are the same over what was driven."""
 
     def to_dict(self) -> dict[str, Any]:
         """Makes its entry in `diagnosis.json`."""
@@ -65,8 +70,6 @@ class Layered:
     """Whether a learned residual was."""
     errors: Errors
     """Errors on what was held out."""
-    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Term -> terms that are the same over what was driven."""
 
 
 def layered(
@@ -91,7 +94,6 @@ def layered(
     group = blocks(problem.segments)
     start, now, stack = named.as_stamped, errors[name], stacks[name]
     layers: list[Layer] = []
-    alike: Mapping[str, tuple[str, ...]] = {}
 
     def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
         gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
@@ -112,18 +114,14 @@ def layered(
         base = problem.library.at(start.effects, start.named())
         _, [candidate] = tried_too(State(problem, {}), [base], criteria)
         found = discovered(problem, criteria, candidate)
-        alike = found.alike
         added = [n for n in found.best.effects if n.startswith(PREFIX)]
         if added:
             more = found.best.fit
             fits = validation.refitted({"terms": more})["terms"]
             beside = validation.errors({"terms": Stack(fits)})["terms"]
             if tried("terms", added, now, beside):
-                start, now, stack = (
-                    Hypothesis(more.effects, more.coordinates, more.vector),
-                    beside,
-                    Stack(fits),
-                )
+                layers[-1] = replace(layers[-1], fitted=found.best, alike=found.alike)
+                start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
     residual = False
     if _more_is_wrong(now):
         bare = validation.uncorrected
@@ -131,7 +129,7 @@ def layered(
         beside = bare.errors({"residual": upon})["residual"]
         if tried("residual", (), now, beside):
             residual, now = True, beside
-    return _at_least(Layered(tuple(layers), start, residual, now, alike), validation, errors)
+    return _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
 
 
 def _more_is_wrong(errors: Errors) -> bool:
