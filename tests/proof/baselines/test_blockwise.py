@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.estimation.evidence import mean_of_blocks
+from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.proof.baselines.columns import roots
 
 
