@@ -150,12 +150,12 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
     for name, (start, residual) in simple.items():
         if name not in errors:
             continue
-        gain, _ = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
-        if gain > 0 and errors[name].median.get(SAID, 0.0) < best.errors.median.get(SAID, 0.0):
+        gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
+        if gain > error and errors[name].median.get(SAID, 0.0) < best.errors.median.get(SAID, 0.0):
             layers = tuple(replace(layer, kept=False) for layer in found.layers)
             kind: Kind = "residual" if residual else "parameters"
             own = tuple(n.removeprefix(OWN) for n in start.effects)
-            layer = Layer(kind, own, gain, 0.0, True, dict(errors[name].median))
+            layer = Layer(kind, own, gain, error, True, dict(errors[name].median))
             best = Layered((*layers, layer), start, residual, errors[name])
     return best
 
