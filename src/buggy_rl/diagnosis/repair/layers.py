@@ -2,7 +2,7 @@
 
 Upon what is named: parameters of the simulator's own, terms, which are equations without a name,
 and a learned residual acceleration, each fitted with those below in place. What comes of it is
-never farther from what was held out than the simulator as given, its parameters alone, or the
+never farther, beyond its standard error, from what was held out than the simulator as given, its parameters alone, or the
 learned residual alone: where one of those is nearer, it is the repair.
 """
 
