@@ -1,9 +1,9 @@
 """Layers of a repaired simulator, each kept for what it brings where nothing was fitted to.
 
 Upon what is named: parameters of the simulator's own, terms, which are equations without a name,
-and a learned residual acceleration, each fitted with those below in place. What comes of it is
-never farther, beyond its standard error, from what was held out than the simulator as given, its parameters alone, or the
-learned residual alone: where one of those is nearer, it is the repair.
+and a learned residual acceleration, each fitted with those below in place. What comes of it is not
+farther from what was held out than the simulator as given, its parameters alone, or the learned
+residual alone: where one of those is nearer, by more than the standard error, it is the repair.
 """
 
 from collections.abc import Mapping, Sequence
