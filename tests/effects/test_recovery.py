@@ -22,6 +22,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulators import make_engine
 
+
 @pytest.fixture(scope="module", autouse=True)
 def plain():
     """Compiled where it can be, as fits are in use."""
@@ -40,7 +41,6 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     "pose_scale": ("ratio", 0.9, 0.02),
     "heading_drift": ("rate", 0.02, 0.05),
 }
-FAST = ("understeer", "steering_drag", "heading_drift")
 BESIDE = ("grip_balance", "steering_gain", "yaw_damping", "viscous_drag", "one_sided_drag")
 
 
@@ -53,7 +53,7 @@ def options():
     return measured_options(make)
 
 
-def problem(effect, value, cars=2, steps=900):
+def problem(effect, value, cars, steps):
     """Drives of a car, or by a camera, with an effect, against the car without."""
     name = CONCEALED[effect][0]
     seen = {CAMERA[effect][name]: value} if effect in CAMERA else {}
@@ -75,9 +75,9 @@ def found(asked, effects):
     return {e: (fit, asked.cost(fit)) for e, fit in zip(effects, fits, strict=True)}
 
 
-def recovered(effect, others=()):
+def recovered(effect, others=(), size=(2, 900)):
     name, value, share = CONCEALED[effect]
-    asked = problem(effect, value)
+    asked = problem(effect, value, *size)
     fits = found(asked, [effect, "", *others])
     estimate = fits[effect][0].values()[effect][name]
     assert estimate == pytest.approx(value, rel=share)
@@ -85,9 +85,12 @@ def recovered(effect, others=()):
     return fits
 
 
-@pytest.mark.parametrize("effect", FAST)
+SLOWLY = [pytest.param(e, marks=pytest.mark.slow) for e in ("steering_drag", "heading_drift")]
+
+
+@pytest.mark.parametrize("effect", ["understeer", *SLOWLY])
 def test_a_concealed_effect_is_recovered(effect):
-    recovered(effect)
+    recovered(effect, size=(6, 300) if effect == "understeer" else (2, 900))
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
 from buggy_rl.simulators import make_engine
 
+
 @pytest.fixture(scope="module", autouse=True)
 def plain():
     """Compiled where it can be, as fits are in use."""
@@ -99,6 +100,7 @@ def recovered(effect, cars, steps):
     return asked, fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", FAST)
 def test_a_concealed_effect_is_recovered_within_5_per_cent(effect):
     recovered(effect, 2, 900)

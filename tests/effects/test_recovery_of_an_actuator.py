@@ -20,6 +20,7 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
 from buggy_rl.simulators import make_engine
 
+
 @pytest.fixture(scope="module", autouse=True)
 def plain():
     """Compiled where it can be, as fits are in use."""
@@ -90,6 +91,7 @@ def recovered(effect, cars, steps):
     return asked, fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", FAST)
 def test_a_concealed_effect_is_recovered(effect):
     recovered(effect, 2, 900)

@@ -23,7 +23,7 @@ needs_warp = pytest.mark.skipif(
 )
 no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
 on_each_device = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=no_gpu)])
-CARS = 16
+CARS = 6
 COMMANDS = [
     {},
     {"command": "throttle_brake_reverse", "drive": "all"},

@@ -33,7 +33,10 @@ def driven(engine, commands, vx=0.0):
     (count,) = engine.batch_size
     velocity = torch.zeros(count, 3)
     velocity[:, 0] = torch.as_tensor(vx)
-    state, rows = engine.reset(TensorDict({"pose": 0 * velocity, "velocity": velocity}, [count])), []
+    state, rows = (
+        engine.reset(TensorDict({"pose": 0 * velocity, "velocity": velocity}, [count])),
+        [],
+    )
     for throttle, steering, steps in commands:
         action = torch.stack([torch.as_tensor(v).expand(count) for v in (throttle, steering)], -1)
         for _ in range(steps):
