@@ -45,7 +45,11 @@ def drive(**options) -> Tensor:
 
 @needs_warp
 @on_each_device
-@pytest.mark.parametrize("options", COMMANDS, ids=lambda options: str(options.get("command")))
+@pytest.mark.parametrize(
+    "options",
+    [*COMMANDS[:2], *(pytest.param(options, marks=pytest.mark.slow) for options in COMMANDS[2:])],
+    ids=lambda options: str(options.get("command")),
+)
 def test_it_drives_as_mujoco_does(options, device):
     expected, found = drive(**options), drive(**options, backend="warp", device=device)
     assert expected[-1, :, 5].abs().max() > 2.0  # rad/s: they did turn
