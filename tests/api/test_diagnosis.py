@@ -10,6 +10,7 @@ import torch
 import buggy_rl
 from buggy_rl.core import keys
 from buggy_rl.core.config import ConfigError
+from buggy_rl.estimation import baseline
 from tests.diagnosis.planted import planted_drives
 
 SETTINGS = {
@@ -19,6 +20,14 @@ SETTINGS = {
     "minutes": 0,  # however busy the machine is, the same search
     "workers": 1,
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_training():
+    """Networks that an answer is compared with learn for a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baseline, "STEPS", 50)
+        yield
 
 
 @pytest.fixture(scope="module")

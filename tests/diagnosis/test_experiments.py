@@ -110,7 +110,6 @@ def test_a_manoeuvre_that_tells_nothing_leaves_the_odds_as_they_are(undecided, m
 def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided, monkeypatch):
     problem, found = undecided
     monkeypatch.setattr(experiments, "SAMPLES", 20)
-    begun = time.process_time()
     rates = decision_rates(problem, found)
     assert {r.manoeuvre for r in rates} == {m.name for m in MANOEUVRES}
     assert all(0 <= r.rate <= 1 for r in rates)

@@ -17,6 +17,7 @@ from buggy_rl.diagnosis.run.maker import IntegrationStep
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence
 from buggy_rl.diagnosis.search.posterior import of_hypotheses
+from buggy_rl.estimation import baseline as training
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
@@ -117,6 +118,7 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
 def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
     recordings, tmp_path, monkeypatch
 ):
+    monkeypatch.setattr(training, "STEPS", 50)
     # A coarser step, which is quick.
     assert make_simulator(ASKED.simulator, 1).substeps != 1
     step = IntegrationStep({"substeps": 1}, "another step")
@@ -149,7 +151,8 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
     assert maker._step(ONE, drives).options
 
 
-def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):
+def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings, monkeypatch):
+    monkeypatch.setattr(training, "STEPS", 50)
     answer = run_diagnosis(replace(ONE, minutes=1e-3), recordings).answer
     assert "left out: what to drive next; minutes=0.001 were up" in answer.notes
     assert answer.proof.after[1.0] > 0.0  # what is not optional is there

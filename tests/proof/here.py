@@ -2,6 +2,7 @@
 
 That jobs run in processes of their own has its tests in tests/jobs, what a simulator shows of
 itself in tests/effects, here taken as typical, and the report in tests/diagnosis, here left out.
+Networks that an answer is compared with learn for a tenth of the time.
 """
 
 import sys
@@ -18,6 +19,7 @@ from buggy_rl.core.files import write_json
 from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.effects import measuring
+from buggy_rl.estimation import baseline
 from buggy_rl.jobs import OUTCOME, Job, Outcome, Progress
 from buggy_rl.proof import proof
 from buggy_rl.proof.calibrate import development
@@ -34,6 +36,7 @@ def jobs_here() -> Iterator[None]:
     with (
         patch.object(measuring, "CHAINS", ()),
         patch.object(diagnosis, "report", lambda *_: ""),
+        patch.object(baseline, "STEPS", 50),
         patch.object(development, "results", called),
         patch.object(development, "joint_search", partial(joint_search, budget=SHORT)),
         patch.object(proof, "results", called),

@@ -13,7 +13,6 @@ from buggy_rl.proof.transfer import score
 from buggy_rl.proof.transfer.plan import TransferConfig
 from buggy_rl.proof.transfer.score import (
     ENDLESS,
-    ROOM,
     PolicyBatch,
     drive_policies,
     drive_rows,
@@ -53,8 +52,14 @@ def judged(files, **changes) -> PolicyBatch:
     return replace(judged, **changes)
 
 
-def test_each_policy_drives_as_if_it_were_alone(files, monkeypatch):
-    monkeypatch.setattr(score, "ROOM", ENDLESS)  # the other path is driven to its end
+@pytest.fixture
+def endless(monkeypatch):
+    """Leaves the path out that has an end, which is driven to it."""
+    monkeypatch.setattr(score, "ROOM", ENDLESS)
+
+
+@pytest.mark.usefixtures("endless")
+def test_each_policy_drives_as_if_it_were_alone(files):
     together = list(drive_rows(judged(files)))
     alone = [row for n in (0, 1) for row in drive_rows(judged(files[n : n + 1]))]
     assert [(r["arm"], r["course"]) for r in together[:2]] == [("arm0", "lap"), ("arm1", "lap")]
@@ -90,16 +95,18 @@ def test_the_car_has_what_is_concealed_in_it(files):
     assert speeds[1] < 0.9 * speeds[0]
 
 
+@pytest.mark.usefixtures("endless")
 def test_what_is_judged_is_not_judged_again_unless_it_is_something_else(files, tmp_path):
-    one = judged(files[:1], file=tmp_path / "driven.json")
+    one = judged(files[:1], file=tmp_path / "driven.json", seconds=0.3)
     assert not one.done
     assert drive_policies(one) == 1
     assert one.done
-    assert len(json.loads(one.file.read_text())["drives"]) == len(ROOM)
+    assert len(json.loads(one.file.read_text())["drives"]) == len(ENDLESS)
     assert not replace(one, seconds=2.0).done
-    assert not judged(files, file=one.file).done
+    assert not judged(files, file=one.file, seconds=0.3).done
 
 
+@pytest.mark.usefixtures("endless")
 def test_a_policy_that_is_trained_anew_is_judged_anew(tmp_path):
     one = judged([policy_file(tmp_path / "0", 0, -0.6)], file=tmp_path / "driven.json", seconds=0.1)
     drive_policies(one)
