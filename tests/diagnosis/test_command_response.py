@@ -25,7 +25,7 @@ LARGE = {
 
 @pytest.fixture(scope="module")
 def drives():
-    made = planted_drives(list(LARGE.values()), cars=2, seconds=20.0)
+    made = planted_drives(list(LARGE.values()), cars=2, seconds=25.0)
     return dict(zip(LARGE, made, strict=True))
 
 
@@ -81,16 +81,16 @@ def with_rest(recording, rows):
 def test_a_car_that_is_pushed_is_refused_by_name_with_row_and_value(drives):
     one, other = drives["nothing"]
     pushed = replace(with_rest(one, slice(None)), name="by_hand")
-    words = r"drive by_hand: from 0\.0 to 20\.\d s the car gains \d\.\d m/s with the throttle at"
+    words = r"drive by_hand: from 0\.0 to 25\.\d s the car gains \d\.\d m/s with the throttle at"
     with pytest.raises(ValueError, match=words):
         check_commands([pushed, other])
 
 
 def test_a_car_that_is_carried_back_in_the_midst_is_noted_and_coasting_is_not():
-    action = commands(1, 1800)
+    action = commands(1, 2200)
     action[:, 400:700, 0] = -1.0
     action[:, 1000:1300, 0] = -1.0
-    [[recording]] = planted_drives([{}], cars=1, seconds=18.0, action=action)
+    [[recording]] = planted_drives([{}], cars=1, seconds=22.0, action=action)
     assert check_commands([recording]).notes == []
     # As if nobody had driven it from where it stands still, at 7 s, on.
     [note] = check_commands([with_rest(recording, slice(400, 1300))]).notes

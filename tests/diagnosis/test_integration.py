@@ -25,10 +25,10 @@ def step_for(segments, **given):
 
 
 @cache
-def drives(timestep=None, mass=None):
+def drives(timestep=None, mass=None, seconds=4.0):
     own = mujoco(timestep=timestep)({}).make
     planted = {} if mass is None else {"parameter": {"mass": mass}}
-    return cut_segments(planted_drives([planted], seconds=4.0, make=own)[0], 1.0, 1.0)
+    return cut_segments(planted_drives([planted], seconds=seconds, make=own)[0], 1.0, 1.0)
 
 
 def test_a_step_too_coarse_is_halved_until_that_changes_nothing():
@@ -45,7 +45,7 @@ def test_a_step_that_is_fine_enough_stays():
 
 def test_a_simulator_that_is_right_with_its_coarse_step_keeps_it():
     # As one that was fitted with that step is.
-    assert not step_for(drives(timestep=COARSE), timestep=COARSE).options
+    assert not step_for(drives(timestep=COARSE, seconds=8.0), timestep=COARSE).options
 
 
 def test_another_fault_of_the_car_is_not_taken_for_a_coarse_step():
