@@ -10,10 +10,11 @@ import torch
 import buggy_rl
 from buggy_rl.core import keys
 from buggy_rl.core.config import ConfigError
+from buggy_rl.estimation import baseline
 from tests.diagnosis.planted import planted_drives
 
 SETTINGS = {
-    "effects": ["throttle_gain", "viscous_drag"],
+    "effects": ["throttle_gain"],
     "parameters": False,
     "stretches": 8,
     "minutes": 0,  # however busy the machine is, the same search
@@ -21,10 +22,18 @@ SETTINGS = {
 }
 
 
+@pytest.fixture(scope="module", autouse=True)
+def short_training():
+    """Networks that an answer is compared with learn for a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baseline, "STEPS", 50)
+        yield
+
+
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("drives")
-    for recording in planted_drives([{"throttle_gain": {"gain": 0.7}}], seconds=9.0)[0]:
+    for recording in planted_drives([{"throttle_gain": {"gain": 0.7}}], seconds=6.0)[0]:
         buggy_rl.save_recording(recording, folder / f"{recording.name}.csv")
     return folder
 
@@ -45,7 +54,7 @@ def saved(found: buggy_rl.Diagnosis, tmp_path_factory) -> Path:
 
 def test_the_command_line_writes_the_same_answer(saved, drives, tmp_path, monkeypatch, repository):
     words = [f"{name}={value}" for name, value in SETTINGS.items() if name != "effects"]
-    words += [f"effects={','.join(SETTINGS['effects'])}", f"output={tmp_path}"]
+    words += [f"effects=[{','.join(SETTINGS['effects'])}]", f"output={tmp_path}"]
     command = ["scripts/diagnose.py", "simulator=single_track", f"recordings={drives}", *words]
     monkeypatch.setattr(sys, "argv", command)
     runpy.run_path(str(repository / "scripts" / "diagnose.py"), run_name="__main__")

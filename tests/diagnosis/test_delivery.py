@@ -15,6 +15,7 @@ from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_can
 from buggy_rl.diagnosis.repair.validation import Errors, delivered, validated
 from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.estimation import baseline
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.recordings import Recording
@@ -28,7 +29,7 @@ CONFIG = DiagnosisConfig(
     output="nowhere",
     effects=["throttle_gain", "viscous_drag"],
     parameters=False,
-    stretches=24,
+    stretches=16,
     minutes=0.0,
     workers=1,
 )
@@ -43,9 +44,17 @@ def stamped_late(recording, rows=EARLY):
     return Recording(recording.name, late, recording.dt)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def short_training():
+    """Networks that an answer is compared with learn for a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baseline, "STEPS", 50)
+        yield
+
+
 @pytest.fixture(scope="module")
 def recordings():
-    made = planted_drives([{"throttle_gain": {"gain": 0.6}}], seconds=12.0)[0]
+    made = planted_drives([{"throttle_gain": {"gain": 0.6}}], seconds=9.0)[0]
     return [stamped_late(recording) for recording in made]
 
 

@@ -15,7 +15,7 @@ from buggy_rl.proof.cases.twin import TwinColumn, TwinConfig, foreign, parameter
 from buggy_rl.recordings import load_recordings
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "twins"
-TWINS = {"mocap_30hz": 24.0, "rally_gps": 6.0, "full_size": 6.0}  # [s] of a short drive
+TWINS = {"mocap_30hz": 20.0, "rally_gps": 6.0, "full_size": 4.0}  # [s] of a short drive
 
 
 def config_of(name, folder, *options):
