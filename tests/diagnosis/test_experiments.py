@@ -76,6 +76,7 @@ def test_the_most_probable_hypotheses_lead_and_a_sure_one_leaves_nothing_open(un
     assert decision_rates(problem, sure) == []
 
 
+@pytest.mark.slow
 def test_what_another_hypothesis_leaves_is_what_it_leaves_of_real_drives(undecided, manoeuvres):
     _, found = undecided
     slalom = manoeuvres[named("slow_slalom")]

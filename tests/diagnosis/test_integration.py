@@ -1,5 +1,7 @@
 from functools import cache
 
+import pytest
+
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.run.maker import fine_enough
 from buggy_rl.estimation.rollout import Simulation
@@ -60,6 +62,7 @@ def test_a_simulator_without_a_step_keeps_its_options():
     assert not fine_enough(simulation, drives(), DEFAULTS.finer_step_gain).options
 
 
+@pytest.mark.slow
 def test_a_step_is_halved_at_most_three_times():
     recordings = planted_drives([{}], cars=1, seconds=1.0, make=mujoco()({}).make)[0]
     found = fine_enough(mujoco(timestep=COARSE), cut_segments(recordings, 0.2, 0.5), -100.0)

@@ -46,6 +46,7 @@ def test_probabilities_are_written_and_sum_to_one(weak):
     )
 
 
+@pytest.mark.slow
 def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_left_out(
     long_drives,
 ):
@@ -63,6 +64,7 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     assert counts == sorted(counts)
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(
     long_drives, small, tmp_path
 ):

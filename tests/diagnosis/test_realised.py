@@ -103,6 +103,7 @@ def test_the_repaired_simulator_has_it_as_a_parameter(inside, around, tmp_path):
     assert "viscous_drag" in repaired_simulator(SIMULATOR, around, tmp_path)["effects"]
 
 
+@pytest.mark.slow
 def test_with_baseline_recordings_it_has_changed_and_is_inside_too(recordings, minutes):
     before = planted_drives([{}], seconds=12.0, seed=1, make=cars)[0]
     done = run_diagnosis(config(stretches=8, minutes=minutes), recordings, baseline=before)

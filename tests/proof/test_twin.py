@@ -32,6 +32,7 @@ def made(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_proposed_map_of_the_small_car_is_right(made):
     check_proposal(made / "mocap_30hz")
 
