@@ -55,6 +55,7 @@ def check_proposal(folder):
     assert sides[0] == sides[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TWINS)
 def test_most_frames_are_kept_and_none_is_made_up(made, name):
     columns = made / name / "answer" / "columns.yaml"
@@ -75,6 +76,7 @@ def test_most_frames_are_kept_and_none_is_made_up(made, name):
             assert not ((inside > low + 0.02) & (inside < high - 0.02)).any()
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_in_the_answer_and_nowhere_else(made):
     own = config_of("full_size", made)
     answer = yaml.safe_load((made / "full_size" / "answer" / "truth.yaml").read_text())

@@ -45,9 +45,10 @@ def drive(**options) -> Tensor:
 
 @needs_warp
 @on_each_device
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [*COMMANDS[:2], *(pytest.param(options, marks=pytest.mark.slow) for options in COMMANDS[2:])],
+    COMMANDS,
     ids=lambda options: str(options.get("command")),
 )
 def test_it_drives_as_mujoco_does(options, device):
@@ -61,6 +62,7 @@ def test_it_drives_as_mujoco_does(options, device):
 
 @needs_warp
 @on_each_device
+@pytest.mark.slow
 def test_contact_tyres_drive_alike_up_to_the_solver(device):
     # Both solve the same problem of friction and stop at different remainders.
     expected = drive(tyres="contact")
