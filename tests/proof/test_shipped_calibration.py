@@ -10,12 +10,18 @@ from buggy_rl.diagnosis.search import posterior
 from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, shipped
 from buggy_rl.proof.calibrate import calibration
 from buggy_rl.proof.calibrate.calibration import calibrated, feature_table, left_out, weights
-from buggy_rl.proof.calibrate.intervals import covered, form_error, intervals, scored_numbers
+from buggy_rl.proof.calibrate.intervals import (
+    covered,
+    form_error,
+    intervals,
+    scored_numbers,
+    step_intervals,
+)
 from buggy_rl.proof.ledger import searched
 from buggy_rl.proof.score.tables import best_single, by_pairing, counted, lowest_loss, mcnemar
 
 DOCS = Path(__file__).parents[2] / "docs"
-LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh")]
+LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh", "enlarged")]
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +91,7 @@ def test_the_coverage_of_the_docs_is_that_of_the_ledger(cases, text):
 
 
 def test_a_form_error_of_the_earlier_cases_covers_the_fresh_ones(of_ledger, text):
-    earlier, fresh = of_ledger
+    earlier, fresh, _ = of_ledger
     form = form_error(scored_numbers(earlier))
     assert intervals(fresh, form).splitlines()[2] in text
     inside, _ = covered([(n, form) for n in scored_numbers(fresh)])
@@ -123,7 +129,7 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from, text):
 
 
 def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights(of_ledger, text):
-    _, fresh = of_ledger
+    _, fresh, _ = of_ledger
     earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
     assert earlier.cases < shipped().cases
     found = [e.scored(e.posterior(earlier)) for e in fresh]
@@ -135,4 +141,19 @@ def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights(of_ledger, 
         assert line in text
     rows = counted({"posterior": found}).splitlines()[2:]
     for row in rows:
+        assert row.rstrip("|") in text
+
+
+def test_the_cases_of_the_enlarged_library_are_answered_by_the_weights_before_them(of_ledger, text):
+    *_, enlarged = of_ledger
+    earlier = load_calibration(DOCS / "development" / "weights_927.yaml")
+    found = [e.scored(e.posterior(earlier)) for e in enlarged]
+    for line in (
+        *by_pairing(found).splitlines(),
+        *intervals(enlarged, earlier.form_error).splitlines(),
+        *step_intervals(enlarged, earlier.step_error).splitlines(),
+        mcnemar(found, [e.scored(best_single(e)) for e in enlarged], "best single"),
+    ):
+        assert line in text
+    for row in counted({"posterior": found}).splitlines()[2:]:
         assert row.rstrip("|") in text
