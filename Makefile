@@ -12,7 +12,7 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
-# Of a rear-driven car; those of others are compiled by `scripts/compile.py` or at first use.
+# Of a rear-driven car; `scripts/compile.py` compiles those of others too.
 KERNELS := reference_substep,reference_substep_braked,single_track_substep,friction_change_12,$\
     slip_change_12,moved,mean_acceleration,centred
 

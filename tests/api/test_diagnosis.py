@@ -10,7 +10,6 @@ import torch
 import buggy_rl
 from buggy_rl.core import keys
 from buggy_rl.core.config import ConfigError
-from buggy_rl.estimation import baseline
 from tests.diagnosis.planted import planted_drives
 
 SETTINGS = {
@@ -22,12 +21,7 @@ SETTINGS = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_training():
-    """Networks that an answer is compared with learn for a tenth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(baseline, "STEPS", 50)
-        yield
+pytestmark = pytest.mark.usefixtures("short_training")
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,6 @@ from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_can
 from buggy_rl.diagnosis.repair.validation import Errors, delivered, validated
 from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior
-from buggy_rl.estimation import baseline
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.recordings import Recording
@@ -44,12 +43,7 @@ def stamped_late(recording, rows=EARLY):
     return Recording(recording.name, late, recording.dt)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_training():
-    """Networks that an answer is compared with learn for a tenth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(baseline, "STEPS", 50)
-        yield
+pytestmark = pytest.mark.usefixtures("short_training")
 
 
 @pytest.fixture(scope="module")

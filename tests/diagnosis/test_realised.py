@@ -9,7 +9,6 @@ import yaml
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repaired import repaired_simulator
-from buggy_rl.estimation import baseline
 from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis import realising
@@ -25,12 +24,7 @@ def cars(count):
     return in_single_precision(realising.make(count))
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_training():
-    """Networks that an answer is compared with learn for a tenth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(baseline, "STEPS", 50)
-        yield
+pytestmark = pytest.mark.usefixtures("short_training")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from buggy_rl.diagnosis.run.case import (
     Retuned,
     longer_segments,
 )
-from buggy_rl.estimation import baseline
 from buggy_rl.estimation.evidence import blocks, misfit
 from buggy_rl.estimation.hypothesis import Hypothesis, Library
 from buggy_rl.simulators import make_engine
@@ -28,12 +27,7 @@ FEW = ["steering_gain"]
 FITTED = ("drive_force", "left_angle", "viscous_friction", "rear_grip")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_training():
-    """Networks that an answer is compared with learn for a tenth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(baseline, "STEPS", 50)
-        yield
+pytestmark = pytest.mark.usefixtures("short_training")
 
 
 @pytest.fixture(scope="module")
