@@ -113,6 +113,7 @@ def test_first_episodes_can_begin_at_different_ages(cars):
     assert len({int(np.argmax(car)) for car in np.transpose(ends)}) > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["original", "batched", "ours"])
 def test_each_case_trains_and_its_policy_can_be_scored(part, settings, case):
     cases, timing, score = part("cases"), part("timing"), part("score")

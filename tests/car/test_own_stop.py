@@ -241,3 +241,39 @@ def seconds_to_neutral(log, number):  # noqa: F811
     finally:
         loop.kill()
         loop.wait(20)
+
+
+def test_a_disk_that_hangs_when_the_note_is_written_does_not_hold_up_neutral(
+    about,  # noqa: F811
+    log,  # noqa: F811
+    monkeypatch,
+):
+    class BrokenError(Exception):
+        pass
+
+    def raises(self, now):
+        raise BrokenError
+
+    written = []
+    monkeypatch.setattr(driving, "write_note", lambda *_: written.append(log.path.exists()
+                        and log.last() == NEUTRAL and len(log.commands()) > 1))  # fmt: skip
+    monkeypatch.setattr(driving.Loop, "_step", raises)
+    with pytest.raises(BrokenError):
+        driving.drive_car(make_config(about), {}, [].append)
+    assert written[-1]  # neutral came before the note
+
+
+def test_a_note_that_cannot_be_written_does_not_hide_how_the_drive_ended(about, monkeypatch):  # noqa: F811
+    calls, write = [], driving.write_note
+
+    def full(path, content):
+        calls.append(path)
+        if len(calls) > 1:
+            raise OSError(28, "No space left on device")
+        write(path, content)
+
+    monkeypatch.setattr(driving, "write_note", full)
+    said = []
+    summary = driving.drive_car(make_config(about), {}, said.append)
+    assert summary.neutral_confirmed
+    assert "could not be written: [Errno 28] No space left" in said[-1]

@@ -185,7 +185,7 @@ def test_the_engine_is_found_in_a_file(tmp_path, text, names):
     assert compile.kernels_of_engine(str(tmp_path / "missing.yaml")) == []
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_kernels_are_compiled_in_their_order_and_those_that_are_there_not_again(tmp_path, workers):
     names = ["moved", "centred"]
     for k in kernel.kernels(names):

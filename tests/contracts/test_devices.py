@@ -106,18 +106,25 @@ ASKED = [
 ]
 
 
+FEW = ["thermal_foldback", "throttle_lag", "sensor_latency", "sensor_lag"]  # of each kind
+
+
 @pytest.mark.usefixtures("contentless")
-def test_rollouts_of_a_diagnosis_run_where_the_simulator_is(monkeypatch):
+@pytest.mark.parametrize(
+    "names", [FEW, pytest.param(ASKED, marks=pytest.mark.slow)], ids=["few", "all"]
+)
+def test_rollouts_of_a_diagnosis_run_where_the_simulator_is(names, monkeypatch):
     monkeypatch.setattr(torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape))
-    segments = cut_segments([counting_drive("a", 80)], 0.1, 0.1)
+    segments = cut_segments([counting_drive("a", 40)], 0.02, 0.02)
     effects = {
         name: {p.name: torch.full((SETS,), p.value + p.probe) for p in effect_class(name).declared}
-        for name in ASKED
+        for name in names
     }
     settings = ParameterSets(effects, {"mass": torch.ones(SETS)}, torch.full((SETS,), 0.01))
-    simulation = Simulation(lambda cars: make_engine("single_track", cars, "meta"))
+    # Steps take long on the meta device; those of the other engines are tried above.
+    simulation = Simulation(lambda cars: make_engine("kinematic", cars, "meta"), every=1)
     residuals = simulation.residuals(segments, settings, torch.zeros(SETS, 6))
-    assert residuals.shape == (SETS, len(segments), 1, 6)
+    assert residuals.shape == (SETS, len(segments), 2, 6)
     for _, imposed, after in simulation.single_steps(segments, settings):
         assert imposed.device == after.device == segments.pose.device
 

@@ -3,7 +3,7 @@
 from contextlib import nullcontext
 from functools import partial
 from importlib.util import find_spec
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 import torch
@@ -115,7 +115,10 @@ def where(request):
         yield
 
 
-@pytest.fixture(params=[*sorted(ENGINES), WARP, *ON_GPU])
+NAMES = [*sorted(ENGINES), WARP, *ON_GPU]
+
+
+@pytest.fixture(params=NAMES)
 def name(request):
     return request.param
 
@@ -135,7 +138,7 @@ def test_half_its_step_and_half_of_that_come_closer_to_one_another(name):
     engine, ends = make(name), []
     for _ in range(3):
         state = start(engine, velocity=(1.5, 0.0, 0.0))
-        ends.append(follow(engine, state, manoeuvre())[0][-1])
+        ends.append(follow(engine, state, manoeuvre(40))[0][-1])
         if not engine.half_step:
             assert plain(name) in (
                 "hold",
@@ -155,8 +158,22 @@ def test_pose_and_velocity_are_single_precision_on_the_engines_device(engine):
             assert state[key].shape == (*engine.batch_size, 3)
 
 
-@pytest.mark.parametrize("batch_size", [(), (4,)], ids=["one", "four"])
-@pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
+def in_batches():
+    """Every engine in serial environments of one and of four cars, some in processes as well.
+
+    Processes take a second each and know nothing of engines; the rest of the pairs are slow.
+    """
+    fast = {("mujoco", ()), ("learned", ()), ("reference", (4,))}
+    for each in NAMES:
+        name, marks = (each, ()) if isinstance(each, str) else (each.values[0], each.marks)
+        for kind, size in product((SerialEnv, ParallelEnv), ((), (4,))):
+            slow = kind is ParallelEnv and (name, size) not in fast and "cuda" not in name
+            more = [pytest.mark.slow] if slow else []
+            label = f"{name}-{kind.__name__}-{'four' if size else 'one'}"
+            yield pytest.param(name, kind, size, marks=[*marks, *more], id=label)
+
+
+@pytest.mark.parametrize(("name", "kind", "batch_size"), in_batches())
 def test_it_drives_alike_inside_a_batch_of_environments(name, kind, batch_size):
     start_method = "spawn" if "cuda" in name else "fork"  # a forked process cannot use the GPU
     options = {"mp_start_method": start_method} if kind is ParallelEnv else {}
@@ -291,18 +308,19 @@ def test_left_is_the_mirror_of_right(name):
     assert poses[:, 1].abs().max() > 0.02 or plain(name) == "hold"  # m: it did turn
 
 
-@pytest.mark.parametrize("steering", [-1.0, 0.0, 1.0])
-def test_at_rest_without_throttle_it_stays_at_rest(name, steering):
-    engine = make(name)
-    poses, velocities, _ = follow(engine, engine.reset(), torch.tensor([[-1.0, steering]] * 200))
-    assert poses.abs().max() < 1e-3  # m, rad
+def test_at_rest_without_throttle_it_stays_at_rest(name):
+    engine = make(name, (3,))
+    steered = torch.tensor([[-1.0, -1.0], [-1.0, 0.0], [-1.0, 1.0]])
+    poses, velocities, _ = follow(engine, engine.reset(), steered.expand(60, 3, 2))
+    assert poses.abs().max() < 3e-4  # m, rad
     assert velocities.abs().max() < 1e-3  # m/s, rad/s
 
 
-@pytest.mark.parametrize("steering", [-1.0, 1.0])
-def test_full_throttle_and_full_lock_from_rest_run_away_nowhere(name, steering):
-    engine = make(name)
-    poses, velocities, _ = follow(engine, engine.reset(), torch.tensor([[1.0, steering]] * 500))
+@pytest.mark.parametrize("steps", [150, pytest.param(500, marks=pytest.mark.slow)])
+def test_full_throttle_and_full_lock_from_rest_run_away_nowhere(name, steps):
+    engine = make(name, (2,))
+    steered = torch.tensor([[1.0, -1.0], [1.0, 1.0]])
+    poses, velocities, _ = follow(engine, engine.reset(), steered.expand(steps, 2, 2))
     assert poses.isfinite().all()
     assert poses[..., :2].abs().max() < 50  # m: 5 s at the top speed of 10 m/s
     assert velocities[..., :2].norm(dim=-1).max() < 12  # m/s

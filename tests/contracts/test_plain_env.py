@@ -49,7 +49,14 @@ def test_it_is_an_engine_in_single_precision(name, batch_size):
         value = rows["next", key] if key != keys.ACTION else rows[key]
         assert value.dtype == torch.float32, key
     assert rows["motor_force"].dtype == rows["servo", "angle"].dtype == torch.float64
-    assert check_simulator(lambda count: make_engine(name, count), name) == []
+
+
+SLOWLY = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("make", "make_declared")]
+
+
+@pytest.mark.parametrize("kind", ["make_quick", *SLOWLY])
+def test_nothing_is_found_amiss_in_it_before_a_diagnosis(kind):
+    assert check_simulator(lambda count: make_engine(f"{FILE}:{kind}", count), kind) == []
 
 
 def test_it_computes_in_its_own_precision():
@@ -112,9 +119,9 @@ def test_every_effect_stands_over_it(effect):
 
     values = {p.name: size(p) for p in effect_class(effect).declared}
     missing = make_effect(effect).with_parameters(TensorDict(values, [3]))
-    env = with_effects(make_engine(f"{FILE}:make", 3), [missing])
+    env = with_effects(make_engine(f"{FILE}:make_quick", 3), [missing])
     check_env_specs(env)
-    assert env.rollout(3)["next", keys.POSE].dtype == torch.float32
+    assert env.rollout(1)["next", keys.POSE].dtype == torch.float32
 
 
 def several(folder):
@@ -156,10 +163,10 @@ def test_an_environment_object_is_as_good_as_its_name():
 
 
 def test_a_controller_drives_it_round_a_path(tmp_path):
-    for source in (f"{FILE}:make", several(tmp_path)):
+    for source in (f"{FILE}:make_quick", several(tmp_path)):
         stack = task("transforms.waypoints.options.order=fixed", "paths.kind=circle")
         env = make_env(make_simulator(source, 2), task=stack)
-        scores = drive(env, PurePursuit(), 120)
+        scores = drive(env, PurePursuit(), 70)
         assert (scores.waypoints > 1).all(), source
         assert (scores.kept_on == 1).all(), source
 

@@ -9,7 +9,7 @@ import torch
 
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, behaviours, differing
 from buggy_rl.diagnosis.answer.step_tests import Driven, _half_time, step_tests
-from buggy_rl.diagnosis.search.posterior import shipped
+from buggy_rl.diagnosis.search.posterior import FormError, shipped
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.simulators import make_engine
@@ -115,6 +115,14 @@ def found_of(fit, sd, *others):
     )
 
 
+@pytest.fixture
+def narrow(monkeypatch):
+    """A form error of its own, whatever the shipped one is fitted to."""
+    own = replace(shipped(), step_error=FormError(5.6, 0.03, 0.0))
+    monkeypatch.setattr("buggy_rl.diagnosis.answer.behaviour.shipped", lambda: own)
+
+
+@pytest.mark.usefixtures("narrow")
 def test_what_an_effect_does_differs_and_what_it_does_not_does_not(late):
     problem, (dead_time, _) = late
     found = behaviours(case_of(problem), found_of(dead_time, 0.02))
@@ -143,6 +151,7 @@ def test_no_interval_has_no_width(late):
         assert b.high > b.low
 
 
+@pytest.mark.usefixtures("narrow")
 def test_an_interval_holds_what_another_leading_hypothesis_says(late):
     # Without a dead time the clock takes what it may, 15 ms; with it 60 ms are the steering's.
     problem, (dead_time, gain) = late

@@ -25,7 +25,7 @@ LARGE = {
 
 @pytest.fixture(scope="module")
 def drives():
-    made = planted_drives(list(LARGE.values()), cars=2, seconds=40.0)
+    made = planted_drives(list(LARGE.values()), cars=2, seconds=25.0)
     return dict(zip(LARGE, made, strict=True))
 
 
@@ -66,8 +66,8 @@ def test_commands_of_another_drive_are_said_not_to_predict_the_motion(drives):
 
 
 def test_a_steady_drive_tells_nothing_and_is_not_blamed():
-    action = torch.tensor([-0.4, 0.3]).expand(1, 2500, 2)
-    steady = planted_drives([{}], cars=1, seconds=25.0, action=action)[0]
+    action = torch.tensor([-0.4, 0.3]).expand(1, 1200, 2)
+    steady = planted_drives([{}], cars=1, seconds=12.0, action=action)[0]
     found = check_commands(steady)
     assert (found.first, found.notes) == ([], [])
 
@@ -81,20 +81,20 @@ def with_rest(recording, rows):
 def test_a_car_that_is_pushed_is_refused_by_name_with_row_and_value(drives):
     one, other = drives["nothing"]
     pushed = replace(with_rest(one, slice(None)), name="by_hand")
-    words = r"drive by_hand: from 0\.0 to 40\.\d s the car gains \d\.\d m/s with the throttle at"
+    words = r"drive by_hand: from 0\.0 to 25\.\d s the car gains \d\.\d m/s with the throttle at"
     with pytest.raises(ValueError, match=words):
         check_commands([pushed, other])
 
 
 def test_a_car_that_is_carried_back_in_the_midst_is_noted_and_coasting_is_not():
-    action = commands(1, 3000)
-    action[:, 800:1200, 0] = -1.0
-    action[:, 1600:2000, 0] = -1.0
-    [[recording]] = planted_drives([{}], cars=1, seconds=30.0, action=action)
+    action = commands(1, 2200)
+    action[:, 400:700, 0] = -1.0
+    action[:, 1000:1300, 0] = -1.0
+    [[recording]] = planted_drives([{}], cars=1, seconds=22.0, action=action)
     assert check_commands([recording]).notes == []
-    # As if nobody had driven it from where it stands still, at 12 s, on.
-    [note] = check_commands([with_rest(recording, slice(800, 2000))]).notes
-    assert "from 8.0 to 20.0 s the car gains" in note
+    # As if nobody had driven it from where it stands still, at 7 s, on.
+    [note] = check_commands([with_rest(recording, slice(400, 1300))]).notes
+    assert "from 4.0 to 13.0 s the car gains" in note
 
 
 def test_the_answer_begins_with_it(drives, monkeypatch):
@@ -105,7 +105,7 @@ def test_the_answer_begins_with_it(drives, monkeypatch):
         effects=["throttle_gain"],
         parameters=False,
         stretches=12,
-        minutes=0.0,
+        minutes=10.0,  # of which the shortest search is made, since they do not predict the motion
         workers=1,
     )
     monkeypatch.setattr(pipeline, "other_sensors", lambda _: [])

@@ -28,7 +28,7 @@ CONFIG = DiagnosisConfig(
     output="nowhere",
     effects=["throttle_gain", "viscous_drag"],
     parameters=False,
-    stretches=24,
+    stretches=16,
     minutes=0.0,
     workers=1,
 )
@@ -43,9 +43,12 @@ def stamped_late(recording, rows=EARLY):
     return Recording(recording.name, late, recording.dt)
 
 
+pytestmark = pytest.mark.usefixtures("short_training")
+
+
 @pytest.fixture(scope="module")
 def recordings():
-    made = planted_drives([{"throttle_gain": {"gain": 0.6}}], seconds=12.0)[0]
+    made = planted_drives([{"throttle_gain": {"gain": 0.6}}], seconds=9.0)[0]
     return [stamped_late(recording) for recording in made]
 
 

@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.answer.experiments import (
     with_drives,
 )
 from buggy_rl.diagnosis.answer.manoeuvres import HEADINGS, MANOEUVRES, TIMES, simulated, trusted
+from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import concluded
@@ -24,6 +25,7 @@ from tests.diagnosis.planted import commands, planted_drives, problem_of
 
 DRAGGY = {"viscous_drag": {"rate": 0.03}}
 VISCOUS, AIR = ("viscous_drag",), ("aerodynamic_drag",)
+SHORT = replace(FULL, rounds=1)
 EFFECTS = ("viscous_drag", "aerodynamic_drag", "steering_gain")
 
 
@@ -39,7 +41,7 @@ def steady():
 
 def searched(problem):
     criteria = Criteria(blocks(problem.segments))
-    found = joint_search(problem, criteria, also=[VISCOUS, AIR])
+    found = joint_search(problem, criteria, also=[VISCOUS, AIR], budget=SHORT)
     return concluded(criteria, found)
 
 
@@ -74,6 +76,7 @@ def test_the_most_probable_hypotheses_lead_and_a_sure_one_leaves_nothing_open(un
     assert decision_rates(problem, sure) == []
 
 
+@pytest.mark.slow
 def test_what_another_hypothesis_leaves_is_what_it_leaves_of_real_drives(undecided, manoeuvres):
     _, found = undecided
     slalom = manoeuvres[named("slow_slalom")]
@@ -105,8 +108,9 @@ def test_a_manoeuvre_that_tells_nothing_leaves_the_odds_as_they_are(undecided, m
     assert posterior(worse).sets[AIR] < 0.1 * after.sets[AIR]
 
 
-def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided):
+def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided, monkeypatch):
     problem, found = undecided
+    monkeypatch.setattr(experiments, "SAMPLES", 20)
     rates = decision_rates(problem, found)
     assert {r.manoeuvre for r in rates} == {m.name for m in MANOEUVRES}
     assert all(0 <= r.rate <= 1 for r in rates)

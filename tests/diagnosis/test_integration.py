@@ -1,5 +1,7 @@
 from functools import cache
 
+import pytest
+
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.diagnosis.run.maker import fine_enough
 from buggy_rl.estimation.rollout import Simulation
@@ -24,9 +26,11 @@ def step_for(segments, **given):
     return fine_enough(mujoco(**given), segments, DEFAULTS.finer_step_gain)
 
 
-def drives(**given):
-    own = mujoco(**given)({}).make
-    return cut_segments(planted_drives([{}], seconds=8.0, make=own)[0], 1.0, 1.0)
+@cache
+def drives(timestep=None, mass=None, seconds=4.0):
+    own = mujoco(timestep=timestep)({}).make
+    planted = {} if mass is None else {"parameter": {"mass": mass}}
+    return cut_segments(planted_drives([planted], seconds=seconds, make=own)[0], 1.0, 1.0)
 
 
 def test_a_step_too_coarse_is_halved_until_that_changes_nothing():
@@ -43,13 +47,11 @@ def test_a_step_that_is_fine_enough_stays():
 
 def test_a_simulator_that_is_right_with_its_coarse_step_keeps_it():
     # As one that was fitted with that step is.
-    assert not step_for(drives(timestep=COARSE), timestep=COARSE).options
+    assert not step_for(drives(timestep=COARSE, seconds=8.0), timestep=COARSE).options
 
 
 def test_another_fault_of_the_car_is_not_taken_for_a_coarse_step():
-    own = mujoco()({}).make
-    heavy = planted_drives([{"parameter": {"mass": 3.3}}], seconds=8.0, make=own)[0]
-    assert not step_for(cut_segments(heavy, 1.0, 1.0)).options
+    assert not step_for(drives(mass=3.3)).options
 
 
 def test_a_simulator_without_a_step_keeps_its_options():
@@ -60,7 +62,8 @@ def test_a_simulator_without_a_step_keeps_its_options():
     assert not fine_enough(simulation, drives(), DEFAULTS.finer_step_gain).options
 
 
+@pytest.mark.slow
 def test_a_step_is_halved_at_most_three_times():
-    recordings = planted_drives([{}], cars=1, seconds=2.0, make=mujoco()({}).make)[0]
-    found = fine_enough(mujoco(timestep=COARSE), cut_segments(recordings, 0.2, 1.0), -100.0)
+    recordings = planted_drives([{}], cars=1, seconds=1.0, make=mujoco()({}).make)[0]
+    found = fine_enough(mujoco(timestep=COARSE), cut_segments(recordings, 0.2, 0.5), -100.0)
     assert found.options == {"timestep": COARSE / 8}

@@ -12,20 +12,26 @@ from buggy_rl.diagnosis.search import joint
 from buggy_rl.diagnosis.search.joint import MOST, joint_search, unit_changes
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.sparse import trials
-from tests.diagnosis.planted import problem_of
+from tests.diagnosis.planted import FEW, problem_of
 
 PRICE = 3.0  # [nats] of an effect more: odds of 20 to 1 against each
 
 
-def searched(recordings, also=()):
-    problem = problem_of(recordings)
-    return joint_search(problem, Criteria(blocks(problem.segments)), also)
+PLANTED = ["steering_dead_time", "steering_gain", "viscous_drag"]
+SHORT = replace(FULL, rounds=1, iterations=2, refitted=0, sizes=(0.7,))
 
 
-@pytest.fixture(scope="module")
-def found(drives):
+def searched(recordings, also=(), effects=FEW, budget=FULL):
+    problem = problem_of(recordings, effects)
+    return joint_search(problem, Criteria(blocks(problem.segments)), also, budget=budget)
+
+
+@pytest.fixture(scope="module", params=["planted", pytest.param("few", marks=pytest.mark.slow)])
+def found(drives, request):
+    """Searches of what is planted anywhere, or of other effects as well."""
     names = ("nothing", "late", "draggy", "two")
-    return {name: searched(drives[name]) for name in names}
+    effects = {"planted": PLANTED, "few": FEW}[request.param]
+    return {name: searched(drives[name], effects=effects) for name in names}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +63,7 @@ def test_a_right_hypothesis_leaves_noise_and_needs_nothing_beside_it(found):
 
 def test_so_many_of_each_size_are_fitted_and_what_is_asked_for_is_marked(drives):
     asked = ("gyro_bias", "steering_offset", "viscous_drag")
-    more = searched(drives["late"], [asked])
+    more = searched(drives["late"], [asked], budget=SHORT)
     keys = [w.candidate.key for w in more.weighed]
     sizes = [len(key) for key in keys]
     assert sizes.count(0) == 1

@@ -46,13 +46,14 @@ def test_probabilities_are_written_and_sum_to_one(weak):
     )
 
 
+@pytest.mark.slow
 def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_left_out(
     long_drives,
 ):
     readings = []
     done = run_diagnosis(replace(ASKED, minutes=0.01), long_drives["weak"], show=readings.append)
     [lost] = [note for note in done.answer.notes if "environment steps a second: " in note]
-    assert "16 of 40 segments, 4 of 16 sets, 1 of 10 iterations" in lost
+    assert "16 of 24 segments, 4 of 16 sets, 1 of 10 iterations" in lost
     assert lost in done.answer.to_dict()["notes"]
     assert len(done.case.problem.segments) == 16
     assert done.answer.effects[0].name == "throttle_gain"
@@ -63,6 +64,7 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     assert counts == sorted(counts)
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_goes_on_in_the_round_in_which_it_was_stopped(
     long_drives, small, tmp_path
 ):

@@ -17,6 +17,7 @@ from buggy_rl.diagnosis.run.maker import IntegrationStep
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.observed import search_evidence
 from buggy_rl.diagnosis.search.posterior import of_hypotheses
+from buggy_rl.estimation import baseline as training
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.task.env import make_simulator
 from tests.diagnosis.conftest import ASKED, SMALL
@@ -52,22 +53,30 @@ def test_one_thread_and_two_give_the_same_answer(recordings, weak):
 
 
 def test_an_interrupted_diagnosis_resumes_at_the_stage_it_was_in(
-    recordings, small, tmp_path, monkeypatch
+    recordings, weak, tmp_path, monkeypatch
 ):
+    resumed = []
+
     def interrupted(*_, **__):
         raise KeyboardInterrupt
+
+    def told(case, found, *_):
+        resumed.append(found.best.key)
+        return weak.answer
 
     kept = tmp_path / "stages"
     with monkeypatch.context() as patched:
         patched.setattr(pipeline, "answered", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            run_diagnosis(SMALL, recordings, kept=kept)
+            run_diagnosis(ONE, recordings, kept=kept)
     monkeypatch.setattr(pipeline, "joint_search", interrupted)  # it is kept, and does not run again
-    again = run_diagnosis(SMALL, recordings, kept=kept)
-    assert numbers(again.answer) == numbers(small.answer) != {}
+    monkeypatch.setattr(pipeline, "answered", told)
+    again = run_diagnosis(ONE, recordings, kept=kept)
+    assert resumed == [("throttle_gain",)]
+    assert again.answer.effects == weak.answer.effects
     # Another configuration does not take what was kept.
     with pytest.raises(KeyboardInterrupt):
-        run_diagnosis(replace(SMALL, seconds=0.9), recordings, kept=kept)
+        run_diagnosis(replace(ONE, seconds=0.9), recordings, kept=kept)
 
 
 def test_the_repair_beats_retuning_and_a_network_on_held_out_blocks(weak):
@@ -96,7 +105,8 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     named = ["steering_gain", "viscous_drag"]
     problem, baseline = (problem_of(recordings, named) for recordings in (after, before))
     criteria = Criteria(blocks(problem.segments), baseline=baseline)
-    seen = search_evidence(criteria, joint_search(problem, criteria))
+    found = joint_search(problem, criteria, budget=replace(FULL, rounds=1, refitted=0))
+    seen = search_evidence(criteria, found)
     share = {
         h.effects: f["on_baseline"]
         for h, f in zip(seen.hypotheses, of_hypotheses(seen), strict=True)
@@ -108,6 +118,7 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
 def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
     recordings, tmp_path, monkeypatch
 ):
+    monkeypatch.setattr(training, "STEPS", 50)
     # A coarser step, which is quick.
     assert make_simulator(ASKED.simulator, 1).substeps != 1
     step = IntegrationStep({"substeps": 1}, "another step")
@@ -140,7 +151,8 @@ def test_the_step_of_a_users_own_factory_is_left_alone(recordings, tmp_path, mon
     assert maker._step(ONE, drives).options
 
 
-def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings):
+def test_after_the_deadline_what_is_optional_is_left_out_and_said(recordings, monkeypatch):
+    monkeypatch.setattr(training, "STEPS", 50)
     answer = run_diagnosis(replace(ONE, minutes=1e-3), recordings).answer
     assert "left out: what to drive next; minutes=0.001 were up" in answer.notes
     assert answer.proof.after[1.0] > 0.0  # what is not optional is there

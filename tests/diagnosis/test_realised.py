@@ -16,11 +16,15 @@ from tests.diagnosis.planted import planted_drives
 from tests.plain_env import MASS, NUMBERS
 
 SIMULATOR = f"{Path(realising.__file__)}:make"
+LEAST, FULL = 1e-3, 0.0  # [min] that a diagnosis is given; 0 for as many as it takes
 DAMPING, RATE = NUMBERS["motor_damping"], 0.5  # [N s/m], [1/s]
 
 
 def cars(count):
     return in_single_precision(realising.make(count))
+
+
+pytestmark = pytest.mark.usefixtures("short_training")
 
 
 @pytest.fixture(scope="module")
@@ -36,20 +40,24 @@ def config(**more):
         output="nowhere",
         effects=["viscous_drag", "throttle_gain"],
         stretches=12,
-        minutes=0.0,
         workers=1,
     )
     return replace(asked, **more)
 
 
-@pytest.fixture(scope="module")
-def inside(recordings):
-    return run_diagnosis(config(), recordings)
+@pytest.fixture(scope="module", params=[LEAST, pytest.param(FULL, marks=pytest.mark.slow)])
+def minutes(request):
+    return request.param
 
 
 @pytest.fixture(scope="module")
-def around(recordings):
-    return run_diagnosis(config(parameters=False), recordings)
+def inside(recordings, minutes):
+    return run_diagnosis(config(minutes=minutes), recordings)
+
+
+@pytest.fixture(scope="module")
+def around(recordings, minutes):
+    return run_diagnosis(config(minutes=minutes, parameters=False), recordings)
 
 
 def test_a_wrong_parameter_has_the_name_and_the_number_of_the_effect(inside, around):
@@ -89,9 +97,10 @@ def test_the_repaired_simulator_has_it_as_a_parameter(inside, around, tmp_path):
     assert "viscous_drag" in repaired_simulator(SIMULATOR, around, tmp_path)["effects"]
 
 
-def test_with_baseline_recordings_it_has_changed_and_is_inside_too(recordings):
+@pytest.mark.slow
+def test_with_baseline_recordings_it_has_changed_and_is_inside_too(recordings, minutes):
     before = planted_drives([{}], seconds=12.0, seed=1, make=cars)[0]
-    done = run_diagnosis(config(stretches=8), recordings, baseline=before)
+    done = run_diagnosis(config(stretches=8, minutes=minutes), recordings, baseline=before)
     [drag] = done.answer.effects
     assert (drag.name, drag.inside) == ("viscous_drag", ("motor_damping",))
     assert done.answer.verdict == "missing_physics"  # the simulator was right

@@ -60,7 +60,7 @@ def test_a_restart_finds_the_way_out_of_a_valley(drives):
 @pytest.mark.parametrize(("name", "expected"), [("nothing", ()), ("late", ("steering_dead_time",))])
 def test_an_effect_that_means_nothing_is_fitted_and_is_not_the_most_evident(drives, name, expected):
     decoy = f"{Path(__file__).parent / 'decoy.py'}:Decoy"
-    problem = problem_of(drives[name], [*FEW, decoy])
+    problem = problem_of(drives[name], ["steering_dead_time", decoy])
     found = joint_search(problem, Criteria(blocks(problem.segments)))
     # With three free numbers it follows a part of any residual.
     assert (decoy,) in {w.candidate.key for w in found.weighed}

@@ -19,6 +19,14 @@ from buggy_rl.simulators.serial import in_single_precision
 from tests import plain_env
 from tests.effects.faults import follow
 
+
+@pytest.fixture(scope="module", autouse=True, name="plain")
+def compiled():
+    """Compiled where it can be: nothing here holds to the last bit."""
+    with torch.no_grad():
+        yield
+
+
 BUGGY = VehicleDimensions()
 # The plain car as its file says: both axles from its centre of gravity, which is its reference
 # point; 0.02 kg m^2 on 1.6 kg.

@@ -89,19 +89,22 @@ def test_steering_drag_goes_with_the_angle_of_the_wheels_whatever_the_speed(spee
 def test_the_angle_of_the_wheels_is_read_off_the_motion(engine):
     known = measured_options(lambda n: make_engine(engine, (n,)))["steering_drag"]
     axle = FrontAxle(known["stiffness"][0], known["friction"][0], known["shape"][0])
-    env = make_engine(engine, (1,))
-    for throttle, steering in ((-0.5, 0.5), (-0.1, -0.4), (-0.3, 0.6)):
-        actions = torch.tensor([[throttle, steering]]).expand(120, 2)
-        states = follow(env, start(env, (1.5, 0.0, 0.0)), actions)
-        before, after = (shift_velocity(states[i][keys.VELOCITY], -ARM) for i in (-2, -1))
-        motion = Motion(states[-1][keys.POSE], before, after, actions[-1:], 0.01)
-        read = float(steered_angle(motion, VehicleDimensions(), axle))
+    commands = torch.tensor([[-0.5, 0.5], [-0.1, -0.4], [-0.3, 0.6]])
+    env = make_engine(engine, (3,))
+    state, velocities = start(env, (1.5, 0.0, 0.0)), []
+    for _ in range(100):
+        state = env.step(state.set(keys.ACTION, commands.clone()))["next"].exclude(keys.REWARD)
+        velocities.append(state[keys.VELOCITY])
+    before, after = (shift_velocity(v, -ARM) for v in velocities[-2:])
+    motion = Motion(state[keys.POSE], before, after, commands, 0.01)
+    read = steered_angle(motion, VehicleDimensions(), axle)
+    for found, steering in zip(read.tolist(), commands[:, 1].tolist(), strict=True):
         turned = {
             "single_track": lambda s: math.tanh(1.1 * s) * 0.45,
             "reference": lambda s: s * (0.36 - 0.02 * s) + 0.008,
             "mujoco": lambda s: 0.36 * s,
         }[engine](steering)
-        assert read == pytest.approx(turned, abs=0.03)
+        assert found == pytest.approx(turned, abs=0.03)
 
 
 @pytest.mark.parametrize("name", RESISTANCES)

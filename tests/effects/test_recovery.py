@@ -22,6 +22,12 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulators import make_engine
 
+
+@pytest.fixture(scope="module", autouse=True)
+def plain():
+    """Compiled where it can be, as fits are in use."""
+
+
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "understeer": ("gradient", 0.007, 0.12),
     "cornering_stiffness": ("ratio", 0.65, 0.1),
@@ -35,7 +41,6 @@ CONCEALED = {  # effect -> parameter, value, share by which the estimate may be 
     "pose_scale": ("ratio", 0.9, 0.02),
     "heading_drift": ("rate", 0.02, 0.05),
 }
-FAST = ("understeer", "steering_drag", "heading_drift")
 BESIDE = ("grip_balance", "steering_gain", "yaw_damping", "viscous_drag", "one_sided_drag")
 
 
@@ -80,7 +85,10 @@ def recovered(effect, others=()):
     return fits
 
 
-@pytest.mark.parametrize("effect", FAST)
+SLOWLY = [pytest.param(e, marks=pytest.mark.slow) for e in ("understeer", "steering_drag")]
+
+
+@pytest.mark.parametrize("effect", ["heading_drift", *SLOWLY])
 def test_a_concealed_effect_is_recovered(effect):
     recovered(effect)
 

@@ -23,6 +23,12 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
 from buggy_rl.simulators import make_engine
 
+
+@pytest.fixture(scope="module", autouse=True)
+def plain():
+    """Compiled where it can be, as fits are in use."""
+
+
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "brake_gain": ("gain", 0.7, 0.05),
     "reverse_deadband": ("width", 0.1, 0.05),
@@ -94,6 +100,7 @@ def recovered(effect, cars, steps):
     return asked, fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", FAST)
 def test_a_concealed_effect_is_recovered_within_5_per_cent(effect):
     recovered(effect, 2, 900)

@@ -18,6 +18,14 @@ from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.reference import ReferenceEngine
 from tests.effects.faults import follow, over, start
 
+
+@pytest.fixture(scope="module", autouse=True)
+def plain():
+    """Compiled where it can be: nothing here holds to the last bit."""
+    with torch.no_grad():
+        yield
+
+
 DRIVES, STEPS = 32, 100
 KEPT = {"single_track": -0.5, "mujoco": -0.4, "reference": -0.15}  # throttles that keep 2.5 m/s
 GRIP = 0.7
@@ -140,14 +148,20 @@ AXLES = {  # cornering stiffness of front and rear axle of an engine
 }
 
 
-@pytest.mark.parametrize(("engine", "least"), [("single_track", 0.8), ("reference", 0.8)])
+@pytest.mark.parametrize(
+    ("engine", "least"),
+    [("single_track", 0.8), pytest.param("reference", 0.8, marks=pytest.mark.slow)],
+)
 def test_softer_tyres_outside_the_engine_do_what_softer_tyres_inside_it_do(engine, least):
     truth = rollout(engine, changed(engine, dict.fromkeys(AXLES[engine], 0.6)))
     assert closed(engine, "cornering_stiffness", {"ratio": 0.6}, truth) > least
     assert closed(engine, "cornering_stiffness", {"ratio": 0.9}, truth) < least - 0.3
 
 
-@pytest.mark.parametrize(("engine", "least"), [("single_track", 0.75), ("mujoco", 0.8)])
+@pytest.mark.parametrize(
+    ("engine", "least"),
+    [("single_track", 0.75), pytest.param("mujoco", 0.8, marks=pytest.mark.slow)],
+)
 def test_understeer_is_a_front_axle_of_less_cornering_stiffness(engine, least):
     truth = rollout(engine, changed(engine, {AXLES[engine][0]: 0.6}))
     # 1 / (0.6 C) = 1 / C + k g below the limit.
@@ -157,7 +171,9 @@ def test_understeer_is_a_front_axle_of_less_cornering_stiffness(engine, least):
     assert closed(engine, "cornering_stiffness", {"ratio": 0.6}, truth) < least - 0.3
 
 
-@pytest.mark.parametrize("gradient", [0.004, 0.012, -0.004])
+@pytest.mark.parametrize(
+    "gradient", [0.012, *(pytest.param(g, marks=pytest.mark.slow) for g in (0.004, -0.004))]
+)
 def test_a_steady_turn_loses_the_gradient_times_its_lateral_acceleration(gradient):
     # delta = L r / v + K ay: of both cars the same, of one less gradient ay.
     ends = []

@@ -178,7 +178,10 @@ run(main)
 
 @pytest.mark.parametrize(
     "blow",
-    [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM, signal.SIGKILL],
+    [
+        *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGINT, signal.SIGTERM)),
+        signal.SIGKILL,
+    ],
 )
 def test_workers_end_with_their_parent_however_it_ends(tmp_path, blow):
     file = tmp_path / "pid"

@@ -196,7 +196,9 @@ run(main)
 """
 
 
-@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "blow", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM, signal.SIGKILL]
+)
 def test_after_a_kill_the_jobs_go_on_where_they_stopped(job, tmp_path, blow):
     jobs = [job(name, final=True) for name in ("one", "two", "three")]
     command = [sys.executable, "-c", INTERRUPTED, jobs[0].command[0], str(tmp_path)]

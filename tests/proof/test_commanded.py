@@ -56,7 +56,7 @@ def test_a_case_is_sealed_with_all_that_is_needed_to_read_it(command, tmp_path):
     effect = {"brakes": "brake_gain", "speed": "speed_controller_lag"}[command]
     values = {"brakes": {"gain": 0.7}, "speed": {"time_constant": 0.1}}[command]
     case = Case(
-        7, "reference", "reference", concealed={effect: values}, command=command, seconds=6.0
+        7, "reference", "reference", concealed={effect: values}, command=command, seconds=2.0
     )
     store = CaseStore(tmp_path / "shown", tmp_path / "sealed")
     assert seal(store, [case], []) == 1
@@ -68,6 +68,6 @@ def test_a_case_is_sealed_with_all_that_is_needed_to_read_it(command, tmp_path):
     recordings, refused = load_recordings(str(folder / "recordings"), folder / question["columns"])
     assert not refused
     assert {r.command for r in recordings} == {case.longitudinal}
-    assert math.isclose(sum(r.duration for r in recordings), 12.0, abs_tol=0.5)
+    assert math.isclose(sum(r.duration for r in recordings), 4.0, abs_tol=0.5)
     sealed = json.loads(store.truth(case.id).read_text())["case"]
     assert Case(**sealed) == case

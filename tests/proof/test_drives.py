@@ -1,5 +1,7 @@
 """Drives of cases: each by its own driver, each nuisance does what it says and nothing else."""
 
+from functools import cache
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -26,10 +28,11 @@ from buggy_rl.recordings import load_recordings
 from buggy_rl.recordings.camera import CameraConfig
 from buggy_rl.simulators import make_engine
 
-CARS, ROWS, SETTLED = 3, 1500, 300
+CARS, ROWS, SETTLED = 3, 900, 300
 LONG = 6000
 
 
+@cache
 def drive(kind):
     driver = kind(seed=4)
     return true_drive(make_engine("kinematic", CARS), driver, driver.start_pose([CARS]), ROWS)

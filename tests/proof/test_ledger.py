@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+import shutil
 from dataclasses import asdict, replace
 
 import pytest
@@ -54,16 +55,23 @@ def answered(store: CaseStore, case: Case) -> None:
     write_json(store.diagnosis(case.id) / "outcome.json", {"status": "answered", "seconds": 3.0})
 
 
-@pytest.fixture
-def config(tmp_path) -> ProofConfig:
-    made = ProofConfig(output=str(tmp_path / "open"), sealed=str(tmp_path / "safe"), stages=ALONE)
-    store = made.store
-    for folder in (store.output, store.sealed):
-        folder.mkdir()
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory):
+    """A folder in which one case is sealed and answered, of which each test has a copy."""
+    folder = tmp_path_factory.mktemp("sealed")
+    store = CaseStore(folder / "open", folder / "safe")
+    for part in (store.output, store.sealed):
+        part.mkdir()
     publish(store, [CASE, OTHER])
     seal(store, [CASE], [])
     answered(store, CASE)
-    return made
+    return folder
+
+
+@pytest.fixture
+def config(sealed, tmp_path) -> ProofConfig:
+    shutil.copytree(sealed, tmp_path, dirs_exist_ok=True)
+    return ProofConfig(output=str(tmp_path / "open"), sealed=str(tmp_path / "safe"), stages=ALONE)
 
 
 @pytest.fixture

@@ -1,10 +1,12 @@
 """The proof itself, small: sealed cases, diagnosed, scored, on the script's command line.
 
-Drives of 12 s and a library of a few effects, so that it fits into the tests; configs/proof.yaml
-has the real ones. Other methods are compared in the slow tests alone.
+Short drives and a library of a few effects, so that it fits into the tests; configs/proof.yaml has
+the real ones. The small one runs in this process with the least search; all stages, each in
+processes of its own, and other methods are those of the slow tests.
 """
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -13,26 +15,29 @@ from buggy_rl.jobs import run_jobs
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
 from buggy_rl.proof.proof import asked, diagnosis_job
+from tests.proof.here import jobs_here
 from tests.running import Done, run_script
 
 CASES = (
-    "draw.each=true", "draw.nothing=1", "draw.cases=2", "draw.seconds=[12.0]",
+    "draw.each=true", "draw.nothing=1", "draw.cases=2",
     "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",
     "draw.names=[steering_gain]",
 )  # fmt: skip
 SIZES = {
     "small": (
-        "rivals=1", "stretches=12", "stages=[prepare,seal,ask,again,weigh,settle,score,page]",
-        "effects=[steering_gain,viscous_drag,gyro_bias]",
+        "draw.seconds=[4.0]", "rivals=1", "effects=[steering_gain,gyro_bias]",
+        "stages=[prepare,seal,ask,again,weigh,settle,score,page]",
     ),
     "all_stages": (
-        "rivals=2", "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
+        "draw.seconds=[12.0]", "rivals=2",
+        "effects=[steering_gain,steering_offset,viscous_drag,gyro_bias,sensor_yaw]",
     ),
 }  # fmt: skip
 
 
 def prove(folder: Path, size: str) -> Done:
-    return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
+    with jobs_here() if size == "small" else nullcontext():
+        return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
 
 
 @pytest.fixture(

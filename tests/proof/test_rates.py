@@ -12,7 +12,7 @@ from buggy_rl.proof.cases.drives import drive_cases
 from buggy_rl.proof.cases.simulators import diagnosis_options, recorded_case_drive
 from buggy_rl.proof.plants import abilities
 
-CASE = Case(7, "reference", "reference", seconds=6.0, drives=1, held_out=0)
+CASE = Case(7, "reference", "reference", seconds=2.0, drives=1, held_out=0)
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,10 @@ def test_the_camera_s_noise_is_as_large_a_part_of_the_motion():
 
 
 def test_a_larger_car_drives_about_a_larger_room():
-    buggy, large = (drive_cases([case_at_scale(CASE, s)])[0].changed[keys.POSE] for s in (1.0, 4.0))
+    short = replace(CASE, seconds=1.0)
+    buggy, large = (
+        drive_cases([case_at_scale(short, s)])[0].changed[keys.POSE] for s in (1.0, 4.0)
+    )
     assert large.shape[1] == 2 * buggy.shape[1]
     start = torch.tensor([4.0, 4.0, 1.0])
     torch.testing.assert_close(large[:, 0], buggy[:, 0] * start)
@@ -74,7 +77,7 @@ def test_only_the_reference_car_has_another_size():
 
 @pytest.mark.parametrize("rate", [20, 100])
 def test_a_sealed_case_is_asked_with_its_car_its_rate_and_its_command(tmp_path, rate):
-    case = case_at_scale(replace(CASE, rate=rate, concealed={}), 4.0)
+    case = case_at_scale(replace(CASE, rate=rate, concealed={}, seconds=1.0), 4.0)
     store = CaseStore(tmp_path / "shown", tmp_path / "sealed")
     seal(store, [case], [])
     folder = store.inputs(case.id)
@@ -86,4 +89,4 @@ def test_a_sealed_case_is_asked_with_its_car_its_rate_and_its_command(tmp_path, 
     assert {r.command for r in question.recordings} == {case.longitudinal}
     assert {r.dt for r in question.recordings} == {1 / rate}
     assert json.loads(store.truth(case.id).read_text())["case"]["scale"] == 4.0
-    assert len(groups([case, replace(CASE, rate=rate)])) == 2
+    assert len(groups([case, replace(CASE, rate=rate, seconds=1.0)])) == 2

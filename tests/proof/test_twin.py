@@ -15,7 +15,7 @@ from buggy_rl.proof.cases.twin import TwinColumn, TwinConfig, foreign, parameter
 from buggy_rl.recordings import load_recordings
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "twins"
-TWINS = {"mocap_30hz": 24.0, "rally_gps": 6.0, "full_size": 6.0}  # [s] of a short drive
+TWINS = {"mocap_30hz": 20.0, "rally_gps": 6.0, "full_size": 4.0}  # [s] of a short drive
 
 
 def config_of(name, folder, *options):
@@ -32,6 +32,7 @@ def made(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_proposed_map_of_the_small_car_is_right(made):
     check_proposal(made / "mocap_30hz")
 
@@ -54,6 +55,7 @@ def check_proposal(folder):
     assert sides[0] == sides[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TWINS)
 def test_most_frames_are_kept_and_none_is_made_up(made, name):
     columns = made / name / "answer" / "columns.yaml"
@@ -74,6 +76,7 @@ def test_most_frames_are_kept_and_none_is_made_up(made, name):
             assert not ((inside > low + 0.02) & (inside < high - 0.02)).any()
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_in_the_answer_and_nowhere_else(made):
     own = config_of("full_size", made)
     answer = yaml.safe_load((made / "full_size" / "answer" / "truth.yaml").read_text())

@@ -15,9 +15,9 @@ def model():
     """A model that has learned the toy car, in a second."""
     torch.manual_seed(0)
     untrained = make_model(ModelConfig("mlp", options={"rows": 3, "hidden": [32]}))
-    config = TrainingConfig(epochs=20, horizon=20, stride=10, batch_size=32)
-    drives = [toy_drive(str(i), 800, i) for i in range(12)]
-    list(Training(untrained, drives[:11], drives[11:], config).run())
+    config = TrainingConfig(epochs=32, horizon=20, stride=10, batch_size=32)
+    drives = [toy_drive(str(i), 800, i) for i in range(7)]
+    list(Training(untrained, drives[:6], drives[6:], config).run())
     return untrained
 
 

@@ -45,7 +45,12 @@ def drive(**options) -> Tensor:
 
 @needs_warp
 @on_each_device
-@pytest.mark.parametrize("options", COMMANDS, ids=lambda options: str(options.get("command")))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    COMMANDS,
+    ids=lambda options: str(options.get("command")),
+)
 def test_it_drives_as_mujoco_does(options, device):
     expected, found = drive(**options), drive(**options, backend="warp", device=device)
     assert expected[-1, :, 5].abs().max() > 2.0  # rad/s: they did turn
@@ -57,6 +62,7 @@ def test_it_drives_as_mujoco_does(options, device):
 
 @needs_warp
 @on_each_device
+@pytest.mark.slow
 def test_contact_tyres_drive_alike_up_to_the_solver(device):
     # Both solve the same problem of friction and stop at different remainders.
     expected = drive(tyres="contact")

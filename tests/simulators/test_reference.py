@@ -5,6 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
+from buggy_rl.core.kernels import FOLDER
 from buggy_rl.core.vehicle import GRAVITY, rotate, shift_velocity
 from buggy_rl.simulators.reference import ReferenceEngine
 from buggy_rl.simulators.reference.parameters import DIMENSIONS
@@ -12,9 +13,20 @@ from buggy_rl.simulators.reference.state import CHARGE, DUTY, LEAN, SERVO, TYRE_
 from tests.simulators.reference_drives import SYMMETRIC, drive, held, start, varied
 
 
+@pytest.fixture(scope="module", autouse=True)
+def plain():
+    """Compiled: what holds to the last bit here is of cars in the same place of a batch."""
+
+
+@pytest.fixture
+def exact(monkeypatch):
+    """By PyTorch alone, where a batch is compared with what has no kernel."""
+    monkeypatch.setenv(FOLDER, "")
+
+
 @pytest.fixture(scope="module")
 def launch():
-    return drive(ReferenceEngine(1, parameters=SYMMETRIC), start(torch.zeros(1, 3)), held(1, 0, 8))
+    return drive(ReferenceEngine(2, parameters=SYMMETRIC), start(torch.zeros(2, 3)), held(1, 0, 8))
 
 
 def test_full_throttle_on_a_straight_ends_between_8_and_10_metres_a_second(launch):
@@ -50,7 +62,7 @@ def test_a_car_at_rest_without_drive_stays_at_rest_however_it_is_steered():
 
 
 def test_a_car_that_rolls_out_stops_and_stays():
-    states = drive(ReferenceEngine(1), start([[1.0, 0.0, 0.0]]), held(-1, 0.3, 4))
+    states = drive(ReferenceEngine(2), start([[1.0, 0.0, 0.0]] * 2), held(-1, 0.3, 4))
     assert states[keys.VELOCITY][-100:].abs().max() < 1e-5
     assert torch.allclose(states[keys.POSE][-1], states[keys.POSE][-100], atol=1e-5)
 
@@ -211,6 +223,7 @@ def test_the_steering_lags_by_its_servo_and_no_faster_than_its_rate():
     assert math.isclose(float(servo[-1]), 1.0, abs_tol=1e-3)
 
 
+@pytest.mark.usefixtures("exact")
 def test_each_car_of_a_batch_has_its_own_parameters():
     values = TensorDict(
         {"mass": torch.tensor([1.4, 2.2]), "lock_left": torch.tensor([0.3, 0.45])}, [2]
@@ -243,6 +256,7 @@ def test_a_step_can_be_differentiated_from_rest_and_by_every_parameter():
     assert {"mass", "grip", "motor_constant", "lock_left", "relaxation_length"} <= felt
 
 
+@pytest.mark.usefixtures("exact")
 def test_batches_of_any_shape_step_alike():
     state, actions = varied(6, 0.2)
     flat = drive(ReferenceEngine(6), state, actions)

@@ -134,11 +134,11 @@ def test_no_fault_makes_a_car_run_away(faulty):
 @pytest.mark.parametrize("name", FELT)
 def test_a_batch_of_faults_drives_as_each_car_alone(name, commanded, faulty):
     index = 2 * list(FELT).index(name)
-    state, actions = commanded[0][index], commanded[1][:30, index]
+    state, actions = commanded[0][index], commanded[1][:15, index]
     alone = ReferenceEngine(faults={name: FELT[name]} | BESIDE.get(name, {}))
     own = drive(alone, state, actions)
     for key in (keys.POSE, keys.VELOCITY):
-        torch.testing.assert_close(own[key], faulty[key][:31, index], atol=2e-4, rtol=1e-4)
+        torch.testing.assert_close(own[key], faulty[key][:16, index], atol=2e-4, rtol=1e-4)
 
 
 def test_the_engine_declares_no_fault_as_a_parameter():
@@ -164,7 +164,7 @@ def test_faults_are_written_flat_or_nested():
     nested = {"steering_dead_time": {"dead_time": 0.05}, "wind": {"force_x": 0.2, "force_y": 0.1}}
     flat = {"steering_dead_time.dead_time": 0.05, "wind.force_x": 0.2, "wind.force_y": 0.1}
     tensors = {name: torch.tensor([value]) for name, value in flat.items()}
-    actions = held(0.0, 0.5, 0.3)
+    actions = held(0.0, 0.5, 0.12)
     one = drive(ReferenceEngine(1, faults=nested), start([[1.0, 0, 0]]), actions)
     for engine in (
         ReferenceEngine(1, faults=flat),
@@ -221,7 +221,7 @@ def test_a_car_seen_in_a_turn_goes_on_turning_with_its_faults():
     names = ("steering_dead_time.dead_time", "steering_lag.time_constant")
     faults = {name: FELT[name] for name in (*names, "steering_backlash.width")}
     engine = ReferenceEngine(1, faults=faults)
-    steady = drive(engine, start(torch.zeros(1, 3)), held(-0.3, 0.6, 3))[-1]
+    steady = drive(engine, start(torch.zeros(1, 3)), held(-0.3, 0.6, 2))[-1]
     again = engine.reset(start(steady[keys.VELOCITY], steady[keys.POSE]))
     torch.testing.assert_close(again[RACK], steady[RACK], atol=0.12, rtol=0)
     assert (again[LINE][..., 1] - 0.6).abs().max() < 0.15

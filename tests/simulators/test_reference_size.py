@@ -41,7 +41,7 @@ def reference(**options) -> ReferenceEngine:
     return engine
 
 
-def rows(engine, seconds=1.2):
+def rows(engine, seconds=0.8):
     """Motion [T, 1, 6] under fixed commands, each held for 0.2 s of a buggy's time."""
     generator, state, shown = torch.Generator().manual_seed(3), engine.reset(), []
     with torch.no_grad():

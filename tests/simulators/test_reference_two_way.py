@@ -1,10 +1,12 @@
 """Faults of the reference car that need brakes, reverse or a speed controller."""
 
+from functools import cache
+
 import pytest
 import torch
 
 from buggy_rl.simulators import make_engine
-from buggy_rl.simulators.reference.faults import COMMAND_OF, OF_A_COMMAND, effect_of
+from buggy_rl.simulators.reference.faults import COMMAND_OF, NEUTRAL, OF_A_COMMAND, effect_of
 from tests.simulators.test_reverse import driven
 
 SIZES = {
@@ -18,11 +20,24 @@ SIZES = {
     "least_speed.speed": 0.6,
     "speed_integral.rate": 3.0,
 }
-MANOEUVRE = [(0.5, 0.3, 120), (-0.7, 0.3, 60), (0.0, 0.0, 60), (-0.5, 0.0, 100)]
+MANOEUVRE = [(0.5, 0.3, 70), (-0.7, 0.3, 40), (0.0, 0.0, 20), (-0.5, 0.0, 40)]
+SPEED = {"kind": "speed", "reverse": True}
 
 
-def moved(command, **faults):
-    return driven(make_engine("reference", 1, command=command, faults=faults), MANOEUVRE)[0]
+def cars(command, *rows):
+    """A car for each row of faults."""
+    names = {name for row in rows for name in row}
+    faults = {n: torch.tensor([row.get(n, NEUTRAL[n]) for row in rows]) for n in names}
+    return make_engine("reference", len(rows), command=command).with_faults(faults)
+
+
+@cache
+def manoeuvred(kind):
+    """Velocities of a car without a fault and of one with each fault of a command, by fault."""
+    command = SPEED if kind == "speed" else kind
+    names = ["", *(name for name in SIZES if COMMAND_OF[effect_of(name)] == kind)]
+    engine = cars(command, {}, *({name: SIZES[name]} for name in names[1:]))
+    return dict(zip(names, driven(engine, MANOEUVRE)[0].unbind(1), strict=True))
 
 
 def test_each_has_a_size_here():
@@ -32,29 +47,23 @@ def test_each_has_a_size_here():
 @pytest.mark.parametrize("name", SIZES)
 def test_it_is_felt_by_the_command_that_has_it_and_refused_by_the_others(name):
     kind = COMMAND_OF[effect_of(name)]
-    command = {"kind": "speed", "reverse": True} if kind == "speed" else kind
-    assert (moved(command) - moved(command, **{name: SIZES[name]})).abs().max() > 0.02
+    moved = manoeuvred(kind)
+    assert (moved[""] - moved[name]).abs().max() > 0.02
     with pytest.raises(ValueError, match=f"fault {name} is one of a car whose command is {kind}"):
-        moved("throttle", **{name: SIZES[name]})
+        make_engine("reference", 1, command="throttle", faults={name: SIZES[name]})
 
 
 def test_the_brakes_take_less_with_a_gain_below_1():
-    right, weak = moved("throttle_brake_reverse"), None
-    weak = moved("throttle_brake_reverse", **{"brake_gain.gain": 0.6})
-    assert torch.equal(right[:120], weak[:120])  # nothing of it while it drives
-    lost, lost_weak = (v[120, 0] - v[150, 0] for v in (right, weak))
+    engine = cars("throttle_brake_reverse", {}, {"brake_gain.gain": 0.6})
+    right, weak = driven(engine, [(0.5, 0.3, 70), (-0.7, 0.3, 20)])[0].unbind(1)
+    assert torch.equal(right[:70], weak[:70])  # nothing of it while it drives
+    lost, lost_weak = (v[69, 0] - v[-1, 0] for v in (right, weak))
     assert 0.5 < lost_weak / lost < 0.9  # 0.6 of the brakes, all of the resistance
 
 
 def test_the_drag_brake_stops_a_car_without_a_command():
-    coasting = make_engine("reference", 1, command="throttle_brake_reverse")
-    dragged = make_engine(
-        "reference",
-        1,
-        command="throttle_brake_reverse",
-        faults={"drag_brake.deceleration": 1.0},
-    )
-    free, slowed = (driven(e, [(0.0, 0.0, 60)], 2.0)[0][:, 0] for e in (coasting, dragged))
+    engine = cars("throttle_brake_reverse", {}, {"drag_brake.deceleration": 1.0})
+    free, slowed = driven(engine, [(0.0, 0.0, 60)], 2.0)[0][..., 0].unbind(1)
     # 1 m/s^2 from when the duty cycle of the drive before has faded, 0.2 at 8/s.
     more = (free[30] - free[59]) - (slowed[30] - slowed[59])
     assert -float(more) / 0.29 == pytest.approx(1.0, rel=0.08)
@@ -67,36 +76,27 @@ def test_the_parameters_of_a_kind_of_command_are_its_own():
     assert engine.with_faults({"payload.mass_ratio": torch.ones(2)}).command.kind == "current"
 
 
-SPEED = {"kind": "speed", "reverse": True}
-
-
 def test_a_ramp_is_the_fastest_change_of_the_setpoint():
-    plain, ramped = (
-        driven(make_engine("reference", 1, command=SPEED, faults=f), [(0.5, 0.0, 150)])[0][:, 0]
-        for f in ({}, {"speed_ramp.acceleration": 1.0})
-    )
+    engine = cars(SPEED, {}, {"speed_ramp.acceleration": 1.0})
+    plain, ramped = driven(engine, [(0.5, 0.0, 125)])[0][..., 0].unbind(1)
     assert float(plain[60]) > 1.2
     # 1 m/s^2, late by the controller's own time constant of 1.6 / 16 s.
     assert float(ramped[120] - ramped[70]) == pytest.approx(0.5, rel=0.05)
 
 
 def test_below_the_least_speed_it_rolls_and_above_it_obeys():
-    faults = {"least_speed.speed": 0.6}
-    slow, fast = ((0.1, 0.0, 60),), ((0.2, 0.0, 100),)  # setpoints of 0.5 and 1 m/s
-    for commands, rolls in ((slow, True), (fast, False)):
-        plain, least = (
-            driven(make_engine("reference", 1, command=SPEED, faults=f), commands, 2.0)[0][:, 0]
-            for f in ({}, faults)
-        )
-        assert bool(least[-1] > plain[-1] + 0.1) == rolls
-    standing = driven(make_engine("reference", 1, command=SPEED, faults=faults), slow)[0][:, 0]
-    assert float(standing.abs().max()) < 0.01
+    least, slow, fast = {"least_speed.speed": 0.6}, 0.1, 0.2  # setpoints of 0.5 and 1 m/s
+    throttle = torch.tensor([slow, slow, fast, fast, slow])
+    first = torch.tensor([2.0, 2.0, 2.0, 2.0, 0.0])
+    engine = cars(SPEED, {}, least, {}, least, least)
+    vx = driven(engine, [(throttle, 0.0, 100)], first)[0][..., 0]
+    assert vx[59, 1] > vx[59, 0] + 0.1
+    assert not vx[-1, 3] > vx[-1, 2] + 0.1
+    assert float(vx[:, 4].abs().max()) < 0.01
 
 
 def test_integral_action_reaches_the_setpoint_that_a_proportional_one_misses():
-    plain, integral = (
-        driven(make_engine("reference", 1, command=SPEED, faults=f), [(0.4, 0.0, 500)])[0][:, 0]
-        for f in ({}, {"speed_integral.rate": 2.0})
-    )
+    engine = cars(SPEED, {}, {"speed_integral.rate": 2.0})
+    plain, integral = driven(engine, [(0.4, 0.0, 200)], 1.8)[0][..., 0].unbind(1)
     assert float(plain[-1]) < 1.95  # of 2 m/s
     assert float(integral[-1]) == pytest.approx(2.0, abs=0.01)

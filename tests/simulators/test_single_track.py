@@ -172,9 +172,9 @@ def test_resistance_is_never_a_push():
 
 def slalom(substeps):
     car = make_engine("single_track", 4, parameters=DIRECT, substeps=substeps)
-    time = torch.arange(100) * 0.01
+    time = torch.arange(60) * 0.01
     steering = torch.sin(torch.tensor([3.0, 6.0, 9.0, 12.0])[:, None] * time)
-    throttle = torch.tensor([-0.8, -0.5, 0.0, 1.0])[:, None].expand(4, 100)
+    throttle = torch.tensor([-0.8, -0.5, 0.0, 1.0])[:, None].expand(4, 60)
     return drive(car, torch.stack([throttle, steering], -1), (1.5, 0.0, 0.0))[0]
 
 

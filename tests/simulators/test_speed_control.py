@@ -12,11 +12,13 @@ ENGINES = ["single_track", "kinematic"]
 
 
 def driven(engine, drive, seconds, speed=0.0):
-    """Velocity [3] after holding a command in 0..1."""
-    start = TensorDict({"pose": torch.zeros(3), "velocity": torch.tensor([speed, 0.0, 0.0])}, [])
+    """Velocity [*, 3] after holding a command in 0..1, from one speed or one of each car."""
+    velocity = torch.zeros(*engine.batch_size, 3)
+    velocity[..., 0] = torch.as_tensor(speed)
+    start = TensorDict({"pose": 0 * velocity, "velocity": velocity}, engine.batch_size)
     state = engine.reset(start)
     for _ in range(round(seconds / engine.dt)):
-        state["action"] = torch.tensor([2 * drive - 1, 0.0])
+        state["action"] = torch.tensor([2 * drive - 1, 0.0]).expand(*engine.batch_size, 2).clone()
         state = engine.step(state)["next"].exclude("reward")
     return state["velocity"]
 
@@ -24,8 +26,9 @@ def driven(engine, drive, seconds, speed=0.0):
 @pytest.mark.parametrize("name", ENGINES)
 @pytest.mark.parametrize("drive", [0.0, 0.3, 0.6])
 def test_the_car_settles_near_the_setpoint_from_below_and_above(name, drive):
-    engine = make_engine(name, command="speed", parameters={"full_speed": 4.0, "speed_gain": 60.0})
-    below, above = (driven(engine, drive, 4.0, speed)[0].item() for speed in (0.0, 3.5))
+    values = {"full_speed": 4.0, "speed_gain": 60.0}
+    engine = make_engine(name, 2, command="speed", parameters=values)
+    below, above = driven(engine, drive, 2.5, torch.tensor([0.0, 3.5]))[:, 0].tolist()
     assert below == pytest.approx(above, abs=0.02)  # [m/s] one steady state
     # A proportional controller stays below by resistance / gain: at most 3 N / 60 N s/m.
     assert 4.0 * drive - 0.05 <= below <= 4.0 * drive + 1e-3

@@ -327,7 +327,10 @@ def test_a_simulator_that_has_transforms_gets_one_stack_and_no_warning():
 @pytest.mark.parametrize(
     ("places", "message"),
     [
-        ({"filter": TransformConfig("past_man")}, "no transform 'past_man'; available: last_act"),
+        (
+            {"filter": TransformConfig("past_man")},
+            "no transform 'past_man'; did you mean 'past_mean'\\? available: last_act",
+        ),
         (
             {"filter": TransformConfig("past_mean", {"widht": 3})},
             "'past_mean' has no option widht; available: width",
@@ -355,6 +358,11 @@ def test_a_stack_that_cannot_work_is_refused_when_it_is_built(places, message):
         return
     with pytest.raises(ValueError, match=message):
         make_env("kinematic", task=changed(**places))
+
+
+def test_options_of_a_place_without_a_transform_are_refused():
+    with pytest.raises(ValueError, match="options bias are given to a place without a transform"):
+        build(TaskConfig, ["transforms.mine.options.bias=0.3"])
 
 
 def test_an_unknown_option_of_the_task_is_refused():

@@ -18,6 +18,13 @@ class TransformConfig:
     before: str = ""
     """Place that it stands before, for a place of one's own; empty for the end of the stack."""
 
+    def __post_init__(self) -> None:
+        if self.name == "none" and self.options:
+            raise ValueError(
+                f"task: options {', '.join(self.options)} are given to a place without a "
+                "transform: name it too, transforms.PLACE.name=..."
+            )
+
 
 def default_transforms() -> dict[str, TransformConfig]:
     """The stack by place, from the engine outwards.

@@ -10,6 +10,7 @@ from buggy_rl.simulators import make_engine
 NOSE = 0.14  # [m] half the car's length, rounded up
 
 
+@torch.no_grad()
 def drives(cars=48, seconds=20, seed=0, simulator="reference"):
     """Rows [T, cars] of pose, velocity and action."""
     engine, driver = make_engine(simulator, cars), RoomDriver(seed=seed)
@@ -126,6 +127,7 @@ def test_it_is_a_policy_for_a_rollout():
     assert (rows["next", keys.VELOCITY][:, -1, 0] > 0.2).all()
 
 
+@torch.no_grad()
 def test_a_smaller_room_is_kept_too():
     engine, driver = make_engine("reference", 8), RoomDriver(RoomConfig(size=6.0), seed=3)
     state = engine.reset()

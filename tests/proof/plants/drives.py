@@ -58,9 +58,19 @@ def drive(car, *actions, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0)):
     return follow(car, start(car, velocity, pose), actions)[0]
 
 
+@cache
+def _sound_drive(plant, velocity, *actions):
+    return follow(sound(plant), start(sound(plant), velocity), actions)
+
+
+def sound_drive(plant, *actions, velocity=(0.0, 0.0, 0.0)):
+    """Velocities [T, 3] of a sound car from a start, which is driven once."""
+    return _sound_drive(plant, velocity, *actions)[0]
+
+
 def warmed(plant, *actions, velocity=(0.0, 0.0, 0.0)):
     """The state of a sound car after some actions."""
-    return follow(sound(plant), start(sound(plant), velocity), actions)[1]
+    return _sound_drive(plant, velocity, *actions)[1].clone()
 
 
 def gained(car, state, steps, throttle, steering=0.0):

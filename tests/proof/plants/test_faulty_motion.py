@@ -5,6 +5,7 @@ alike and only the fault is left.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from tests.proof.plants.drives import (
     follow,
     gained,
     sound,
+    sound_drive,
     start,
     warmed,
 )
@@ -82,8 +84,10 @@ def test_turned_wheels_drag_by_their_angle_at_any_speed(plant):
 
 def turned(plant, effect, actions, speed=2.2, **parameters):
     """Velocity [3] of a sound and of a faulty car at the end of a drive, at their sensor."""
-    cars = sound(plant), faulty(plant, effect, **parameters)
-    return [drive(car, actions, velocity=(speed, 0.0, 0.0))[-1].tolist() for car in cars]
+    velocity = (speed, 0.0, 0.0)
+    own = sound_drive(plant, actions, velocity=velocity)
+    theirs = drive(faulty(plant, effect, **parameters), actions, velocity=velocity)
+    return [velocities[-1].tolist() for velocities in (own, theirs)]
 
 
 @foreign
@@ -207,6 +211,7 @@ def test_a_one_sided_drag_turns_the_car_to_its_side_as_fast_as_stated(plant, sid
     assert lost == pytest.approx(expected, rel=0.35)
 
 
+@cache
 def limit(car, speed=3.0):
     """Lateral acceleration [m/s^2] of the centre of gravity of a car thrown into a turn."""
     vx, vy, yaw_rate = drive(car, (40, -0.3, 1.0), velocity=(speed, 0.0, 0.0)).unbind(-1)
@@ -262,13 +267,17 @@ def test_a_payload_that_only_rolls_out_is_slowed_less(plant):
     assert slowing(plant, "payload", mass_ratio=1.4) < -0.1
 
 
+@cache
+def coasting(plant, speed):
+    """Forward acceleration [m/s^2] of a sound car without drive."""
+    return gained(sound(plant), start(sound(plant), (speed, 0, 0)), 3, NO_DRIVE)
+
+
 def pulled(car, plant, throttle, speed, steps=3):
     """Force of the motor [N] at a throttle that has long been held."""
-    held = follow(sound(plant), start(sound(plant), (speed, 0, 0)), [(60, throttle, 0.0)])[1]
+    held = warmed(plant, (60, throttle, 0.0), velocity=(speed, 0, 0))
     held[keys.VELOCITY] = torch.tensor([[speed, 0.0, 0.0]])  # wheels are sped up with the car
-    held, state = held.clone(), held
-    coasting = gained(sound(plant), start(sound(plant), (speed, 0, 0)), 3, NO_DRIVE)
-    return (gained(car, state, steps, throttle) - coasting) * (MASS + WHEELS[plant])
+    return (gained(car, held, steps, throttle) - coasting(plant, speed)) * (MASS + WHEELS[plant])
 
 
 @foreign

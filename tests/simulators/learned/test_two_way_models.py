@@ -19,30 +19,38 @@ ESC = LongitudinalCommand("throttle_brake_reverse")
 CONFIG = ModelConfig("mlp", options={"rows": 2, "hidden": [32]})
 
 
-def drive(seed, seconds=24):
-    """A car whose command is drawn anew every 0.8 s, from full reverse to half throttle."""
-    engine = make_engine("kinematic", 1, command=ESC)
-    generator = torch.Generator().manual_seed(seed)
+def drives(seeds, seconds=24):
+    """Cars whose commands are drawn anew every 0.8 s, from full reverse to half throttle."""
+    engine = make_engine("kinematic", len(seeds), command=ESC)
+    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
     state, rows = engine.reset(), []
     for step in range(100 * seconds):
         if step % 80 == 0:
-            draw = torch.rand(2, generator=generator)
-            throttle = 1.5 * draw[0] - 1.0 if step % 240 else 0.0
-            command = torch.tensor([[float(throttle), float(draw[1]) - 0.5]])
-        state[keys.ACTION] = command
-        rows.append(state.select(keys.POSE, keys.VELOCITY, keys.ACTION)[0].clone())
+            draw = torch.stack([torch.rand(2, generator=generator) for generator in generators])
+            throttle = (1.5 * draw[:, 0] - 1.0) * float(step % 240 > 0)
+            command = torch.stack([throttle, draw[:, 1] - 0.5], -1)
+        state[keys.ACTION] = command.clone()
+        rows.append(state.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone())
         state = engine.step(state)["next"].exclude(keys.REWARD)
-    data = TensorDict(torch.stack(rows).to_dict(), [len(rows)])
-    data[keys.TIME] = 0.01 * torch.arange(len(rows), dtype=torch.float64)[:, None]
-    data[keys.SEGMENT] = torch.zeros(len(rows), dtype=torch.int64)
-    return Recording(f"drive_{seed}", data, 0.01, command=ESC)
+    made = []
+    for car, seed in enumerate(seeds):
+        data = TensorDict(torch.stack(rows)[:, car].to_dict(), [len(rows)])
+        data[keys.TIME] = 0.01 * torch.arange(len(rows), dtype=torch.float64)[:, None]
+        data[keys.SEGMENT] = torch.zeros(len(rows), dtype=torch.int64)
+        made.append(Recording(f"drive_{seed}", data, 0.01, command=ESC))
+    return made
 
 
 @pytest.fixture(scope="module")
-def trained():
+def recorded():
+    return drives([1, 2, 3, 4])
+
+
+@pytest.fixture(scope="module")
+def trained(recorded):
     torch.manual_seed(0)
     quick = TrainingConfig(epochs=12, horizon=10, stride=5, batch_size=64, learning_rate=3e-3)
-    training = Training(make_model(CONFIG), [drive(1), drive(2)], [drive(3)], quick)
+    training = Training(make_model(CONFIG), recorded[:2], recorded[2:3], quick)
     for _ in training.run():
         pass
     return training.model.eval()
@@ -93,14 +101,15 @@ def test_what_it_takes_is_saved_with_it(trained, tmp_path):
     assert "command" not in torch.load(tmp_path / "one.pt", weights_only=True)
 
 
-def test_resting_and_coasting_are_judged_by_both_ways():
+def test_resting_and_coasting_are_judged_by_both_ways(recorded):
     # Never standing under a command: without one only. Half the mass's friction: over 0.3 m/s^2.
-    recordings = [drive(4)]
+    recordings = recorded[3:]
     assert NO_DRIVE <= resting_throttle(recordings) < -0.85
     assert coasting_deceleration(recordings) > 0.3
 
 
 def test_one_kind_of_command_is_learned_at_a_time():
-    other = replace(drive(5, 4), command=LongitudinalCommand("current"))
+    five, six, seven = drives([5, 6, 7], 4)
+    other = replace(five, command=LongitudinalCommand("current"))
     with pytest.raises(ValueError, match="drive_5 current: a model learns one kind"):
-        Training(make_model(CONFIG), [drive(6, 4), other], [drive(7, 4)], TrainingConfig())
+        Training(make_model(CONFIG), [six, other], [seven], TrainingConfig())

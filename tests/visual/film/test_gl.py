@@ -66,6 +66,7 @@ def _sleeping(popen):
     return lambda command, **rest: popen(["sleep", "60"], **rest)
 
 
+@pytest.mark.slow  # a process that imports all there is of films
 def test_importing_films_loads_nothing_of_mujoco_and_sets_nothing():
     # TorchRL imports mujoco itself, so what is looked for is what of ours needs it.
     code = (

@@ -161,8 +161,9 @@ def _notes(question: Question, plan: Plan, minutes: float, spent: float) -> Iter
         )
     expected = (plan.seconds + spent) / 60
     if minutes and expected > minutes:
+        said = f"{expected:.{0 if expected >= 10 else 1}f}"
         yield (
-            f"about {expected:.0f} minutes are expected, more than minutes={minutes:g}: "
+            f"about {said} minutes are expected, more than minutes={minutes:g}: "
             "a smaller library by effects=[...] takes less, and so does a simulator that steps "
             "many environments at once"
         )

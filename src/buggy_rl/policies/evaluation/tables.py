@@ -62,7 +62,7 @@ class PolicyTablesConfig:
     output: str = MISSING
     """Folder for policies.md and policies.csv."""
     policies: dict[str, list[str]] = field(default_factory=dict)
-    """Policy files of each kind, one a seed: `learned` and `mujoco`, as in the original."""
+    """Name of a kind -> its policy files, one a seed; `learned` and `mujoco` as in the original."""
     simulators: dict[str, str] = field(default_factory=dict)
     """The simulator that each kind was trained in, under the same names."""
     car: str = "reference"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from buggy_rl.core import trust
 from buggy_rl.core.config import load_named, one_line
+from buggy_rl.core.option_values import nearest
 
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import Transform
@@ -47,8 +48,8 @@ def make_transform(
 
     if name not in TRANSFORMS and ":" not in name:
         raise ValueError(
-            f"no transform {name!r}; available: {', '.join(TRANSFORMS)}, none, or your own as "
-            "file.py:Class"
+            f"no transform {name!r}; {nearest(name, TRANSFORMS)}available: "
+            f"{', '.join(TRANSFORMS)}, none, or your own as file.py:Class"
         )
     transform_class = load_named(TRANSFORMS.get(name, name))
     trust.refuse_other_class(transform_class, Transform, name)
