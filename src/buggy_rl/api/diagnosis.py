@@ -151,7 +151,7 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """Shows sentences, effects, and the segment that the repair changes most, in a notebook."""
         said = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
-        caption, picture = _drawn(self.done.case, self.done.found)[0]
+        caption, picture = _drawn(self.done.case, self.done.found, self.done.answer.repair)[0]
         table = self.effects.to_html(index=False) if len(self.effects) else ""
         legend = f"<figcaption>{html.escape(caption)}</figcaption>"
         return f"{said}{table}<figure>{picture}{legend}</figure>"

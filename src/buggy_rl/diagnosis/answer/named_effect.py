@@ -55,7 +55,8 @@ class NamedEffect:
     """Share of the probability of all sets of effects that those with it have."""
     inside: tuple[str, ...] = ()
     """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
-
+    alike: tuple[str, ...] = ()
+    """Of a term: others that are the same over what was driven, the nearest first."""
     unusual: tuple[str, ...] = ()
     """Numbers outside what 5 to 95 % of real cars have."""
     undetermined: tuple[str, ...] = ()
@@ -109,6 +110,7 @@ class NamedEffect:
             "realised": self.realised,
             "unusual": list(self.unusual),
             "undetermined": list(self.undetermined),
+            "alike": list(self.alike),
         }
 
 

@@ -48,7 +48,7 @@ def named_terms(
                     parameters={p.name: Value(value, *interval(p, z, wide), p.unit)},
                     confidence=found.posterior.unknown,
                     held_out_gain=1.0 - math.exp(-2.0 * max(layer.gain, 0.0)),
-                    confused_with={n: 0.0 for n in layer.alike.get(c.effect, ())[:ALIKE]},
+                    alike=layer.alike.get(c.effect, ())[:ALIKE],
                 )
             )
     return result

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Stack, Validation, retunable
+from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
@@ -79,6 +80,7 @@ def layered(
     stacks: Mapping[str, Stack],
     errors: Mapping[str, Errors],
     name: str,
+    looked_at: int = FULL.terms,
 ) -> Layered:
     """Lays upon what is named what else brings rollouts nearer.
 
@@ -89,6 +91,7 @@ def layered(
         stacks: `before`, `retuned`, `black_box` and that of `name`.
         errors: Of them.
         name: Of the stack of what is named.
+        looked_at: Segments on which terms are screened; 0 for no terms.
     """
     problem = validation.problem
     group = blocks(problem.segments)
@@ -110,10 +113,10 @@ def layered(
         beside = validation.errors({"own": Stack(fits)})["own"]
         if tried("parameters", own, now, beside):
             start, now, stack = more.as_stamped, beside, Stack(fits)
-    if _more_is_wrong(now):
+    if looked_at and _more_is_wrong(now):
         base = problem.library.at(start.effects, start.named())
         _, [candidate] = tried_too(State(problem, {}), [base], criteria)
-        found = discovered(problem, criteria, candidate)
+        found = discovered(problem, criteria, candidate, looked_at=looked_at)
         added = [n for n in found.best.effects if n.startswith(PREFIX)]
         if added:
             more = found.best.fit

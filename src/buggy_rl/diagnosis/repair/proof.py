@@ -24,10 +24,11 @@ from buggy_rl.diagnosis.repair.validation import (
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
-from buggy_rl.effects.residual import ResidualNetwork
+from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation
 
 SLACK = 0.02  # [-] share by which a median distance may seem larger without being worse; chosen
 OTHER = "other"  # name of the second candidate's errors
@@ -47,11 +48,32 @@ class Repair:
     """[m] median distance after `SAID` without and with them, where they were refused."""
     residual: ResidualNetwork | None = None
     """A learned acceleration on top, where it brings held-out rollouts nearer."""
+    fit: Hypothesis | None = None
+    """Its numbers, about the simulator as given."""
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of what is in it."""
         return tuple(self.values)
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it differs from the simulator as given."""
+        return bool(self.values) or self.residual is not None
+
+    def simulation(self, case: DiagnosisCase) -> tuple[Simulation, ParameterSets]:
+        """The repaired simulator over a case's drives, and its numbers; as given, where it is none.
+
+        A residual on top has learned also what one on a baseline had.
+        """
+        simulation, settings = case.given, AS_GIVEN
+        if self.residual is not None:
+            dt = case.problem.segments.dt
+            learned = ResidualAcceleration(model=self.residual, strength=1.0, dt=dt)
+            simulation = replace(simulation, standing=(learned,))
+        if self.fit is not None:
+            settings = case.as_given.settings([(self.fit, self.fit.vector)])
+        return simulation, settings
 
     def lines(self, named: tuple[str, ...]) -> list[str]:
         """What a reader of the names could not guess of the file.
@@ -229,7 +251,7 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     refused = every[0].effects if name == "before" else ()
     worse = tuple(errors[n].median.get(SAID) for n in ("before", "after")) if refused else ()
     named = starts.get(name, problem.library.hypothesis(()))
-    done = layered(validation, case.criteria, named, stacks, errors, name)
+    done = layered(validation, case.criteria, named, stacks, errors, name, case.budget.terms)
     if done.residual:
         problem = validation.uncorrected.problem
     file = delivered(problem, done.start, validation.iterations, done.residual)
@@ -239,6 +261,7 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
         refused=refused,
         worse=None if None in worse or not worse else worse,  # type: ignore[arg-type]
         residual=file.network,
+        fit=file.fit,
     )
     errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}
     return {"proof": _proof(problem, errors), "repair": repair, "layers": list(done.layers)}

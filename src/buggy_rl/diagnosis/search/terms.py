@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.run.plan import FITTED
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.effects.terms.grammar import terms
@@ -22,10 +24,8 @@ from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.sparse import thinned
 
-LOOKED_AT = 24  # segments, spread evenly, on which terms are screened
 FARTHEST = 20.0  # [prior scales] at which a line ends
 ALIKE = 0.98  # [-] correlation of two lines above which they are one finding
-FITTED = 8  # terms that are fitted in a round
 MOST = 3  # terms
 REWEIGHTED = 4
 
@@ -60,7 +60,11 @@ class Discovery:
 
 
 def discovered(
-    problem: Problem, criteria: Criteria, base: Candidate, names: Sequence[str] = ()
+    problem: Problem,
+    criteria: Criteria,
+    base: Candidate,
+    names: Sequence[str] = (),
+    looked_at: int = FULL.terms,
 ) -> Discovery:
     """Adds terms to a leading set, one after the other, while each is worth its price.
 
@@ -69,6 +73,7 @@ def discovered(
         criteria: Blocks and iterations.
         base: The leading set.
         names: Terms to choose from; all by default.
+        looked_at: Segments, spread evenly, on which terms are screened.
     """
     names = list(names) or [t.name for t in terms()]
     price = PRICE + math.log(len(names))
@@ -76,9 +81,9 @@ def discovered(
     best, alike, first, rounds = base, {}, (), []
     for _ in range(MOST):
         state = state.dispersed(criteria.rules.expected_left * best.typical)
-        ranked = screened(state.problem, best.fit, names)
+        ranked = screened(state.problem, best.fit, names, looked_at)
         if not first:
-            own = _own_loss(state.problem, best.fit)
+            own = _own_loss(state.problem, best.fit, looked_at)
             first = tuple((s.name, own - s.loss) for s in ranked[:30])
         chosen, groups = distinct(ranked, FITTED)
         state, found = tried_too(state, [s.start for s in chosen], criteria)
@@ -92,14 +97,16 @@ def discovered(
     return Discovery(base, best, alike, first, tuple(rounds))
 
 
-def _own_loss(problem: Problem, fit: Fit) -> float:
-    few, [at] = thinned(problem, LOOKED_AT, [fit])
+def _own_loss(problem: Problem, fit: Fit, looked_at: int) -> float:
+    few, [at] = thinned(problem, looked_at, [fit])
     return float(few.noise.loss(at.square, few.dispersion).sum())
 
 
-def screened(problem: Problem, base: Fit, names: Sequence[str]) -> list[Screened]:
+def screened(
+    problem: Problem, base: Fit, names: Sequence[str], looked_at: int = FULL.terms
+) -> list[Screened]:
     """Terms on their lines about a set, the most promising first."""
-    few, [at] = thinned(problem, LOOKED_AT, [base])
+    few, [at] = thinned(problem, looked_at, [base])
     kept, clock = base.vector[:-1], base.vector[-1:]
     one = torch.ones(1, dtype=base.vector.dtype)
     starts = [
