@@ -1,6 +1,6 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each,
 #              and a blind test: about five minutes on 2 free cores, beside downloads
-# make test    lint, types and tests: about 13 minutes on 2 free cores from a fresh clone
+# make test    lint, types and tests: nine to ten minutes on 2 free cores from a fresh clone
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -12,9 +12,9 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
-# Of a rear-driven car; `scripts/compile.py` compiles those of others too.
-KERNELS := reference_substep,reference_substep_braked,single_track_substep,friction_change_12,$\
-    slip_change_12,moved,mean_acceleration,centred
+# What the tests are faster with than without, compiling included; and a rear-driven car's others.
+KERNELS := reference_substep,reference_substep_braked,single_track_substep
+OF_EFFECTS := friction_change_12,slip_change_12,moved,mean_acceleration,centred
 
 .PHONY: demo test tests test-slow lint types install clean
 
@@ -40,6 +40,8 @@ types: .venv/installed
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 install: .venv/installed
+	@$(BIN)/python scripts/compile.py only=$(OF_EFFECTS) || \
+	    echo "nothing compiled: effects run by PyTorch, slower"
 
 # The package without its extras: all that the demo needs, which compiles for itself. --no-compile:
 # Python writes its byte code as modules are imported, of which the demo needs a part.

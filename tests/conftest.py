@@ -27,6 +27,13 @@ def without_kernels() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def no_gradients() -> Iterator[None]:
+    """Kernels run where gradients are not recorded: most drives of a test need none."""
+    with torch.no_grad():
+        yield
+
+
 @pytest.fixture(scope="module")
 def short_training() -> Iterator[None]:
     """Networks that an answer is compared with learn for a tenth of the time."""

@@ -17,6 +17,8 @@ from buggy_rl.estimation.table import held_out_segments, rollout_errors
 from buggy_rl.recordings import load_recordings
 from buggy_rl.simulators import make_engine
 
+pytestmark = pytest.mark.usefixtures("no_gradients")
+
 CAR = """
 about: ten times the buggy
 dimensions: {wheelbase: 1.74, mass: 1625.0}
@@ -88,6 +90,7 @@ def study(tmp_path_factory) -> StudyConfig:
     )
 
 
+@pytest.mark.slow
 def test_the_checks_of_the_buggy_refuse_what_those_of_the_car_accept(study):
     (_, refusals) = load_recordings(study.data.recordings)
     assert any("exceeds top_speed 15 m/s" in str(refusal) for refusal in refusals)
@@ -96,6 +99,7 @@ def test_the_checks_of_the_buggy_refuse_what_those_of_the_car_accept(study):
     assert [r.duration for r in recordings] == pytest.approx([11.0] * 3, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single_track", "kinematic"])
 def test_the_ranges_hold_the_car_only_if_it_is_named(study, name):
     with pytest.raises(ValueError, match=r"outside its range .* name the car"):

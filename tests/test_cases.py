@@ -1,5 +1,6 @@
 """The concealed cases themselves: one seed, one riddle, and a known answer."""
 
+import pytest
 import torch
 
 from buggy_rl.core import keys
@@ -43,6 +44,7 @@ def test_each_car_has_its_own_fault_and_nothing_is_nothing():
     assert cameras[2] == CameraConfig(0.0, 0.0, 0.0, 0.0, gyro_bias=0.1)
 
 
+@pytest.mark.slow
 def test_drives_are_made_by_the_seed_and_show_the_case():
     cases = [NOTHING, Case("steering_gain", {"gain": 0.7}), Case("speed_scale", {"ratio": 0.9})]
     one, two, other = (make_drives(cases, seed=seed, seconds=1.2) for seed in (2, 2, 5))

@@ -52,6 +52,7 @@ def test_an_example_is_an_engine(factory, batch_size):
     assert engine.rollout(3)[keys.POSE].dtype == torch.float32
 
 
+@pytest.mark.slow
 def test_an_example_passes_what_a_diagnosis_asks_first(factory):
     notes = check_simulator(lambda count: make_engine(factory, count), "the example")
     assert all("one environment" in note for note in notes), notes
@@ -102,6 +103,7 @@ def test_a_factory_reaches_another_process(repository, monkeypatch):
         assert engine.batch_size == torch.Size([2])
 
 
+@pytest.mark.slow
 def test_a_diagnosis_takes_an_example_as_an_object(repository):
     factory = load_named(f"{repository}/examples/step_car.py:make")
     weak = [{"throttle_gain": {"gain": 0.7}}]

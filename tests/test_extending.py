@@ -107,6 +107,7 @@ def test_with_one_file_and_one_line_the_contract_tests_run_over_it_and_pass(pack
         assert len(passed) >= 5, name
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_a_users_own_effect(tmp_path):
     name = own(tmp_path, "expo")
     config = DiagnosisConfig(

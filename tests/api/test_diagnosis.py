@@ -46,6 +46,7 @@ def saved(found: buggy_rl.Diagnosis, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_the_same_answer(saved, drives, tmp_path, monkeypatch, repository):
     words = [f"{name}={value}" for name, value in SETTINGS.items() if name != "effects"]
     words += [f"effects=[{','.join(SETTINGS['effects'])}]", f"output={tmp_path}"]

@@ -140,6 +140,7 @@ def test_the_peers_settings_are_ours(part, settings):
     assert sizes[0] == sizes[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "limit"), [("ours", 60.0), ("batched", 0.0)])
 def test_a_climb_ends_at_the_score_or_at_the_limit(part, settings, case, limit):
     run = settings(case)

@@ -128,9 +128,9 @@ DISTINCT = (signal.SIGTERM, signal.SIGKILL, signal.SIGSTOP)  # caught, not caugh
 
 @pytest.mark.parametrize(
     ("number", "kind"),
-    [(number, Shared) for number in SECONDS]
-    + [
-        pytest.param(number, BrokenInWatchdog, marks=[pytest.mark.slow] * (number not in DISTINCT))
+    [
+        pytest.param(number, kind, marks=[pytest.mark.slow] * (number not in DISTINCT))
+        for kind in (Shared, BrokenInWatchdog)
         for number in SECONDS
     ],
     ids=lambda value: getattr(value, "name", value.__name__ if callable(value) else ""),
@@ -143,7 +143,7 @@ def test_a_signal_to_the_watchdog_stops_the_car(drive_until, number, kind):
     assert "watchdog" in summary.stopped
 
 
-@pytest.mark.parametrize("kind", [Shared, BrokenInWatchdog])
+@pytest.mark.parametrize("kind", [Shared, pytest.param(BrokenInWatchdog, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("fault", "seconds"), [("hang", 0.15), ("raise", 0.1), ("exit", 0.1)])
 def test_a_driver_that_breaks_in_the_watchdog_stops_the_car(
     drive_until,

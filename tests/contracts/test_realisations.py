@@ -18,9 +18,10 @@ from tests.contracts.test_engines import make, manoeuvre
 from tests.simulators.steps import follow, start
 
 CASES = [  # of the plants' own physics; the share of the wrapped effect's loss that is left at most
-    *(("reference", effect, 0.25) for effect in ("tire_grip", "payload")),
+    *(("reference", effect, 0.25) for effect in ("payload",)),
+    pytest.param("reference", "tire_grip", 0.25, marks=pytest.mark.slow),
     *(
-        ("mujoco", effect, 0.3)
+        pytest.param("mujoco", effect, 0.3, marks=[pytest.mark.slow] * (effect != "tire_grip"))
         for effect in ("tire_grip", "grip_balance", "payload", "top_speed", "steering_asymmetry")
     ),
 ]

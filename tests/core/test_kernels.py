@@ -64,6 +64,14 @@ def test_the_example_is_a_batch_of_which_each_row_moves_alone(name):
 
 
 @compiler
+@pytest.mark.parametrize("name", NAMES)
+def test_of_a_single_car_the_results_batch_is_known(name):
+    (found,) = kernels([name])
+    for result, dim in zip(found.function(*noisy(found, 3)), found._batch_of_results, strict=True):
+        assert result.shape[dim] == 3
+
+
+@compiler
 @pytest.mark.parametrize("n", [2, 7, 300])
 def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
     monkeypatch.setenv(FOLDER, str(folder))
@@ -72,6 +80,21 @@ def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
         assert KERNEL.ready(torch.ones(n))
         for a, b in zip(KERNEL.run(*arguments), KERNEL.function(*arguments), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
+
+
+@compiler
+def test_a_single_car_is_run_as_one_of_two(folder, monkeypatch):
+    monkeypatch.setenv(FOLDER, str(folder))
+    one = noisy(KERNEL, 1)
+    bare = [
+        a if dim is None else a.select(dim, 0) for a, dim in zip(one, KERNEL.batch, strict=True)
+    ]
+    with torch.no_grad():
+        assert KERNEL.ready(torch.ones(1))
+        assert KERNEL.ready(torch.ones(()))
+        for given in (one, bare):
+            for a, b in zip(KERNEL.run(*given), KERNEL.function(*given), strict=True):
+                torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
 
 
 @compiler
@@ -107,6 +130,7 @@ def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
 
 
 @compiler
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -143,7 +167,7 @@ def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
 
 
 @compiler
-@pytest.mark.parametrize("row", [torch.ones(1), torch.ones(2, 3), torch.ones(3).double()])
+@pytest.mark.parametrize("row", [torch.ones(0), torch.ones(2, 3), torch.ones(3).double()])
 def test_other_batches_run_by_pytorch(folder, monkeypatch, row):
     monkeypatch.setenv(FOLDER, str(folder))
     with torch.no_grad():

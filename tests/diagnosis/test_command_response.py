@@ -25,7 +25,7 @@ LARGE = {
 
 @pytest.fixture(scope="module")
 def drives():
-    made = planted_drives(list(LARGE.values()), cars=2, seconds=25.0)
+    made = planted_drives(list(LARGE.values()), cars=2, seconds=16.0)
     return dict(zip(LARGE, made, strict=True))
 
 
@@ -81,7 +81,7 @@ def with_rest(recording, rows):
 def test_a_car_that_is_pushed_is_refused_by_name_with_row_and_value(drives):
     one, other = drives["nothing"]
     pushed = replace(with_rest(one, slice(None)), name="by_hand")
-    words = r"drive by_hand: from 0\.0 to 25\.\d s the car gains \d\.\d m/s with the throttle at"
+    words = r"drive by_hand: from 0\.0 to 16\.\d s the car gains \d\.\d m/s with the throttle at"
     with pytest.raises(ValueError, match=words):
         check_commands([pushed, other])
 

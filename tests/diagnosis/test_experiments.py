@@ -23,6 +23,8 @@ from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.segments import cut_segments
 from tests.diagnosis.planted import commands, planted_drives, problem_of
 
+pytestmark = pytest.mark.slow
+
 DRAGGY = {"viscous_drag": {"rate": 0.03}}
 VISCOUS, AIR = ("viscous_drag",), ("aerodynamic_drag",)
 SHORT = replace(FULL, rounds=1)
@@ -108,6 +110,7 @@ def test_a_manoeuvre_that_tells_nothing_leaves_the_odds_as_they_are(undecided, m
     assert posterior(worse).sets[AIR] < 0.1 * after.sets[AIR]
 
 
+@pytest.mark.slow
 def test_manoeuvres_are_ranked_by_how_often_the_truth_is_decided(undecided, monkeypatch):
     problem, found = undecided
     monkeypatch.setattr(experiments, "SAMPLES", 20)

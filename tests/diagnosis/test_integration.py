@@ -45,11 +45,13 @@ def test_a_step_that_is_fine_enough_stays():
     assert not step_for(drives()).options
 
 
+@pytest.mark.slow
 def test_a_simulator_that_is_right_with_its_coarse_step_keeps_it():
     # As one that was fitted with that step is.
     assert not step_for(drives(timestep=COARSE, seconds=8.0), timestep=COARSE).options
 
 
+@pytest.mark.slow
 def test_another_fault_of_the_car_is_not_taken_for_a_coarse_step():
     assert not step_for(drives(mass=3.3)).options
 

@@ -115,6 +115,7 @@ def test_an_effect_that_the_baseline_has_too_gains_there_likewise():
     assert share["viscous_drag",] > -0.1
 
 
+@pytest.mark.slow
 def test_another_step_is_used_noted_and_written_to_the_repaired_simulator(
     recordings, tmp_path, monkeypatch
 ):

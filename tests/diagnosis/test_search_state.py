@@ -57,7 +57,10 @@ def test_a_restart_finds_the_way_out_of_a_valley(drives):
     assert torch.equal(start.vector[:-1], fit.vector[:-1])
 
 
-@pytest.mark.parametrize(("name", "expected"), [("nothing", ()), ("late", ("steering_dead_time",))])
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("late", ("steering_dead_time",)), pytest.param("nothing", (), marks=pytest.mark.slow)],
+)
 def test_an_effect_that_means_nothing_is_fitted_and_is_not_the_most_evident(drives, name, expected):
     decoy = f"{Path(__file__).parent / 'decoy.py'}:Decoy"
     problem = problem_of(drives[name], ["steering_dead_time", decoy])

@@ -119,6 +119,7 @@ def test_a_car_whose_tyres_never_slide_does_not_show_its_axles():
     assert "dimensions" not in options["tire_grip"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["kinematic", "hold"])
 def test_what_is_no_car_on_two_axles_is_refused(engine):
     with pytest.raises(ValueError, match=r"a car on two axles leaves .* unexplained"):
@@ -153,6 +154,7 @@ def rollout(env):
     return states.get(keys.POSE)[..., :2]
 
 
+@pytest.mark.slow
 def test_less_grip_around_a_black_box_does_what_less_grip_inside_it_does():
     make = plain(plain_env.QuickCar)
     truth = rollout(plain(plain_env.QuickCar, grip=0.85 * 0.5, stiffness=6.0 / 0.5)(16))

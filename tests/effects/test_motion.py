@@ -85,7 +85,10 @@ def test_steering_drag_goes_with_the_angle_of_the_wheels_whatever_the_speed(spee
     assert float(at_cg[2] - rate) == pytest.approx(turned, abs=2e-3)
 
 
-@pytest.mark.parametrize("engine", ["single_track", "reference", "mujoco"])
+@pytest.mark.parametrize(
+    "engine",
+    ["single_track", *(pytest.param(e, marks=pytest.mark.slow) for e in ("reference", "mujoco"))],
+)
 def test_the_angle_of_the_wheels_is_read_off_the_motion(engine):
     known = measured_options(lambda n: make_engine(engine, (n,)))["steering_drag"]
     axle = FrontAxle(known["stiffness"][0], known["friction"][0], known["shape"][0])

@@ -88,6 +88,7 @@ def recovered(effect, others=()):
 SLOWLY = [pytest.param(e, marks=pytest.mark.slow) for e in ("understeer", "steering_drag")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["heading_drift", *SLOWLY])
 def test_a_concealed_effect_is_recovered(effect):
     recovered(effect)

@@ -91,7 +91,12 @@ def closed(engine, name, values, truth):
 
 
 @pytest.mark.parametrize(
-    ("engine", "least"), [("single_track", 0.85), ("mujoco", 0.7), ("reference", 0.55)]
+    ("engine", "least"),
+    [
+        ("single_track", 0.85),
+        pytest.param("mujoco", 0.7, marks=pytest.mark.slow),
+        pytest.param("reference", 0.55, marks=pytest.mark.slow),
+    ],
 )
 def test_less_grip_outside_the_engine_does_what_less_grip_inside_it_does(engine, least):
     assert closed(engine, "tire_grip", {"grip": GRIP}, less_rollout(engine)) > least

@@ -63,6 +63,7 @@ def found(wrong):
     return correct(Simulation(simulator), wrong)
 
 
+@pytest.mark.slow
 def test_residuals_of_the_sensor_alone_have_no_standing_covariance(right):
     sensed = sensed_covariance(Simulation(simulator), right)
     torch.manual_seed(0)
@@ -142,6 +143,7 @@ def test_the_held_out_misfit_of_the_baseline_predicts_that_of_new_recordings(fou
     assert misfit(found.held_out) == pytest.approx(of(another), rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_simulator_that_is_right_gets_no_covariance_that_matters(right):
     found = correct(Simulation(simulator), right)
     assert found.after < 1.5

@@ -74,6 +74,7 @@ def test_the_truth_is_found_from_a_wrong_start():
         assert not estimate.warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fits", [4, pytest.param(12, marks=pytest.mark.slow)])
 def test_intervals_cover_the_truth_about_as_often_as_they_say(fits):
     config = FitConfig(parameters=["push", "drag", "turn"])

@@ -84,14 +84,14 @@ def found(recordings, effects):
 SLOWER = pytest.mark.slow
 
 
-@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(
+    "rate", [pytest.param(rate, marks=[SLOWER] * (rate in (20, 200))) for rate in RATES]
+)
 @pytest.mark.parametrize(
     "case",
     [
         "force",
-        "command",
-        "sensor",
-        *(pytest.param(c, marks=SLOWER) for c in ("servo", "play", "late")),
+        *(pytest.param(c, marks=SLOWER) for c in ("command", "sensor", "servo", "play", "late")),
     ],
 )
 def test_what_is_concealed_is_found_at_every_rate(true, case, rate):

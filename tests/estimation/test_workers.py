@@ -137,6 +137,7 @@ def broken(tmp_path, monkeypatch):
     return file
 
 
+@pytest.mark.slow
 def test_a_simulators_own_error_is_raised_as_if_it_were_alone(segments, broken):
     with Workers(2, least=1) as both:
         simulation = Simulation(Maker(f"{broken}:Broken"), workers=both)
@@ -145,6 +146,7 @@ def test_a_simulators_own_error_is_raised_as_if_it_were_alone(segments, broken):
         assert both._others == []
 
 
+@pytest.mark.slow
 def test_what_only_a_worker_cannot_do_is_said_with_the_remedy(segments, broken):
     with Workers(2, least=1) as both:
         simulation = Simulation(Maker(f"{broken}:OnlyHere"), workers=both)
@@ -176,6 +178,7 @@ run(main)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "blow",
     [

@@ -119,6 +119,7 @@ def test_a_job_runs_in_its_working_directory(job, tmp_path):
     assert (one.folder / "saw").read_text() == "question.yaml"
 
 
+@pytest.mark.slow
 def test_no_more_run_at_a_time_than_there_are_workers(job):
     jobs = [job(str(n), "0.3") for n in range(3)]
     shares = {}
@@ -196,6 +197,7 @@ run(main)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "blow", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM, signal.SIGKILL]
 )

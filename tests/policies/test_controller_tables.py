@@ -50,6 +50,7 @@ def test_tuned_numbers_come_back_from_yaml(found, tmp_path):
     assert build(PurePursuitConfig, [str(file)]) == found[0]
 
 
+@pytest.mark.slow
 def test_tuned_drivers_and_a_random_one_drive_every_course(found, monkeypatch):
     for name in ("STEPS", "RANDOM_STEPS"):  # 3 s in place of 10
         monkeypatch.setattr(f"buggy_rl.policies.evaluation.drives.{name}", 300)

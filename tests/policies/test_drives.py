@@ -75,6 +75,7 @@ def policy_file(tmp_path):
     return str(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "courses", [["lap"], pytest.param(["lap", "random"], marks=pytest.mark.slow)], ids=len
 )

@@ -8,7 +8,12 @@ from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 from tests.policies.test_closed_loop import STEPS, coasting, environment
 
-ENGINES = ("single_track", "mujoco", "reference")
+pytestmark = pytest.mark.usefixtures("no_gradients")
+
+ENGINES = (
+    "single_track",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("mujoco", "reference")),
+)
 
 
 def circle(engine: str):

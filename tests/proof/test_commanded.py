@@ -51,6 +51,7 @@ def test_an_unknown_command_is_refused():
         Case(1, "reference", "reference", command="clutch")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["brakes", "speed"])
 def test_a_case_is_sealed_with_all_that_is_needed_to_read_it(command, tmp_path):
     effect = {"brakes": "brake_gain", "speed": "speed_controller_lag"}[command]

@@ -13,6 +13,8 @@ from buggy_rl.proof.ledger import Entry, Ledger
 from tests.proof.here import jobs_here
 from tests.running import Done, run_script
 
+pytestmark = pytest.mark.slow
+
 OPTIONS = (
     "draw.each=true", "draw.nothing=1", "draw.cases=3", "draw.seconds=[6.0]",
     "draw.pairings=[reference]", "draw.nuisances=[white]", "draw.driving=[rich]",

@@ -43,6 +43,7 @@ def steady():
     return drive(SteadyDriver)
 
 
+@pytest.mark.slow
 def test_a_steady_driver_holds_one_speed(steady):
     speed = steady[keys.VELOCITY][:, SETTLED:, 0]
     # The driver believes in more friction than this car has.
@@ -51,6 +52,7 @@ def test_a_steady_driver_holds_one_speed(steady):
     assert float(speed.std()) < 0.5 * float(rich.std())
 
 
+@pytest.mark.slow
 def test_a_steady_driver_stays_in_the_room_and_does_not_jerk(steady):
     assert float(steady[keys.POSE][..., :2].abs().max()) < 4.0
     steering = steady[keys.ACTION][..., 1]
@@ -218,6 +220,7 @@ def test_a_plant_of_drawn_parameters_is_another_car_and_the_same_for_one_seed():
     torch.testing.assert_close(both[1].changed[keys.POSE], usual.changed[keys.POSE])
 
 
+@pytest.mark.slow
 def test_hands_differ():
     seen = {name: drive(kind)[keys.VELOCITY][:, SETTLED:] for name, kind in DRIVERS.items()}
     assert float(seen["timid"][..., 0].mean()) < float(seen["rich"][..., 0].mean())

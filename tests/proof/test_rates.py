@@ -20,6 +20,7 @@ def true():
     return {rate: drive_cases([replace(CASE, rate=rate)])[0].changed[0] for rate in (20, 100)}
 
 
+@pytest.mark.slow
 def test_a_command_is_held_until_the_next_one(true):
     action = true[20][keys.ACTION].view(-1, 5, 2)
     assert torch.equal(action, action[:, :1].expand_as(action))

@@ -15,6 +15,7 @@ from buggy_rl.recordings import save_recording
 from buggy_rl.simulators import make_engine
 from tests.diagnosis.planted import planted_drives
 
+pytestmark = pytest.mark.slow  # of other simulators in tests/test_extending.py and tests/api
 KEPT = (
     "diagnosis.json",
     "repaired.yaml",

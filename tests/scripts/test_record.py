@@ -57,6 +57,7 @@ def test_a_wrong_option_is_refused_by_name(record, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_concealed_fault_is_in_the_drives_and_its_name_where_it_was_sealed(record, tmp_path):
     plain, riddle, answer = (tmp_path / name for name in ("plain", "riddle", "answer"))
     common = ["drives=1", "seconds=2.5", "seed=4"]
@@ -113,6 +114,7 @@ def test_the_sample_is_what_its_config_records(record, tmp_path):
         pd.testing.assert_frame_equal(fresh[place], kept[place], atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_larger_car_with_brakes_is_driven_about_a_larger_room(record, capsys, tmp_path):
     command = "options.command=throttle_brake_reverse"
     options = ["driver=manoeuvring", "car=autorally", command, "drives=4", "seconds=12"]

@@ -20,7 +20,7 @@ from buggy_rl.simulated_car.launcher import (
 )
 from buggy_rl.task.paths.making import PathConfig
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 REPORTED = 0.001  # [s] the board logs a command so long before the watchdog at most
 SLACK = 60.0  # [ms] granted beyond the rules to a machine that is busy with other tests
 TIMES = 4  # injections at most until one is in time: other work adds to a time, never takes away

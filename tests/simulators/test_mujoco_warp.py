@@ -18,6 +18,8 @@ from buggy_rl.simulators.mujoco import engine
 from buggy_rl.simulators.mujoco.engine import ACTUATORS, PHYSICS_STATE
 from tests.simulators.steps import follow, start
 
+pytestmark = pytest.mark.slow  # Warp compiles for half a minute
+
 needs_warp = pytest.mark.skipif(
     not find_spec("mujoco_warp"), reason="mujoco-warp is not installed: pip install -e '.[gpu]'"
 )
@@ -45,7 +47,6 @@ def drive(**options) -> Tensor:
 
 @needs_warp
 @on_each_device
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     COMMANDS,
@@ -62,7 +63,6 @@ def test_it_drives_as_mujoco_does(options, device):
 
 @needs_warp
 @on_each_device
-@pytest.mark.slow
 def test_contact_tyres_drive_alike_up_to_the_solver(device):
     # Both solve the same problem of friction and stop at different remainders.
     expected = drive(tyres="contact")

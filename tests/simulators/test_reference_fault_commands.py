@@ -32,6 +32,7 @@ SCENES.add(
 )
 
 
+@pytest.mark.slow
 def test_late_steering_is_late_by_its_dead_time(driven):
     _, _, yaw_rate = velocities(driven("late steering"))
     plain, *late = crossing(yaw_rate, 0.3)
@@ -48,6 +49,7 @@ SCENES.add(
 )
 
 
+@pytest.mark.slow
 def test_late_throttle_is_late_by_its_dead_time_and_leaves_the_steering_alone(driven):
     states = driven("late throttle")
     plain, late = crossing(velocities(states)[0], 0.5)
@@ -68,6 +70,7 @@ TRIM = commands((-0.15, 0.0), (0.0, 0.0))
 SCENES.add("throttle trim", "throttle_offset.offset", (0.0, -0.15), REST, TRIM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", ["steering trim", "trim at the end", "throttle trim"])
 def test_trim_is_the_same_as_another_command_up_to_the_end_of_the_channel(driven, title):
     pose = driven(title)[keys.POSE]

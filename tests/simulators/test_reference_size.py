@@ -59,10 +59,10 @@ def rows(engine, seconds=0.8):
     ("command", "faults"),
     [
         ("throttle", FAULTY),
-        ("throttle_brake_reverse", FAULTY),
         ("throttle_brake_reverse", {}),
-        (SPEED, {}),
-        ("current", {}),
+        pytest.param("throttle_brake_reverse", FAULTY, marks=pytest.mark.slow),
+        pytest.param(SPEED, {}, marks=pytest.mark.slow),
+        pytest.param("current", {}, marks=pytest.mark.slow),
     ],
 )
 def test_a_similar_car_drives_the_similar_path_over_the_similar_time(command, faults):

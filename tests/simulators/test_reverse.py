@@ -111,7 +111,9 @@ def test_a_braked_car_loses_speed_every_step_and_the_more_the_harder(name):
 
 
 @pytest.mark.parametrize("name", ENGINES)
-@pytest.mark.parametrize("command", [ESC, SETPOINT, "current"])
+@pytest.mark.parametrize(
+    "command", [ESC, *(pytest.param(c, marks=pytest.mark.slow) for c in (SETPOINT, "current"))]
+)
 def test_brake_then_reverse_then_forward_is_free_of_jumps(name, command):
     velocity, pose = driven(
         straight(name, command, 2), [(0.5, 0.0, 65), (-0.6, 0.0, 110), (0.5, 0.0, 75)]
@@ -134,7 +136,7 @@ def test_a_reset_in_reverse_goes_on_in_reverse(name):
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("tyres", ["explicit", "contact"])
+@pytest.mark.parametrize("tyres", ["explicit", pytest.param("contact", marks=pytest.mark.slow)])
 def test_mujoco_drives_and_brakes_the_wheels_it_is_told_to(drive, tyres):
     engine = make_engine("mujoco", 1, command=ESC, drive=drive, tyres=tyres)
     assert engine.values["brake_front_share"] == {"rear": 0.0, "front": 1.0, "all": 0.5}[drive]

@@ -23,6 +23,8 @@ from buggy_rl.simulators.bicycle.actuation import (
 from buggy_rl.simulators.bicycle.longitudinal import resistance
 from buggy_rl.simulators.bicycle.single_track import SLIP_SPEED, SingleTrackEngine, rolling_speed
 
+pytestmark = pytest.mark.usefixtures("no_gradients")
+
 DIRECT = {"throttle_dead_time": 0, "throttle_lag": 0, "steering_dead_time": 0, "steering_lag": 0}
 FREE = dict.fromkeys(
     (
@@ -184,6 +186,7 @@ def test_halving_the_timestep_changes_one_second_paths_by_under_a_percent():
     assert ((coarse - fine)[:, -1, :2].norm(dim=-1) < 0.01 * length).all()
 
 
+@pytest.mark.slow
 def test_the_integration_is_of_second_order():
     exact = slalom(32)
     error = [(slalom(n) - exact)[..., :2].norm(dim=-1).max() for n in (2, 4, 8)]
@@ -273,7 +276,14 @@ def test_no_lag_is_followed_at_once_and_a_long_one_hardly():
     torch.testing.assert_close(decay, torch.tensor([0.0, 1.0]), atol=1e-3, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["steering_dead_time", "steering_lag", "front_stiffness", "mass"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "steering_dead_time",
+        "front_stiffness",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("steering_lag", "mass")),
+    ],
+)
 def test_the_path_has_the_gradient_that_differences_show(name):
     actions = torch.stack([torch.full((60,), 0.2), torch.sin(torch.arange(60) / 6.0)], -1)
 
@@ -284,7 +294,8 @@ def test_the_path_has_the_gradient_that_differences_show(name):
     # Halfway between two periods, where the path is smooth in the dead time.
     value = 0.035 if "time" in name else float(make_engine("single_track").values[name])
     value = torch.tensor(value, requires_grad=True)
-    (slope,) = torch.autograd.grad(end(value), value)
+    with torch.enable_grad():
+        (slope,) = torch.autograd.grad(end(value), value)
     h = 0.02 * float(value.detach())
     with torch.no_grad():
         difference = (end(value + h) - end(value - h)) / (2 * h)

@@ -2,8 +2,8 @@
 
 Of a few hundred cars an operation of PyTorch takes microseconds whatever it does, and a step of a
 car has hundreds. Compiled into one call they take as long as their arithmetic. Both give the same
-numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and some ten seconds a
-kernel, so it is done once, by `scripts/compile.py`. A package holds for the source and the
+numbers to rounding, but not to the last bit. Compiling needs a C++ compiler and some 15 s of a core
+a kernel, so it is done once, by `scripts/compile.py`. A package holds for the source and the
 processor that it was made of and no other. Of several processes one compiles a package, and the
 others wait for it.
 
@@ -22,7 +22,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,11 @@ MADE_OF = ("core/kernels.py", "simulators", "effects", "core/vehicle.py")
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A pure function of float32 tensors whose batch is one dimension of at least two."""
+    """A pure function of float32 tensors whose batch is one dimension.
+
+    Its package takes two cars at least: a single one, with a batch dimension or without, is run
+    as two.
+    """
 
     name: str
     function: Callable[..., tuple[Tensor, ...]]
@@ -56,11 +60,11 @@ class Kernel:
         return self.run if self.ready(row) else self.function
 
     def ready(self, row: Tensor) -> bool:
-        """Whether its package is there and takes a batch like `row`, which has a value per car."""
+        """Whether its package is there and takes cars like `row`, which has a value per car."""
         return (
             not torch.compiler.is_compiling()  # traced into another package
-            and row.dim() == 1
-            and len(row) > 1
+            and row.dim() < 2
+            and row.numel() > 0
             and row.dtype == torch.float32
             and row.device.type == "cpu"
             and not torch.is_grad_enabled()
@@ -71,7 +75,27 @@ class Kernel:
         """Runs the package, which must be `ready`, on arguments like those of `example`."""
         package = _package(self, os.environ.get(FOLDER, str(CACHE)))
         assert package is not None
-        return package(self._batch_last(arguments))
+        first, dim, rank = self._first
+        alone = arguments[first].dim() < rank
+        if not alone and arguments[first].shape[dim] > 1:
+            return package(self._batch_last(arguments))
+        two = [_twice(a, dim, alone) for a, dim in zip(arguments, self.batch, strict=True)]
+        results = zip(package(self._batch_last(two)), self._batch_of_results, strict=True)
+        return [r.select(dim, 0) if alone else r.narrow(dim, 0, 1) for r, dim in results]
+
+    @cached_property
+    def _first(self) -> tuple[int, int, int]:
+        """An argument that has a batch: its number, the batch's dimension, and how many it has."""
+        number, dim = next((i, dim) for i, dim in enumerate(self.batch) if dim is not None)
+        return number, dim, self.example(2)[number].dim()
+
+    @cached_property
+    def _batch_of_results(self) -> list[int]:
+        """Dimension of the batch of each result: the one that depends on the number of cars."""
+        with torch.no_grad():
+            two, five = (self.function(*self.example(count)) for count in (2, 5))
+        shapes = ((a.shape, b.shape) for a, b in zip(two, five, strict=True))
+        return [next(i for i, n in enumerate(a) if n != b[i]) for a, b in shapes]
 
     def _batch_last(self, arguments: Sequence[Tensor]) -> list[Tensor]:
         return [
@@ -125,6 +149,14 @@ class Kernel:
             program = torch.export.export(_Module(self), tuple(arguments), dynamic_shapes=(shapes,))
             torch._inductor.aoti_compile_and_package(program, package_path=str(written))
         os.replace(written, self.file(folder))
+
+
+def _twice(argument: Tensor, dim: int | None, alone: bool) -> Tensor:
+    """An argument of one car as one of two equal cars."""
+    if dim is None:
+        return argument
+    one = argument.unsqueeze(dim) if alone else argument
+    return one.repeat_interleave(2, dim)
 
 
 class _Module(torch.nn.Module):

@@ -83,7 +83,7 @@ def test_a_driver_about_a_room_gives_the_similar_car_the_same_commands(kind):
 
 
 @pytest.mark.parametrize("options", [BRAKES, SPEED], ids=str)
-@pytest.mark.parametrize("make", [PurePursuit, Stanley])
+@pytest.mark.parametrize("make", [PurePursuit, pytest.param(Stanley, marks=pytest.mark.slow)])
 def test_followers_drive_a_car_with_its_own_kind_of_command(make, options):
     steps = 250
     task = evaluation_task(TaskConfig(paths=PathConfig(kind="lap")), steps)

@@ -20,6 +20,7 @@ def drives(command, seed=2, steps=1500, cars=3, simulator="reference"):
 
 
 # The reference car takes 10 ms a step unless its command is the first, of which it has a kernel.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "simulator"),
     [
@@ -61,6 +62,7 @@ def test_each_driver_refuses_the_other_s_cars():
         make_driver(RecordConfig("unused"), engine)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [SteadyDriver, TimidDriver, WildDriver])
 def test_every_driver_about_the_room_can_be_the_one_that_drives_forward(kind):
     engine = make_engine("reference", 8, command=COMMANDS[0])

@@ -29,6 +29,7 @@ def driven():
     return drives()
 
 
+@pytest.mark.slow
 def test_the_room_driver_never_touches_a_wall(driven):
     assert driven[keys.POSE][..., :2].abs().max() < 4.0 - NOSE
 

@@ -43,6 +43,7 @@ STACKS = {
     },
     "everything": EVERYTHING,
 }
+PARTS = ("past mean", "history", "last action", "smoothing")  # each is in `EVERYTHING`
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,10 @@ def full(exported):
     return exported("everything")
 
 
-@pytest.mark.parametrize("stack_name", STACKS)
+@pytest.mark.parametrize(
+    "stack_name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in PARTS)) for name in STACKS],
+)
 def test_runtime_and_training_agree_over_drives_and_on_random_inputs(exported, stack_name):
     export, content = exported(stack_name, 40, 40)
     results = dict(export.comparisons(Runtime(content)))
@@ -79,6 +83,7 @@ def test_runtime_and_training_agree_over_drives_and_on_random_inputs(exported, s
         assert result["command"] < 1e-5
 
 
+@pytest.mark.slow
 def test_they_agree_to_the_end_of_a_drive(exported):
     export, content = exported("everything", steps=600)
     (where, result), *_ = export.comparisons(Runtime(content))

@@ -29,6 +29,8 @@ from tests.proof.plants.drives import (
     warmed,
 )
 
+pytestmark = pytest.mark.slow
+
 foreign = pytest.mark.parametrize("plant", FOREIGN)
 FAST = (2.0, 0.0, 0.0)
 NO_DRIVE = -1.0

@@ -130,6 +130,7 @@ def test_neutral_faults_change_nothing(plant):
     )
 
 
+@pytest.mark.slow
 def test_each_effect_of_a_plant_changes_its_drive():
     felt = {"grip_patch": {"radius": 10.0, "grip": 0.5}, "motor_power_limit": {"power_per_mass": 2}}
     felt["thermal_foldback"] = {"foldback": 0.9, "time_constant": 1.0}
@@ -230,6 +231,7 @@ def test_a_spinning_commonroad_car_loses_energy_until_it_rolls():
     assert velocity[60:, 1:].abs().max() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", FOREIGN)
 def test_the_room_driver_keeps_a_plant_inside_and_on_course(plant):
     rows = list(recorded_steps(make_plant(plant, 2, {}), RoomDriver(seed=5), 400))

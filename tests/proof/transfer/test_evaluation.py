@@ -20,6 +20,8 @@ from buggy_rl.proof.transfer.score import (
     unjudged,
 )
 
+pytestmark = pytest.mark.slow
+
 OBSERVED = 23  # velocity, and ten waypoints
 LATE = {"steering_dead_time": {"dead_time": 0.08}}
 

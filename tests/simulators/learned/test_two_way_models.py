@@ -73,6 +73,7 @@ def test_a_throttle_is_asked_of_both_ways_alike():
     assert torch.equal(one_way_throttle(throttle, -1.0), throttle)
 
 
+@pytest.mark.slow
 def test_a_model_of_recordings_with_reverse_stands_brakes_and_reverses(trained):
     assert trained.command == ESC
     assert torch.equal(held(trained, 0.0, 0.03), torch.zeros(3))
@@ -82,17 +83,20 @@ def test_a_model_of_recordings_with_reverse_stands_brakes_and_reverses(trained):
     assert braked < coasted - 0.2
 
 
+@pytest.mark.slow
 def test_a_car_that_coasts_backward_loses_speed(trained):
     speeds = [float(held(trained, 0.0, -0.6, steps)[0].abs()) for steps in (1, 20, 40)]
     assert speeds == sorted(speeds, reverse=True)
 
 
+@pytest.mark.slow
 def test_its_engine_is_at_rest_at_0_and_says_what_it_takes(trained):
     engine = make_engine("learned", 2, model=trained)
     assert engine.command == ESC
     assert engine.reset()[keys.HISTORY][..., 3].abs().max() == 0.0
 
 
+@pytest.mark.slow
 def test_what_it_takes_is_saved_with_it(trained, tmp_path):
     save_model(trained, CONFIG, tmp_path / "two.pt", {"dt": 0.01})
     assert load_model(tmp_path / "two.pt")[0].command == ESC
