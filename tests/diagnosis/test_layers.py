@@ -69,7 +69,7 @@ def test_where_nothing_is_wrong_nothing_is_laid_on():
 
 
 def errors(size: float) -> Errors:
-    return Errors(median={SAID: size}, square=torch.full((8,), size**2))
+    return Errors(median={SAID: size}, sensed=torch.full((8,), size**2))
 
 
 @pytest.fixture(scope="module")
@@ -80,11 +80,13 @@ def validation():
 @pytest.mark.parametrize("nearest", ["before", "retuned", "black_box"])
 def test_what_anyone_would_try_first_is_delivered_where_it_is_nearer(validation, nearest):
     count = len(validation.problem.segments)
-    of = {n: Errors({}, {SAID: 3.0}, torch.full((count,), 9.0)) for n in ("before", "retuned")}
+    of = {
+        n: Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0)) for n in ("before", "retuned")
+    }
     of |= {"black_box": of["before"]}
-    of[nearest] = Errors({}, {SAID: 1.0}, torch.full((count,), 1.0))
+    of[nearest] = Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0))
     named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
-    stack = Layered((), named, False, Errors({}, {SAID: 2.0}, torch.full((count,), 4.0)))
+    stack = Layered((), named, False, Errors({}, {SAID: 2.0}, sensed=torch.full((count,), 4.0)))
     best = _at_least(stack, validation, of)
     assert best.errors is of[nearest]
     assert best.residual is (nearest == "black_box")
@@ -94,12 +96,12 @@ def test_what_anyone_would_try_first_is_delivered_where_it_is_nearer(validation,
 def test_a_stack_that_is_nearest_stays(validation):
     count = len(validation.problem.segments)
     named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
-    stack = Layered((), named, False, Errors({}, {SAID: 1.0}, torch.full((count,), 1.0)))
-    far = Errors({}, {SAID: 3.0}, torch.full((count,), 9.0))
+    stack = Layered((), named, False, Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0)))
+    far = Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0))
     assert _at_least(stack, validation, {"before": far, "retuned": far, "black_box": far}) is stack
 
 
 def test_closeness_counts_in_noise_and_one_spin_for_no_more_than_its_cap():
-    noise, twice, spin = closeness(Errors(square=torch.tensor([0.0, 4.0e4, 1e9])))
+    noise, twice, spin = closeness(Errors(sensed=torch.tensor([0.0, 4.0e4, 1e9])))
     assert noise == 0
     assert float(spin) == pytest.approx(float(twice))

@@ -151,7 +151,7 @@ class Answer:
                 f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
-        result += [f"{t.sentence[:1].upper()}{t.sentence[1:]} [{t.equation}]." for t in self.terms]
+        result += self._equations()
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
@@ -162,6 +162,23 @@ class Answer:
         elif open_ and self.weak:
             result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
+
+    def _equations(self) -> list[str]:
+        """What the car behaves like beside what has a name, and how much that is worth."""
+        if not self.terms:
+            return []
+        nearer = sum(layer.nearer for layer in self.layers if layer.kind == "terms" and layer.kept)
+        what = "an equation" if len(self.terms) == 1 else f"{len(self.terms)} equations"
+        beside = "beside what is named" if self.effects else "beside the simulator as given"
+        lines = [
+            f"More is missing than the library's effects say: with {what} {beside}, held-out "
+            f"rollouts are {nearer:.0%} nearer."
+        ]
+        for term in self.terms:
+            alike = f"; over what was driven the same as {', '.join(term.alike)}" * bool(term.alike)
+            said = f"{term.sentence[:1].upper()}{term.sentence[1:]}"
+            lines.append(f"{said} [{term.name}: {term.equation}{alike}].")
+        return lines
 
     def _differing(self) -> list[str]:
         """What the car does otherwise, whichever parameters or effects are to blame."""

@@ -56,7 +56,7 @@ class NamedEffect:
     inside: tuple[str, ...] = ()
     """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
     alike: tuple[str, ...] = ()
-    """Of a term: others that are the same over what was driven, the nearest first."""
+    """Terms that are the same over what was driven, the nearest first; of an effect none."""
     unusual: tuple[str, ...] = ()
     """Numbers outside what 5 to 95 % of real cars have."""
     undetermined: tuple[str, ...] = ()

@@ -1,12 +1,11 @@
 """Terms of a repaired simulator as entries of the answer: equations that the car behaves like."""
 
-import math
 from collections.abc import Sequence
 
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value, interval
 from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.run.case import DiagnosisCase
-from buggy_rl.diagnosis.search.posterior import shipped
+from buggy_rl.diagnosis.search.posterior import EVEN, shipped
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects import effect_class
 
@@ -18,8 +17,8 @@ def named_terms(
 ) -> list[NamedEffect]:
     """Terms of the layer that was kept, with their numbers; none where there is no such layer.
 
-    Their confidence is the probability that more is missing than the library can say: that the
-    car has this very equation is not claimed.
+    That the car has this very equation is not claimed: their confidence is the probability that
+    the layer brings rollouts nearer, and one half at most, since it was not calibrated.
 
     Args:
         case: Recordings and simulator.
@@ -46,8 +45,8 @@ def named_terms(
                     equation=kind.equation,
                     sentence=f"it behaves as if {kind.sentence({p.name: value})}",
                     parameters={p.name: Value(value, *interval(p, z, wide), p.unit)},
-                    confidence=found.posterior.unknown,
-                    held_out_gain=1.0 - math.exp(-2.0 * max(layer.gain, 0.0)),
+                    confidence=min(EVEN, layer.probability),
+                    held_out_gain=layer.nearer,
                     alike=layer.alike.get(c.effect, ())[:ALIKE],
                 )
             )

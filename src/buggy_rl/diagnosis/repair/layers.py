@@ -6,11 +6,13 @@ farther from what was held out than the simulator as given, its parameters alone
 residual alone: where one of those is nearer, by more than the standard error, it is the repair.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import torch
+from scipy.stats import t as student_t
 from torch import Tensor
 
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Stack, Validation, retunable
@@ -25,6 +27,7 @@ from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 
 Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
+WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
 FARTHEST = 1e4  # [noise variances] as which a segment counts at most
 
 
@@ -42,10 +45,24 @@ class Layer:
     kept: bool
     median: Mapping[float, float] = field(default_factory=dict)
     """Horizon [s] -> median distance [m] on what was held out, with it and those kept below it."""
+    blocks: int = 1
+    """Blocks that the gain is a mean of."""
     fitted: Candidate | None = None
-    """Of terms: fitted beside what is below them, and cross-validated."""
+    """Candidate of a layer of terms: fitted beside what is below them, and cross-validated."""
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Term -> terms that are the same over what was driven."""
+
+    @property
+    def nearer(self) -> float:
+        """Share by which it brings rollouts nearer, in the mean of the logarithm."""
+        return 1.0 - math.exp(-max(self.gain, 0.0))
+
+    @property
+    def probability(self) -> float:
+        """Probability that it brings rollouts nearer, by Student's t over blocks."""
+        if self.blocks < 2 or self.error <= 0:
+            return 0.5
+        return float(student_t.cdf(self.gain / self.error, self.blocks - 1))
 
     def to_dict(self) -> dict[str, Any]:
         """Makes its entry in `diagnosis.json`."""
@@ -54,6 +71,7 @@ class Layer:
             "names": list(self.names),
             "gain": self.gain,
             "standard_error": self.error,
+            "probability": self.probability,
             "kept": self.kept,
             "position_median": {f"{horizon:g} s": of for horizon, of in self.median.items()},
         }
@@ -95,13 +113,15 @@ def layered(
     """
     problem = validation.problem
     group = blocks(problem.segments)
+    count = len(group.unique())
     start, now, stack = named.as_stamped, errors[name], stacks[name]
     layers: list[Layer] = []
 
     def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
         gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
-        kept = gain > error
-        layers.append(Layer(kind, tuple(names), gain, error, kept, dict(with_it.median)))
+        kept = gain > max(error, WORTH)
+        median = dict(with_it.median)
+        layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
 
     if named.effects:
@@ -127,16 +147,15 @@ def layered(
                 start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
     residual = False
     if _more_is_wrong(now):
-        bare = validation.uncorrected
-        upon = Stack(stack.fits, bare.networks(stack.fits))
-        beside = bare.errors({"residual": upon})["residual"]
+        upon = Stack(stack.fits, validation.networks(stack.fits))
+        beside = validation.errors({"residual": upon})["residual"]
         if tried("residual", (), now, beside):
             residual, now = True, beside
     return _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
 
 
 def _more_is_wrong(errors: Errors) -> bool:
-    return misfit(errors.square) > ENDED
+    return misfit(errors.sensed) > ENDED
 
 
 def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Errors]) -> Layered:
@@ -154,15 +173,17 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
         if name not in errors:
             continue
         gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
-        if gain > error and errors[name].median.get(SAID, 0.0) < best.errors.median.get(SAID, 0.0):
+        alone, stacked = (e.median.get(SAID, 0.0) for e in (errors[name], best.errors))
+        if gain > max(error, WORTH) and alone < stacked:
             layers = tuple(replace(layer, kept=False) for layer in found.layers)
             kind: Kind = "residual" if residual else "parameters"
             own = tuple(n.removeprefix(OWN) for n in start.effects)
-            layer = Layer(kind, own, gain, error, True, dict(errors[name].median))
+            count = len(group.unique())
+            layer = Layer(kind, own, gain, error, True, dict(errors[name].median), count)
             best = Layered((*layers, layer), start, residual, errors[name])
     return best
 
 
 def closeness(errors: Errors) -> Tensor:
-    """Log [N] of how far each segment is from noise, in standard deviations of it."""
-    return 0.5 * torch.log1p(errors.square.clamp_max(FARTHEST))
+    """Log [N] of how far each segment is from what was measured, in deviations of the sensor."""
+    return 0.5 * torch.log1p(errors.sensed.clamp_max(FARTHEST))

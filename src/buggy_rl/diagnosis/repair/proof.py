@@ -24,7 +24,7 @@ from buggy_rl.diagnosis.repair.validation import (
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
-from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
+from buggy_rl.effects.residual import Residual, ResidualAcceleration
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -46,10 +46,11 @@ class Repair:
     """Effects that were fitted and would make held-out rollouts worse."""
     worse: tuple[float, float] | None = None
     """[m] median distance after `SAID` without and with them, where they were refused."""
-    residual: ResidualNetwork | None = None
-    """A learned acceleration on top, where it brings held-out rollouts nearer."""
+    residual: Residual | None = None
+    """A learned acceleration on top, where it brings held-out rollouts nearer; with that of a
+    baseline."""
     fit: Hypothesis | None = None
-    """Its numbers, about the simulator as given."""
+    """Numbers of the file, about the simulator as given."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -62,10 +63,7 @@ class Repair:
         return bool(self.values) or self.residual is not None
 
     def simulation(self, case: DiagnosisCase) -> tuple[Simulation, ParameterSets]:
-        """The repaired simulator over a case's drives, and its numbers; as given, where it is none.
-
-        A residual on top has learned also what one on a baseline had.
-        """
+        """The repaired simulator over a case's drives, and its numbers; or that as given."""
         simulation, settings = case.given, AS_GIVEN
         if self.residual is not None:
             dt = case.problem.segments.dt
@@ -252,8 +250,6 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     worse = tuple(errors[n].median.get(SAID) for n in ("before", "after")) if refused else ()
     named = starts.get(name, problem.library.hypothesis(()))
     done = layered(validation, case.criteria, named, stacks, errors, name, case.budget.terms)
-    if done.residual:
-        problem = validation.uncorrected.problem
     file = delivered(problem, done.start, validation.iterations, done.residual)
     repair = Repair(
         values=file.fit.values(),

@@ -7,7 +7,6 @@ what is delivered.
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -19,7 +18,12 @@ from torch import Tensor
 from buggy_rl.diagnosis.run.budget import FULL, Budget
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import Effect
-from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
+from buggy_rl.effects.residual import (
+    Residual,
+    ResidualAcceleration,
+    ResidualNetwork,
+    ResidualNetworks,
+)
 from buggy_rl.estimation.baseline import lacking_acceleration, trained
 from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
@@ -47,6 +51,8 @@ class Errors:
     """Median over segments of the root of each one's own mean square [m]."""
     square: Tensor = field(default_factory=lambda: torch.empty(0))
     """|W e|^2 / D [N] of the segments that are fitted to, each when it was held out."""
+    sensed: Tensor = field(default_factory=lambda: torch.empty(0))
+    """The same [N] by the sensor's noise alone, whatever is usual on a baseline."""
 
     def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
         """Counts squared distances [N, K] at all horizons that they reach.
@@ -78,7 +84,8 @@ class Validation:
         budget: Budget = FULL,
     ) -> None:
         self.problem = problem
-        self.iterations = min(ITERATIONS, budget.iterations)
+        self._sensor = problem.noise.of_sensor
+        self.iterations = budget.iterations
         fold = segment_folds(problem.segments)
         self.aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
         self.parts: list[tuple[Segments, Tensor]] = []
@@ -89,26 +96,23 @@ class Validation:
             owner = _owners(part, problem.segments, fold)
             self.parts.append((part[owner >= 0], owner[owner >= 0]))
 
-    @property
-    def uncorrected(self) -> "Validation":
-        """Validation without what was learned on a baseline: a network learns that too."""
-        other = copy(self)
-        simulation = replace(self.problem.simulation, standing=())
-        other.problem = replace(self.problem, simulation=simulation)
-        return other
-
     def refitted(
         self, starts: Mapping[str, Hypothesis], seconds: float = math.inf
     ) -> dict[str, list[Hypothesis]]:
         """Hypotheses fitted anew for each fold that is held out, their clocks left out.
 
+        Each fit begins with the numbers that fit all recordings without a clock.
+
         Args:
             starts: Name -> where a fit begins.
             seconds: That a fold is expected to take.
         """
-        stamped = {name: start.as_stamped for name, start in starts.items()}
+        stamped = [start.as_stamped for start in starts.values()]
+        every = _fitted(self.problem, stamped, self.iterations)
         apart = partial(self.problem.simulation.apart, seconds=seconds)
-        return _refits(self.problem, stamped, self.aside, self.iterations, apart)
+        iterations = min(ITERATIONS, self.iterations)
+        begun = dict(zip(starts, every, strict=True))
+        return _refits(self.problem, begun, self.aside, iterations, apart)
 
     def networks(
         self, fits: Sequence[Hypothesis] | None = None
@@ -156,8 +160,9 @@ class Validation:
             for name, residual in zip((*plain, *learned), found, strict=True):
                 result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
                 if number == 0:  # what is fitted to
-                    whitened = self.problem.noise.whiten(residual.unsqueeze(0))[0]
-                    result[name].square = whitened.square().mean(-1)
+                    one = residual.unsqueeze(0)
+                    result[name].square = self.problem.noise.whiten(one)[0].square().mean(-1)
+                    result[name].sensed = self._sensor.whiten(one)[0].square().mean(-1)
         return result
 
 
@@ -205,13 +210,14 @@ class Delivered:
     """What a simulator's file holds, and how far its rollouts are."""
 
     fit: Hypothesis
-    network: ResidualNetwork | None
+    network: Residual | None
+    """Network of all that is learned in it, also on a baseline."""
     errors: Errors
     """Errors over all that it was fitted to: those of the file itself."""
 
 
 def delivered(
-    problem: Problem, best: Hypothesis, iterations: int = ITERATIONS, residual: bool = False
+    problem: Problem, best: Hypothesis, iterations: int = FULL.iterations, residual: bool = False
 ) -> Delivered:
     """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
@@ -222,16 +228,26 @@ def delivered(
         residual: Whether a network learns what it lacks.
     """
     [fit] = _fitted(problem, [best.as_stamped], iterations)
-    standing: tuple[Effect, ...] = ()
-    network = network_upon(problem, fit) if residual else None
-    if network is not None:
-        dt = problem.segments.dt
-        standing = (ResidualAcceleration(model=network, strength=1.0, dt=dt),)
+    simulation, network = problem.simulation, None
+    if residual:
+        network = _upon_standing(simulation, network_upon(problem, fit))
+        learned = ResidualAcceleration(model=network, strength=1.0, dt=problem.segments.dt)
+        simulation = replace(simulation, standing=(learned,))
     settings = problem.library.settings([(fit, fit.vector)])
-    [found] = _residuals(problem.simulation, problem.segments, settings, standing)
+    [found] = simulation.residuals(problem.segments, settings)
     errors, instants = Errors(), problem.simulation.instants(problem.segments)
     errors.add(found[..., :2].square().sum(-1), instants, problem.segments.dt)
     return Delivered(fit, network, errors)
+
+
+def _upon_standing(simulation: Simulation, network: ResidualNetwork) -> Residual:
+    """A network upon those that stand in a simulation, as one."""
+    parts = [
+        (float(e.values["strength"]), e.network)
+        for e in simulation.standing
+        if isinstance(e, ResidualAcceleration) and isinstance(e.network, ResidualNetwork)
+    ]
+    return ResidualNetworks([*parts, (1.0, network)]) if parts else network
 
 
 def _residuals(

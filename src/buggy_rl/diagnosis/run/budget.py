@@ -82,11 +82,11 @@ FEWER = (
 """Fewer rollouts, one after the other: for a simulator whose step takes long whatever the batch."""
 THINNER = (
     {},
-    {"fitted": {1: 5, 2: 5, 3: 3}, "share": 0.75, "terms": 18},
-    {"fitted": {1: 5, 2: 4, 3: 2}, "share": 0.5, "around": 2, "terms": 12},
-    {"fitted": {1: 4, 2: 3, 3: 1}, "share": 0.35, "around": 2, "terms": 8},
-    {"fitted": {1: 4, 2: 2}, "share": 0.25, "around": 1, "sizes": (0.7,), "terms": 6},
-    {"fitted": {1: 3, 2: 1}, "share": 0.0, "around": 1, "sizes": (0.7,), "terms": 6},
+    {"fitted": {1: 5, 2: 5, 3: 3}, "share": 0.75, "terms": 12},
+    {"fitted": {1: 5, 2: 4, 3: 2}, "share": 0.5, "around": 2, "terms": 6},
+    {"fitted": {1: 4, 2: 3, 3: 1}, "share": 0.35, "around": 2, "terms": 0},
+    {"fitted": {1: 4, 2: 2}, "share": 0.25, "around": 1, "sizes": (0.7,), "terms": 0},
+    {"fitted": {1: 3, 2: 1}, "share": 0.0, "around": 1, "sizes": (0.7,), "terms": 0},
 )
 """Rollouts of fewer environments: for a simulator whose step takes as long as it has of them."""
 

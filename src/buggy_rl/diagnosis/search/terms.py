@@ -3,8 +3,9 @@
 1. Every term is rolled out beside the leading set at one size, all in one batch.
 2. Ranked by the loss of the straight line through its rollout, in either sense, projected off what
    the set's own numbers absorb. Terms whose lines run alike over what was driven are one.
-3. The best are fitted by rollouts beside the set, held out block by block; the best of them is
-   added where its gain is beyond its price. Again, until none is.
+3. The best are fitted by rollouts beside the set, held out block by block, and so is the set
+   without each of its effects and terms. What has the least loss with its price goes on. Again,
+   until that is what there was.
 """
 
 import math
@@ -19,7 +20,7 @@ from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.run.plan import FITTED
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
-from buggy_rl.effects.terms.grammar import terms
+from buggy_rl.effects.terms.grammar import PREFIX, terms
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.sparse import thinned
@@ -27,6 +28,7 @@ from buggy_rl.estimation.sparse import thinned
 FARTHEST = 20.0  # [prior scales] at which a line ends
 ALIKE = 0.98  # [-] correlation of two lines above which they are one finding
 MOST = 3  # terms
+ROUNDS = 5
 REWEIGHTED = 4
 
 
@@ -42,7 +44,7 @@ class Screened:
 
     @property
     def name(self) -> str:
-        """Of the term."""
+        """Name of the term."""
         return self.start.effects[-1]
 
 
@@ -76,25 +78,43 @@ def discovered(
         looked_at: Segments, spread evenly, on which terms are screened.
     """
     names = list(names) or [t.name for t in terms()]
-    price = PRICE + math.log(len(names))
+    dear = math.log(len(names))  # [nats] of a term more than of an effect: so many were looked at
     state = State(problem, {base.key: base, (): base})
     best, alike, first, rounds = base, {}, (), []
-    for _ in range(MOST):
+
+    def priced(candidate: Candidate) -> float:
+        terms_of_it = sum(name.startswith(PREFIX) for name in candidate.effects)
+        return state.loss(candidate) + PRICE * len(candidate.effects) + dear * terms_of_it
+
+    for _ in range(ROUNDS):
         state = state.dispersed(criteria.rules.expected_left * best.typical)
-        ranked = screened(state.problem, best.fit, names, looked_at)
-        if not first:
-            own = _own_loss(state.problem, best.fit, looked_at)
-            first = tuple((s.name, own - s.loss) for s in ranked[:30])
-        chosen, groups = distinct(ranked, FITTED)
-        state, found = tried_too(state, [s.start for s in chosen], criteria)
+        own = [name for name in best.effects if name.startswith(PREFIX)]
+        starts: list[Hypothesis] = _without_one(problem, best) if own else []
+        if len(own) < MOST:
+            ranked = screen_terms(state.problem, best.fit, names, looked_at)
+            if not first:
+                none = _own_loss(state.problem, best.fit, looked_at)
+                first = tuple((s.name, none - s.loss) for s in ranked[:30])
+            chosen, groups = distinct(ranked, FITTED)
+            alike |= groups
+            starts += [s.start for s in chosen]
+            rounds.append(tuple(s.name for s in chosen))
+        state, found = tried_too(state, starts, criteria)
         state = state.dispersed(best.typical)
-        rounds.append(tuple(s.name for s in chosen))
-        leader = min(found, key=state.loss)
-        if state.loss(best) - state.loss(leader) < price:
+        leader = min([best, *found], key=priced)
+        if leader is best:
             break
         best = leader
-        alike[leader.effects[-1]] = groups[leader.effects[-1]]
-    return Discovery(base, best, alike, first, tuple(rounds))
+    kept = {name: alike[name] for name in best.effects if name in alike}
+    return Discovery(base, best, kept, first, tuple(rounds))
+
+
+def _without_one(problem: Problem, best: Candidate) -> list[Hypothesis]:
+    """A set without each of its effects and terms, from the numbers that it has."""
+    known = best.fit.named()
+    return [
+        problem.library.at([e for e in best.effects if e != out], known) for out in best.effects
+    ]
 
 
 def _own_loss(problem: Problem, fit: Fit, looked_at: int) -> float:
@@ -102,7 +122,7 @@ def _own_loss(problem: Problem, fit: Fit, looked_at: int) -> float:
     return float(few.noise.loss(at.square, few.dispersion).sum())
 
 
-def screened(
+def screen_terms(
     problem: Problem, base: Fit, names: Sequence[str], looked_at: int = FULL.terms
 ) -> list[Screened]:
     """Terms on their lines about a set, the most promising first."""

@@ -28,7 +28,7 @@ in tanh(steepness command) -> that steepness."""
 BEYOND = 1.15  # [-] of the lock: trim, and the more turned inner wheel; chosen
 
 BANKS = tuple(f"{BANK}{kind}.{slot}" for kind in KINDS for slot in range(SLOTS))
-"""Of terms, which take options like any effect."""
+"""Banks of terms, which take options like any effect."""
 
 Options = dict[str, dict[str, Any]]
 """Options by the effect's name, as `make_effect` takes them."""

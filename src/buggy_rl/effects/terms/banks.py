@@ -67,27 +67,28 @@ class Bank(Effect):
 
     def _values_changed(self) -> None:
         """Looks up the tables of the members that the active rows have."""
-        names = sorted({n for t in self.members for n in t.signals})
-        shapes = sorted({t.shape for t in self.members})
+        numbers, own = self._member.unique(return_inverse=True)
+        used = [self.members[number] for number in numbers.tolist()]
+        names = sorted({n for t in used for n in t.signals})
+        shapes = sorted({t.shape for t in used})
         self._signal_names, self._shape_names = names, shapes
-        first = torch.tensor([names.index(t.signals[0]) for t in self.members])
+        first = torch.tensor([names.index(t.signals[0]) for t in used])
         second = torch.tensor(
-            [names.index(t.signals[1]) if len(t.signals) > 1 else -1 for t in self.members]
+            [names.index(t.signals[1]) if len(t.signals) > 1 else -1 for t in used]
         )
-        shape = torch.tensor([shapes.index(t.shape) for t in self.members])
-        bend = torch.tensor([t.bend for t in self.members])
-        late = torch.tensor([t.memory == "lag" for t in self.members])
-        place = torch.tensor([list(PLACES).index(t.place) for t in self.members])
-        largest = torch.tensor([PLACES[t.place].largest for t in self.members])
-        member = self._member
+        shape = torch.tensor([shapes.index(t.shape) for t in used])
+        bend = torch.tensor([t.bend for t in used])
+        late = torch.tensor([t.memory == "lag" for t in used])
+        place = torch.tensor([list(PLACES).index(t.place) for t in used])
+        largest = torch.tensor([PLACES[t.place].largest for t in used])
         self._store(
-            first=first[member],
-            second=second[member],
-            shape_index=shape[member],
-            bend=bend[member],
-            late=late[member],
-            place_index=place[member],
-            largest=largest[member],
+            first=first[own],
+            second=second[own],
+            shape_index=shape[own],
+            bend=bend[own],
+            late=late[own],
+            place_index=place[own],
+            largest=largest[own],
         )
 
     @property
@@ -204,7 +205,7 @@ class MotionTerms(TimedBank, MotionEffect):
     kind = "motion"
     option_names = ("stiffness",)
     stiffness: tuple[float, float] = (0.0, 0.0)
-    """Of front and rear axle over their load [1/rad]; 0 for a simulator without tyres."""
+    """Stiffness of front and rear axle over their load [1/rad]; 0 for a simulator without tyres."""
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         self._begin(given, state)
@@ -332,9 +333,10 @@ def term_class(name: str) -> type[Bank]:
         ValueError: The grammar has no such term.
     """
     if name.startswith(BANK):
-        kind = next((k for k in CLASSES if name.startswith(BANK + k)), None)
-        if kind is None:
+        kinds: list[Kind] = [k for k in CLASSES if name.startswith(BANK + k)]
+        if not kinds:
             raise ValueError(f"no bank of terms {name!r}")
+        [kind] = kinds
         members = terms_of(kind)
         chosen = EffectParameter(
             "member", 0.0, 0.0, float(len(members) - 1), "-", "Which term.", size=1.0, probe=1.0

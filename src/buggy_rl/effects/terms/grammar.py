@@ -28,7 +28,7 @@ class Place:
     """What a term adds to."""
 
     symbol: str
-    """As an equation writes it, left of the sign of equality."""
+    """Left side of its equation."""
     kind: Kind
     unit: str
     size: float
@@ -38,7 +38,7 @@ class Place:
     says: str
     """What happens to the car where the addition is positive."""
     negative: str
-    """Likewise where it is negative."""
+    """What happens where it is negative."""
 
 
 PLACES = {
@@ -124,7 +124,7 @@ class Signal:
     """[unit] on a lively drive of the buggy; where shapes bend and prior scales hold."""
     says: str
     at: str
-    """Its typical value in words."""
+    """Words for the typical value."""
     signed: bool = True
     """Whether it takes both signs, so that even and odd shapes differ."""
 
@@ -158,9 +158,9 @@ class Shape:
     """How a term depends on its signal s, whose typical value is s0."""
 
     text: str
-    """With {s} for the signal, {p} for it as a factor, {s0} for where the shape bends."""
+    """Formula, with {s} for the signal, {p} for it as a factor, {s0} for where the shape bends."""
     power: int
-    """Of the signal's unit in the shape's."""
+    """Power of the signal's unit in the shape's."""
     parity: Literal["odd", "even"]
     says: str
 
@@ -192,7 +192,7 @@ class Term:
 
     place: str
     signals: tuple[str, ...]
-    """One, or two whose product it is, in the order of `SIGNALS`."""
+    """One signal, or two whose product it is, in the order of `SIGNALS`."""
     shape: str = "linear"
     memory: str = "none"
 
@@ -234,7 +234,7 @@ class Term:
 
     @property
     def name(self) -> str:
-        """Its name, without what is the default."""
+        """Name, without what is the default."""
         shape = self.shape if (self.shape, self.memory) != ("linear", "none") else ""
         memory = self.memory if self.memory != "none" else ""
         return PREFIX + ".".join(
@@ -269,7 +269,7 @@ class Term:
 
     @property
     def unit(self) -> str:
-        """Of the coefficient, for a person: `rad/s^2 per m/s`."""
+        """Unit of the coefficient, for a person: `rad/s^2 per m/s`."""
         own, power = PLACES[self.place].unit, SHAPES[self.shape].power
         units = [SIGNALS[n].unit for n in self.signals if SIGNALS[n].unit != "-"] if power else []
         if not units:
@@ -289,7 +289,7 @@ class Term:
 
     @property
     def equation(self) -> str:
-        """With its coefficient as a letter."""
+        """Equation, with its coefficient as a letter."""
         place = PLACES[self.place]
         if place.kind == "motion":
             return f"{place.symbol} = ... + coefficient {self.shape_of_signal}"
@@ -395,7 +395,7 @@ def terms() -> tuple[Term, ...]:
 
 @cache
 def terms_of(kind: Kind) -> tuple[Term, ...]:
-    """Those of them that change commands, the motion, or what a sensor shows."""
+    """Terms of `terms()` that change commands, the motion, or what a sensor shows."""
     return tuple(t for t in terms() if PLACES[t.place].kind == kind)
 
 
