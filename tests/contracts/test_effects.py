@@ -60,6 +60,18 @@ CONTRACT = {  # names and parameters that programs outside of this package rely 
     "speed_scale": {"ratio": "-"},
     "gyro_bias": {"bias": "rad/s"},
 }
+TERMS = (  # one of each kind, of each memory, of a product, of each group of shapes
+    "term.yaw.throttle.even_square",
+    "term.forward.steering.even",
+    "term.side.speed_times_steering",
+    "term.forward.throttle_rate",
+    "term.side.heading.cos2",
+    "term.steering.lateral_acceleration.saturating",
+    "term.throttle.steering.linear.lag",
+    "term.steering.time",
+    "term.shown_left.lateral_acceleration",
+    "term.shown_heading.yaw_rate.threshold",
+)
 SEEN = (keys.POSE, keys.VELOCITY, keys.MEASURED_POSE, keys.MEASURED_VELOCITY)
 MOVING = (1.8, 0.1, 2.0)  # [m/s, m/s, rad/s] in a turn to the left
 STEPS = 12
@@ -94,12 +106,12 @@ def compiled(monkeypatch):
         yield
 
 
-@pytest.fixture(params=EFFECTS)
+@pytest.fixture(params=[*EFFECTS, *TERMS])
 def name(request):
     return request.param
 
 
-@pytest.fixture(params=[*EFFECTS, "everything"])
+@pytest.fixture(params=[*EFFECTS, *TERMS, "everything"])
 def effects(request):
     """Makes the effects anew: one can be in one environment only."""
     if request.param == "everything":

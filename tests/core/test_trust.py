@@ -12,7 +12,7 @@ import yaml
 from buggy_rl.core import trust
 from buggy_rl.core.config import build, plain_values
 from buggy_rl.effects import effect_class, make_effects
-from buggy_rl.effects.residual import ResidualNetwork
+from buggy_rl.effects.residual import load_residual
 from buggy_rl.policies.training.actor_critic import Policy, load_policy, save_policy
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.run import PolicyRunConfig, task_of, training_engine
@@ -173,7 +173,7 @@ def test_a_model_that_is_a_pickle_of_code_is_not_read(tmp_path, ran):
             return os.system, (f"touch {ran}",)
 
     (tmp_path / "model.pt").write_bytes(pickle.dumps(Attack()))
-    for read in (load_model, load_policy, load_checkpoint, ResidualNetwork.load):
+    for read in (load_model, load_policy, load_checkpoint, load_residual):
         with pytest.raises(ValueError, match=r"^\S+model\.pt holds more than weights[^\n]*$"):
             read(tmp_path / "model.pt")
     assert not ran.exists()

@@ -12,7 +12,7 @@ from buggy_rl.core import keys
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_candidates
-from buggy_rl.diagnosis.repair.validation import Errors, delivered, validated
+from buggy_rl.diagnosis.repair.validation import Errors, Validation, delivered, validated
 from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.estimation.gauss_newton import fitted
@@ -72,22 +72,23 @@ def test_the_file_rolls_out_to_the_numbers_that_are_printed(done, tmp_path):
     assert done.answer.repair.median[1.0] == pytest.approx(own, rel=1e-3)
     # Held out, each half is rolled out with numbers of the other: near, not equal.
     assert done.answer.proof.median["after"][1.0] == pytest.approx(own, rel=0.3)
-    assert done.answer.repair.effects == tuple(e.name for e in done.answer.effects)
+    said = (*done.answer.effects, *done.answer.terms)
+    assert done.answer.repair.effects == tuple(e.name for e in said)
 
 
 def test_the_errors_are_of_commands_as_they_are_stamped(recordings):
     problem = problem_of(recordings, ["throttle_gain"])
     [fit] = fitted(problem, [problem.library.hypothesis(["throttle_gain"])])
     assert float(fit.vector[-1]) < -3  # prior scales of 10 ms
-    errors = validated(problem, fit)
-    best, own = delivered(problem, fit)
-    assert [c.effect for c in best.coordinates] == ["throttle_gain"]
+    _, errors = validated(Validation(problem), fit)
+    file = delivered(problem, fit)
+    assert [c.effect for c in file.fit.coordinates] == ["throttle_gain"]
     with_clock = problem.simulation.residuals(
         problem.segments, problem.library.settings([(fit, fit.vector)])
     )
     left = median(with_clock[0, ..., :2].square().sum(-1))
     assert errors["after"].median[1.0] > 1.5 * left  # no file can hold that clock
-    assert errors["after"].median[1.0] == pytest.approx(own.median[1.0], rel=0.3)
+    assert errors["after"].median[1.0] == pytest.approx(file.errors.median[1.0], rel=0.3)
 
 
 def errors_of(distance, square):

@@ -42,11 +42,13 @@ def test_one_that_cannot_end_in_time_gets_the_least_and_is_told_how_long_it_take
 def test_the_least_has_no_second_look_and_no_longer_errors_and_says_so():
     plan = planned(QUESTION, replace(BATCHED, fixed=0.2), 10.0, spent=500.0)
     assert (plan.budget.rounds, plan.budget.refitted, plan.budget.longer) == (0, 0, False)
+    assert plan.budget.terms == 0
     for part in (
         "0 of 5 rounds",
         "0 of 12 sets fitted on at the end",
         "held-out residuals to first order",
         "no errors beyond 1 s",
+        "no equations without a name",
     ):
         assert part in plan.notes[0]
     assert not any(r.rows > QUESTION.rows for r in plan.rollouts)
@@ -59,7 +61,10 @@ def test_time_that_has_passed_is_not_planned_with():
 
 def test_by_two_processes_an_answer_is_proved_in_half_of_the_rollouts():
     alone, beside = ([*planned_rollouts(QUESTION, FULL, n)] for n in (1, 2))
-    times = [sum(r.times for r in each if r.stage == "answer") for each in (alone, beside)]
+    times = [
+        sum(r.times for r in each if r.stage == "answer" and r.part != "terms")
+        for each in (alone, beside)
+    ]
     assert times == [4 + 10 + 2, 4 + 5 + 1]
 
 
@@ -141,7 +146,8 @@ def test_the_share_that_is_shown_is_of_the_time_and_not_of_the_steps(monkeypatch
             meter.rolled(rollout.environments, rollout.rows)
     meter.stage("answer")
     last, seconds = shown[-1], plan.before("answer")[0]
-    assert last.done / last.planned > 0.95
+    proved = sum(r.steps for r in plan.rollouts if r.stage == "answer" and r.part != "terms")
+    assert last.planned == last.done + proved + _steps(plan, "terms")
     assert last.left == pytest.approx(plan.seconds - seconds, rel=0.05)
     assert last.share < 0.9
     assert last.share == pytest.approx(seconds / plan.seconds, abs=0.03)
@@ -177,20 +183,26 @@ def test_a_search_whose_findings_count_for_nothing_gets_the_smallest_budget_and_
 
 def test_what_a_part_needs_leaves_time_for_what_must_follow():
     plan = planned(QUESTION, BATCHED, 0.0)
-    answer = plan.seconds - plan.before("answer")[0]
+    longer, terms = (_seconds(plan, part) for part in ("longer", "terms"))
+    answer = plan.seconds - plan.before("answer")[0] - longer - terms
     refitted, one = plan.needed("refitted"), plan.needed("first_round")
-    assert plan.needed("longer") == pytest.approx(answer)
+    assert plan.needed("longer") == pytest.approx(answer + longer)
+    assert plan.needed("terms") == pytest.approx(answer + longer + terms)
     assert 0.0 == plan.needed("experiments") < answer < refitted
     # The first round goes before fitting on at the end; the second leaves time for that.
-    assert plan.needed("round") == pytest.approx(one + refitted - answer + _longer(plan))
+    assert plan.needed("round") == pytest.approx(one + refitted - answer)
     rounds = 2 * (plan.needed("round") - refitted)
-    whole = plan.seconds - plan.before("search")[0] - _longer(plan)
-    apart = whole - rounds - (refitted - answer + _longer(plan))
+    whole = plan.seconds - plan.before("search")[0] - longer - terms
+    apart = whole - rounds - (refitted - answer)
     assert plan.needed("retuning") == pytest.approx(apart)
 
 
-def _longer(plan):
-    return sum(plan._seconds(r) for r in plan.rollouts if r.part == "longer")
+def _steps(plan, part):
+    return sum(r.steps for r in plan.rollouts if r.part == part)
+
+
+def _seconds(plan, part):
+    return sum(plan._seconds(r) for r in plan.rollouts if r.part == part)
 
 
 def test_on_a_machine_three_times_slower_than_planned_a_part_is_admitted_a_third_as_late(

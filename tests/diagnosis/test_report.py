@@ -20,6 +20,8 @@ from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect, Value
 from buggy_rl.diagnosis.answer.other_sensors import LATE, SensorFinding
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.repair.layers import Layer
+from buggy_rl.diagnosis.repair.proof import Repair
 from buggy_rl.diagnosis.report import page as pages
 from buggy_rl.diagnosis.report import report, sheet_of, wording
 from buggy_rl.diagnosis.report.figures import errors, manoeuvre_plan, replays, worst_segment
@@ -95,7 +97,11 @@ def said_of(case, found):
         held_out=True,
     )
     where = locate(case.given, problem.segments, problem.noise.sd, case.names)
-    return Answer("missing_physics", where, [named], rest, proof, ["no <jumps>"], ["slalom & stop"])
+    fit = best.as_stamped
+    return Answer(
+        *("missing_physics", where, [named], rest, proof, ["no <jumps>"], ["slalom & stop"]),
+        repair=Repair(fit.values(), fit=fit),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +211,7 @@ def test_figures_show_measured_simulated_and_repaired(diagnosis, page):
     left = 2 * pages.something_is_left(diagnosis[2])  # errors by position, by speed and steering
     assert page.count("<svg") == 3 + left  # three segments
     assert "repaired" in Page(page).text
-    shown = replays(*diagnosis[:2])
+    shown = replays(*diagnosis[:2], diagnosis[2].repair)
     assert len(shown) == 3
     for replay in shown[:2]:
         off, better = (
@@ -216,20 +222,19 @@ def test_figures_show_measured_simulated_and_repaired(diagnosis, page):
 
 
 def test_a_replay_begins_where_the_car_was(diagnosis):
-    for replay in replays(*diagnosis[:2]):
+    for replay in replays(*diagnosis[:2], diagnosis[2].repair):
         # One row on: 10 ms at no more than 4 m/s is 40 mm, and 5 mm for noise.
         assert abs(replay.measured[0, :2]).max() < 0.045
         assert abs(replay.simulated[0, :2] - replay.measured[0, :2]).max() < 0.01
 
 
 def test_errors_of_a_right_simulator_are_the_noise(diagnosis):
-    case, found, said = diagnosis
-    given = replace(found, best=found.null)
-    before = errors(case, given)
-    after = errors(with_simulator(case, weaker_steering), given)
+    case, _, said = diagnosis
+    before = errors(case, Repair())
+    after = errors(with_simulator(case, weaker_steering), Repair())
     assert (after.size**2).mean() == pytest.approx(1.0, abs=0.25)
     assert (before.size**2).mean() > 3.0
-    assert (errors(case, found).size ** 2).mean() == pytest.approx(1.0, abs=0.25)  # repaired
+    assert (errors(case, said.repair).size ** 2).mean() == pytest.approx(1.0, abs=0.25)  # repaired
     assert len(said.located.channel_share) == 3
 
 
@@ -285,12 +290,12 @@ def test_of_a_re_tuned_simulator_the_report_has_the_values_as_given(diagnosis):
 @pytest.mark.parametrize("verdict", ["no_mismatch", "unknown_physics"])
 def test_where_no_effect_is_named_the_report_names_none(diagnosis, verdict):
     case, found, said = diagnosis
-    shown = replace(said, verdict=verdict, effects=[])
+    shown = replace(said, verdict=verdict, effects=[], repair=Repair())
     text = text_of(case, replace(found, best=found.null), shown)
     assert wording.MEANINGS[verdict] in text
     assert text.count("No effect is named.") == 2
     assert "None is selected" in text
-    assert "No effect is named, so there is no repaired simulator." in text
+    assert "There is no repaired simulator: nothing that was tried brings rollouts nearer." in text
     assert "confidence" not in text
 
 
@@ -506,14 +511,14 @@ def test_the_suggested_manoeuvre_is_drawn_as_each_hypothesis_predicts_it(diagnos
 
 
 def test_the_film_is_of_the_worst_segment_and_ends_where_a_car_leaves_the_picture(diagnosis):
-    case, found, _ = diagnosis
-    made = worst_segment(case, found)
+    case, _, said = diagnosis
+    made = worst_segment(case, said.repair)
     assert made is not None
     given, repaired = map(int, re.findall(r"(\d+) mm", made.caption))
     assert repaired < 0.3 * given
     assert made.uri.startswith("data:image/gif;base64,")
     away = with_simulator(case, fast).problem.simulation
-    left = worst_segment(replace(case, retuned_from=away), found)
+    left = worst_segment(replace(case, retuned_from=away), Repair())
     assert left is not None
     [(begin, end)] = re.findall(r"([\d.]+) to ([\d.]+) s", left.caption)
     assert float(end) - float(begin) < 1.9  # of 2 s
@@ -538,3 +543,50 @@ def test_the_sheet_is_on_the_page(diagnosis):
     assert "Command python" in text
     assert yaml.safe_load(made.repaired)["effects"] == {"steering_gain": {"gain": 0.7}}
     assert "effects: steering_gain: gain: 0.7" in text
+
+
+def test_layers_go_down_to_the_noise_beside_what_is_simpler(diagnosis):
+    case, found, said = diagnosis
+    layers = [
+        Layer("effects", ("steering_gain",), 1.2, 0.1, True, {0.3: 0.004, 1.0: 0.02}),
+        Layer("terms", ("term.yaw.throttle",), 0.5, 0.1, True, {0.3: 0.002, 1.0: 0.0064}),
+        Layer("residual", (), -0.1, 0.1, False, {0.3: 0.003, 1.0: 0.012}),
+    ]
+    median = {"before": {0.3: 0.008, 1.0: 0.06}, "retuned": {0.3: 0.005, 1.0: 0.03}}
+    shown = replace(said, layers=layers, proof=replace(said.proof, median=median))
+    steps = pages.waterfall(shown)
+    assert list(steps) == ["0.3 s", "1 s"]
+    assert [(s.words, s.kind, words) for s, _, words in steps["1 s"]] == [
+        ("as given", "compared", "60 mm"),
+        ("steering gain", "kept", "20 mm"),
+        ("an equation", "kept", "6.4 mm"),
+        ("a learned residual", "left", "12 mm"),
+        ("re-tuned alone", "compared", "30 mm"),
+        ("sensor noise", "compared", "1.0 mm"),
+    ]
+    assert steps["1 s"][0][1] == 1.0
+    text = text_of(case, found, shown)
+    assert "+ a learned residual (left out) 12 mm" in text
+    assert pages.waterfall(said) == {}
+
+
+def test_an_equation_without_a_name_is_on_the_page_with_what_is_the_same(diagnosis):
+    case, found, said = diagnosis
+    kind = effect_class("term.yaw.throttle.even_square")
+    term = NamedEffect(
+        name="term.yaw.throttle.even_square",
+        kind="term",
+        equation=kind.equation,
+        sentence=kind.sentence({"coefficient": 6.7}),
+        parameters={"coefficient": Value(6.7, 5.1, 8.3, "rad/s^2")},
+        confidence=0.8,
+        held_out_gain=0.6,
+        alike=("term.steering.throttle.even_square",),
+    )
+    text = text_of(case, found, replace(said, terms=[term]))
+    assert kind.equation in text
+    assert "6.7 rad/s²" in text
+    assert "5.1 to 8.3" in text
+    assert "the same: term.steering.throttle.even_square" in text
+    entry = replace(said, terms=[term]).to_dict()["effects"][-1]
+    assert (entry["kind"], entry["alike"]) == ("term", ["term.steering.throttle.even_square"])

@@ -8,7 +8,7 @@ import torch
 from buggy_rl.diagnosis.answer import retuning
 from buggy_rl.diagnosis.answer.retuning import retuned, wrong_parameters
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.repair.validation import validated
+from buggy_rl.diagnosis.repair.validation import Validation, validated
 from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import (
     Criteria,
@@ -106,7 +106,7 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
     at = {c.parameter.name: i for i, c in enumerate(best.coordinates)}
     best.vector[at["drive_force"]] *= 0.9
     problem = replace(case.problem, library=again.as_given)
-    errors = validated(problem, best, case.drives.longer)
+    _, errors = validated(Validation(problem, case.drives.longer), best)
     assert errors["after"].median[1.0] < 0.1 * errors["before"].median[1.0]
     assert misfit(errors["after"].square) == pytest.approx(1.0, abs=0.1)
 
@@ -114,7 +114,7 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
 def test_a_small_budget_tells_no_errors_beyond_its_segments(case):
     best = case.problem.library.hypothesis(["steering_gain"], [0.5, 0.0])
     less = replace(FULL, longer=False, iterations=1)
-    errors = validated(case.problem, best, case.drives.longer, less)
+    _, errors = validated(Validation(case.problem, case.drives.longer, less), best)
     assert {name: max(e.median) for name, e in errors.items()} == dict.fromkeys(errors, 1.0)
     assert len(errors["after"].square) == len(case.problem.segments)
 

@@ -9,7 +9,13 @@ from buggy_rl.core import keys
 from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import EFFECTS, make_effect, make_effects
 from buggy_rl.effects.motion.base import Motion
-from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
+from buggy_rl.effects.residual import (
+    ResidualAcceleration,
+    ResidualNetwork,
+    ResidualNetworks,
+    load_residual,
+    residual_inputs,
+)
 from tests.effects.faults import over, start, step
 
 ARM = VehicleDimensions().sensor_to_cg
@@ -115,3 +121,23 @@ def test_it_stands_next_to_the_engine_and_is_no_cause_to_choose(tmp_path):
 
 def test_it_is_a_sound_environment():
     check_env_specs(over([ResidualAcceleration(model=random(), strength=1.0)], "single_track", 3))
+
+
+def test_networks_one_upon_the_other_are_as_effects_one_after_the_other(tmp_path):
+    first, second = random(1), random(2)
+    file = tmp_path / "both.pt"
+    ResidualNetworks([(0.5, first), (1.0, second)]).save(file)
+    both = load_residual(file)
+    apart = [
+        ResidualAcceleration(model=first, strength=0.5),
+        ResidualAcceleration(model=second, strength=1.0),
+    ]
+    one = over([ResidualAcceleration(model=str(file), strength=1.0)], "single_track", (4,))
+    two = over(apart, "single_track", (4,))
+    moving = (2.0, 0.1, 1.0)
+    # To the second order of a step: the second network sees the first one's change of the frame.
+    for key in (keys.POSE, keys.VELOCITY):
+        a, b = (step(env, start(env, moving), (0.5, 0.3))[key] for env in (one, two))
+        torch.testing.assert_close(a, b, atol=1e-4, rtol=0)
+    assert isinstance(both, ResidualNetworks)
+    assert both.strengths == [0.5, 1.0]

@@ -26,6 +26,19 @@ def test_residuals_within_the_extra_covariance_count_for_less(drives):
     assert wider.whiten(residual).square().mean() < 1.0
 
 
+def test_without_what_is_usual_on_a_baseline_the_sensor_is_left(drives):
+    problem = problem_of(drives["nothing"], [])
+    wrong = 0.01 * torch.randn(
+        40, problem.noise.dimension, generator=torch.Generator().manual_seed(0)
+    )
+    extra = (wrong.mT @ wrong / len(wrong)).double()
+    wider = noise_model(problem.simulation, problem.segments, extra=extra)
+    torch.testing.assert_close(
+        wider.of_sensor.whitening, problem.noise.whitening, rtol=1e-6, atol=1e-6
+    )
+    assert problem.noise.of_sensor is problem.noise
+
+
 def test_the_weight_is_the_slope_of_the_loss():
     square = torch.tensor([0.0, 3.0, 60.0, 6000.0], dtype=torch.float64)
     for dispersion in (1.0, 2.5):

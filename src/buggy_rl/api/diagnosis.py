@@ -23,7 +23,7 @@ from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.answer.answer import Verdict
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.diagnosis.repaired import learned_of, repaired_simulator
 from buggy_rl.diagnosis.report import report, sheet_of
 from buggy_rl.diagnosis.report.page import _drawn
 from buggy_rl.diagnosis.run.meter import StepBar
@@ -99,7 +99,7 @@ class Diagnosis:
             device: Where the state lives.
         """
         with TemporaryDirectory() as folder:
-            self._save_correction(Path(folder))
+            self._save_network(Path(folder))
             content = self._repaired(Path(folder))
             made, effects = content.get("parameters"), content.get("effects", {})
             simulator, options = self.config.simulator, content.get("options", {})
@@ -140,7 +140,7 @@ class Diagnosis:
         page = self._page(content)
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / ANSWER, json.dumps(self.to_dict(), indent=2) + "\n")
-        self._save_correction(folder)
+        self._save_network(folder)
         write_atomically(folder / REPAIRED, yaml.safe_dump(content, sort_keys=False))
         write_atomically(folder / REPORT, page)
         return [folder / name for name in (REPORT, ANSWER, REPAIRED)]
@@ -151,7 +151,7 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """Shows sentences, effects, and the segment that the repair changes most, in a notebook."""
         said = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
-        caption, picture = _drawn(self.done.case, self.done.found)[0]
+        caption, picture = _drawn(self.done.case, self.done.found, self.done.answer.repair)[0]
         table = self.effects.to_html(index=False) if len(self.effects) else ""
         legend = f"<figcaption>{html.escape(caption)}</figcaption>"
         return f"{said}{table}<figure>{picture}{legend}</figure>"
@@ -166,11 +166,10 @@ class Diagnosis:
             sheet = replace(sheet, facts={**sheet.facts, "Command": self.command})
         return report(self.done.case, self.done.found, self.done.answer, sheet)
 
-    def _save_correction(self, folder: Path) -> None:
-        """Writes the network that corrects the baseline, where there is one."""
-        correction = self.done.correction
-        if correction is not None and correction.effect is not None:
-            correction.effect.network.save(folder / FILE)
+    def _save_network(self, folder: Path) -> None:
+        """Writes the network of the repaired simulator, where there is one."""
+        if learned := learned_of(self.done):
+            learned.network.save(folder / FILE)
 
 
 def diagnose(

@@ -13,6 +13,7 @@ from buggy_rl.diagnosis.answer.answer import Answer
 from buggy_rl.diagnosis.answer.equivalents import equivalents
 from buggy_rl.diagnosis.answer.other_sensors import other_sensors
 from buggy_rl.diagnosis.answer.retuning import left_open, retuned
+from buggy_rl.diagnosis.answer.terms import named_terms
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.preflight.commands import CommandCheck, check_commands
 from buggy_rl.diagnosis.preflight.recordings import check_drives
@@ -204,10 +205,9 @@ class Section:
     """What is told to be done; empty for what takes no time."""
     say: Callable[[DiagnosisCase, SearchResult], Mapping[str, Any]]
     """Case and what a search found -> field of `Answer` -> what it holds."""
-    part: Literal["longer", "experiments"] | None = None
-    """Part of the plan, and field of the budget, that is given up where there is no time."""
-    left_out: str = ""
-    """What is left out then, in words."""
+    parts: Mapping[Literal["terms", "longer", "experiments"], str] = field(default_factory=dict)
+    """Part of the plan, and field of the budget, that is given up where there is no time -> what
+    is left out then, in words."""
 
 
 SECTIONS = (
@@ -217,14 +217,12 @@ SECTIONS = (
     Section(
         "proving it on what was held out",
         proof.answer_section,
-        "longer",
-        "errors beyond the segments",
+        {"terms": "equations without a name", "longer": "errors beyond the segments"},
     ),
     Section(
         "looking for what to drive next",
         experiments.answer_section,
-        "experiments",
-        "what to drive next",
+        {"experiments": "what to drive next"},
     ),
 )
 
@@ -249,12 +247,17 @@ def answered(
         if section.doing:
             progress(section.doing)
         asked = case
-        if section.part and not admits(section.part):
-            asked = replace(case, budget=replace(case.budget, **{section.part: False}))
-            left_out.append(section.left_out)
+        for part, words in section.parts.items():
+            if not admits(part):
+                asked = replace(asked, budget=replace(asked.budget, **{part: 0}))
+                left_out.append(words)
         parts |= section.say(asked, found)
     answer = Answer(**parts, left_out=left_out)
-    return replace(answer, equivalents=equivalents(case, found, answer.effects, answer.manoeuvres))
+    return replace(
+        answer,
+        equivalents=equivalents(case, found, answer.effects, answer.manoeuvres),
+        terms=named_terms(case, found, answer.layers),
+    )
 
 
 def _retuned_too(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from buggy_rl.diagnosis.pipeline import Diagnosed
+from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.estimation.baseline import FILE
 from buggy_rl.estimation.hypothesis import OWN
 
@@ -12,7 +13,8 @@ from buggy_rl.estimation.hypothesis import OWN
 def repaired_simulator(simulator: str, done: Diagnosed, folder: Path) -> dict[str, Any]:
     """The simulator with the repair that was validated, as content of a simulator file.
 
-    A correction of the baseline stays in it; its network lies beside the file, as `FILE`.
+    What was learned, on the baseline or as the last layer, is in it; the network lies beside the
+    file, as `FILE`.
 
     Args:
         simulator: As it was given.
@@ -25,9 +27,8 @@ def repaired_simulator(simulator: str, done: Diagnosed, folder: Path) -> dict[st
     if done.step:
         content["options"] = dict(done.step)
     effects: dict[str, Any] = {}
-    if done.correction is not None and done.correction.effect is not None:
-        strength = float(done.correction.effect.values["strength"])
-        effects[done.correction.effect.name] = {"strength": strength, "model": FILE}
+    if learned := learned_of(done):
+        effects[learned.name] = {"strength": float(learned.values["strength"]), "model": FILE}
     options = done.case.problem.simulation.options
     inside = done.case.problem.library.inside
     parameters: dict[str, float] = {}
@@ -45,3 +46,11 @@ def repaired_simulator(simulator: str, done: Diagnosed, folder: Path) -> dict[st
     if effects:
         content["effects"] = effects
     return content
+
+
+def learned_of(done: Diagnosed) -> ResidualAcceleration | None:
+    """What is learned in a repaired simulator: its last layer, or the correction of a baseline."""
+    if (network := done.answer.repair.residual) is not None:
+        dt = done.case.problem.segments.dt
+        return ResidualAcceleration(model=network, strength=1.0, dt=dt)
+    return None if done.correction is None else done.correction.effect

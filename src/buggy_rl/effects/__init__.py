@@ -119,6 +119,8 @@ OF_A_COMMAND = {
 OF_A_DRIVE = ("thermal_foldback", "brown_out", "gear_ratio", "voltage_sag")
 OF_A_COLUMN = {"speed_scale": "vx", "gyro_bias": "yaw_rate"}
 """Effects of one sensor -> the column that it measures beside the pose."""
+TERMS = ("term.", "terms.")
+"""Begin the names of terms, and of banks of them (`effects.terms`)."""
 CORRECTIONS = {  # part of a repaired simulator: no diagnosis chooses from them
     "residual_acceleration": "buggy_rl.effects.residual:ResidualAcceleration",
 }
@@ -154,6 +156,10 @@ def effect_class(name: str) -> type["Effect"]:
     from buggy_rl.effects.base import Effect
 
     refuse_unknown_effects([name])
+    if name.startswith(TERMS):
+        from buggy_rl.effects.terms.banks import term_class
+
+        return term_class(name)
     named = {**EFFECTS, **{n: place for n, (place, _, _) in OF_A_COMMAND.items()}, **CORRECTIONS}
     found = load_named(named.get(name, name))
     trust.refuse_other_class(found, Effect, name)
@@ -167,7 +173,8 @@ def refuse_unknown_effects(names: Iterable[str]) -> None:
         ValueError: A name is not in `STACK` or `CORRECTIONS`, nor that of a user's own class.
     """
     for name in names:
-        if name not in STACK and name not in CORRECTIONS and ":" not in name:
+        known = name in STACK or name in CORRECTIONS or name.startswith(TERMS)
+        if not known and ":" not in name:
             raise ValueError(
                 f"no effect {name!r}; {nearest(name, STACK)}available: "
                 f"{', '.join(sorted(STACK))}, or your own as file.py:Class"

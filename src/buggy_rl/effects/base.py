@@ -20,6 +20,7 @@ from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.data.utils import DEVICE_TYPING
 from torchrl.envs import Transform
 
+from buggy_rl.core import keys
 from buggy_rl.core.keys import MEMORY
 from buggy_rl.core.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
 from buggy_rl.core.parameters import Parameter
@@ -300,7 +301,7 @@ class Effect(Transform):
             )
         if self.active:
             state = self._state_specs(shape, device)
-            twice = sorted(set(state) & set(observation_spec.keys()))
+            twice = sorted(set(state) & set(observation_spec.keys()) - {keys.ELAPSED})
             if twice:
                 raise ValueError(
                     f"effect {self.name!r} is in the stack twice (key {', '.join(twice)} is "

@@ -1,6 +1,6 @@
 """A learned correction of a simulator's error on baseline recordings; it names no cause."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +13,7 @@ from buggy_rl.effects.motion.base import Motion, MotionEffect
 
 INPUTS = 8  # vx, vy, yaw_rate, throttle, steering, and the engine's ax, ay, yaw acceleration
 FORMAT = "buggy_rl residual acceleration 1"
+SEVERAL = "buggy_rl residual accelerations 1"
 
 
 class ResidualNetwork(nn.Module):
@@ -50,36 +51,81 @@ class ResidualNetwork(nn.Module):
         normal = ((inputs - self.mean) / self.scale).clamp(-self.REACH, self.REACH)
         return self.bound * torch.tanh(self.layers(normal))
 
-    def save(self, file: Path | str) -> None:
-        """Writes it for `load`."""
-        content = {"format": FORMAT, "width": self.width, "weights": self.state_dict()}
-        torch.save(content, file)
+    @property
+    def content(self) -> dict[str, Any]:
+        """Content of its file."""
+        return {"format": FORMAT, "width": self.width, "weights": self.state_dict()}
 
     @classmethod
-    def load(cls, file: Path | str) -> Self:
-        """Reads what `save` wrote.
-
-        Raises:
-            ValueError: The file is missing or is something else.
-        """
-        if not Path(file).is_file():
-            raise ValueError(
-                f"there is no correction {file}: it is written beside repaired.yaml by "
-                "scripts/diagnose.py with baseline=; keep both together"
-            )
-        content = load_torch(file)
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise ValueError(f"{file} is no correction written by scripts/diagnose.py")
+    def of(cls, content: Mapping[str, Any]) -> Self:
+        """The network of a file's content."""
         network = cls(content["width"])
         network.load_state_dict(content["weights"])
         return network.eval().requires_grad_(False)
+
+    def save(self, file: Path | str) -> None:
+        """Writes it for `load_residual`."""
+        torch.save(self.content, file)
+
+
+class ResidualNetworks(nn.Module):
+    """Networks one upon the other: each sees the accelerations with those before it in place.
+
+    Args:
+        parts: Strength [-] of each network, and the network.
+    """
+
+    def __init__(self, parts: Sequence[tuple[float, ResidualNetwork]]) -> None:
+        super().__init__()
+        self.strengths = [strength for strength, _ in parts]
+        self.networks = nn.ModuleList(network for _, network in parts)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Acceleration [*, 3] of all of them of inputs [*, 8]."""
+        seen, own = inputs.split([INPUTS - 3, 3], -1)
+        total = torch.zeros_like(own)
+        for strength, network in zip(self.strengths, self.networks, strict=True):
+            total = total + strength * network(torch.cat([seen, own + total], -1))
+        return total
+
+    def save(self, file: Path | str) -> None:
+        """Writes it for `load_residual`."""
+        parts = [
+            (strength, network.content)
+            for strength, network in zip(self.strengths, self.networks, strict=True)
+        ]
+        torch.save({"format": SEVERAL, "parts": parts}, file)
+
+
+Residual = ResidualNetwork | ResidualNetworks
+
+
+def load_residual(file: Path | str) -> Residual:
+    """Reads what a network, or several, have written.
+
+    Raises:
+        ValueError: The file is missing or is something else.
+    """
+    if not Path(file).is_file():
+        raise ValueError(
+            f"there is no correction {file}: it is written beside repaired.yaml by "
+            "scripts/diagnose.py; keep both together"
+        )
+    content = load_torch(file)
+    kind = content.get("format") if isinstance(content, dict) else None
+    if kind == SEVERAL:
+        parts = [(strength, ResidualNetwork.of(part)) for strength, part in content["parts"]]
+        return ResidualNetworks(parts).eval()
+    if kind != FORMAT:
+        raise ValueError(f"{file} is no correction written by scripts/diagnose.py")
+    return ResidualNetwork.of(content)
 
 
 class ResidualAcceleration(MotionEffect):
     """A learned correction of a simulator, without a physical meaning.
 
     Args:
-        model: File of a `ResidualNetwork`, or one.
+        model: File of a network or of several, or one.
         dimensions, dt, values: As for `MotionEffect`.
 
     Raises:
@@ -91,9 +137,9 @@ class ResidualAcceleration(MotionEffect):
     source = "none: a neural network, trained by buggy_rl.estimation.baseline"
     declared = (EffectParameter("strength", 0.0, 0.0, 2.0, "-", "1 is as trained.", 0.5, 0.05),)
 
-    def __init__(self, *, model: Path | str | ResidualNetwork, **rest: Any) -> None:
-        self._file = None if isinstance(model, ResidualNetwork) else str(model)
-        network = model if isinstance(model, ResidualNetwork) else ResidualNetwork.load(model)
+    def __init__(self, *, model: Path | str | Residual, **rest: Any) -> None:
+        self._file = str(model) if isinstance(model, Path | str) else None
+        network = load_residual(model) if isinstance(model, Path | str) else model
         super().__init__(**rest)
         self.network = network
 

@@ -22,7 +22,7 @@ from buggy_rl.estimation.noise_model import (
     start_noise,
     start_sensitivity,
 )
-from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation
 from buggy_rl.estimation.segments import Segments
 
 BOUND = 3.0  # [root mean squares of the target] beyond which no correction goes
@@ -32,23 +32,29 @@ LEARNING_RATE, DECAY = 5e-3, 1e-2
 
 
 @torch.no_grad()
-def lacking_acceleration(simulation: Simulation, segments: Segments) -> tuple[Tensor, Tensor]:
+def lacking_acceleration(
+    simulation: Simulation, segments: Segments, settings: ParameterSets = AS_GIVEN
+) -> tuple[Tensor, Tensor]:
     """What each step of the engine lacks to end where the measured motion went.
 
     a = (v_measured - v_engine) / dt at the centre of gravity, the measured motion imposed at every
     row so that latent states are what they would be.
 
+    Args:
+        simulation: Of the simulator.
+        segments: N of them.
+        settings: One parameter set, in place meanwhile.
+
     Returns:
         The network's inputs [N, H, 8] and the acceleration [N, H, 3].
     """
     arm = VehicleDimensions().sensor_to_cg
-    pose, velocity, dt = segments.smooth_pose, segments.smooth_velocity, segments.dt
-    inputs, lacking = [], []
-    for row, _, after in simulation.single_steps(segments):
-        both = torch.stack([velocity[:, row], velocity[:, row + 1], after[:, 3:]])
-        before, wanted, reached = shift_velocity(both, -arm).unbind(0)
+    dt, inputs, lacking = segments.dt, [], []
+    for row, imposed, after in simulation.single_steps(segments, settings):
+        moving = torch.cat([imposed[..., 3:], after[None, :, 3:]])
+        before, wanted, reached = shift_velocity(moving, -arm).unbind(0)
         action = segments.action[:, row].clamp(-1, 1)
-        motion = Motion(pose[:, row], before, reached, action, dt)
+        motion = Motion(imposed[0, :, :3], before, reached, action, dt)
         inputs.append(residual_inputs(motion))
         lacking.append((wanted - reached) / dt)
     return torch.stack(inputs, 1), torch.stack(lacking, 1)

@@ -221,6 +221,14 @@ def blocks(segments: Segments, seconds: float = BLOCK) -> Tensor:
     return number
 
 
+def mean_of_blocks(values: Tensor, group: Tensor) -> tuple[float, float]:
+    """Mean of values [N] block by block [N], and its standard error; infinite of a single block."""
+    means = torch.stack([values[group == number].mean() for number in group.unique()])
+    if len(means) < 2:
+        return float(means.mean()), float("inf")
+    return float(means.mean()), float(means.std() / len(means) ** 0.5)
+
+
 def cross_validated(
     problem: Problem, fits: Sequence[Fit], group: Tensor, anew: bool = True
 ) -> list[CrossValidated]:

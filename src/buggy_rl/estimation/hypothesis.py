@@ -11,6 +11,7 @@ from buggy_rl.core.parameters import Parameter, Realisations
 from buggy_rl.core.vehicle import EXPONENTS, Similarity
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.effects.base import EffectParameter
+from buggy_rl.effects.terms.grammar import BANK, PLACES, PREFIX, Term, number_in_bank
 from buggy_rl.estimation.inside import Inside
 from buggy_rl.estimation.rollout import ParameterSets
 from buggy_rl.estimation.segments import Segments
@@ -214,6 +215,8 @@ class Library:
                 value, name = c.parameter.value_at(z).float(), c.parameter.name
                 if not c.effect:
                     offset[row] = value
+                elif c.effect.startswith(PREFIX):
+                    continue
                 elif c.effect.startswith(OWN):
                     own = self.parameters[name]  # an engine may refuse what is out of bounds
                     values = parameters.setdefault(name, torch.full(shape, own.value))
@@ -223,6 +226,12 @@ class Library:
                         declared = effect_class(c.effect).declared
                         effects[c.effect] = {p.name: torch.full(shape, p.value) for p in declared}
                     effects[c.effect][name][row] = value
+            for bank, member, column in in_banks(hypothesis.effects, hypothesis.coordinates):
+                if bank not in effects:
+                    effects[bank] = {n: torch.zeros(shape) for n in ("member", "coefficient")}
+                z, parameter = vector[..., column], hypothesis.coordinates[column].parameter
+                effects[bank]["member"][row] = float(member)
+                effects[bank]["coefficient"][row] = parameter.value_at(z).float()
         return ParameterSets(*self.inside.moved(effects, parameters), offset)
 
     def trials(
@@ -249,6 +258,27 @@ class Library:
             if both_ways:
                 result.append([-z for z in result[-1]])
         return result
+
+
+def in_banks(
+    effects: Sequence[str], coordinates: Sequence[Coordinate]
+) -> list[tuple[str, int, int]]:
+    """Bank of each term of a hypothesis, the term's number in it, and its coordinate's index.
+
+    Terms of one kind have slots: one rollout holds hundreds of hypotheses with a term each at the
+    cost of one effect.
+    """
+    taken: dict[str, int] = {}
+    columns = {c.effect: i for i, c in enumerate(coordinates)}
+    result = []
+    for name in effects:
+        if name.startswith(PREFIX):
+            term = Term.parse(name)
+            kind = PLACES[term.place].kind
+            slot = taken.get(kind, 0)
+            taken[kind] = slot + 1
+            result.append((f"{BANK}{kind}.{slot}", number_in_bank(term), columns[name]))
+    return result
 
 
 def _far(number: EffectParameter, size: float) -> float:

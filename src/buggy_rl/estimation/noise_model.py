@@ -1,7 +1,7 @@
 """Noise model: how residuals of a right simulator are distributed, and what they cost."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -110,6 +110,19 @@ class NoiseModel:
     def dimension(self) -> int:
         """Numbers of a segment (D)."""
         return self.whitening.shape[-1]
+
+    @property
+    def of_sensor(self) -> "NoiseModel":
+        """Noise model without what the simulator gets wrong on its baseline."""
+        if self.extra is None:
+            return self
+        one = torch.eye(self.dimension, dtype=self.whitening.dtype).expand_as(self.whitening)
+        root = torch.linalg.solve_triangular(self.whitening, one, upper=False)  # C = root root^T
+        sensed = root @ root.mT - self.extra.to(root)
+        lower = torch.linalg.cholesky(sensed)
+        return replace(
+            self, whitening=torch.linalg.solve_triangular(lower, one, upper=False), extra=None
+        )
 
     def __getitem__(self, index: Tensor) -> "NoiseModel":
         about = None if self.about is None else self.about[index]

@@ -183,8 +183,8 @@ class Simulation:
         """Steps from the measured motion, imposed at every row, so that latent states follow it.
 
         Yields:
-            Row k, the motion [C * N, 6] that is imposed there, and that a step later, as the
-            engine has it; rows from their start to the last but one.
+            Row k, the motion [2, C * N, 6] that is imposed there and at the next row, and that a
+            step later as the engine has it [C * N, 6]; rows from their start to the last but one.
         """
         sets = len(settings)
         env, stack = self._environment(settings, len(segments))
@@ -204,7 +204,8 @@ class Simulation:
         states = trajectory(env, state, act, action.shape[1] - 1)
         for row, (_, after) in enumerate(pairwise(states)):
             if row >= segments.start:
-                imposed = torch.cat([pose[:, row], velocity[:, row]], -1)
+                both = slice(row, row + 2)
+                imposed = torch.cat([pose[:, both], velocity[:, both]], -1).movedim(1, 0)
                 yield row, imposed.cpu(), _motion(after).cpu()
 
     def drive(

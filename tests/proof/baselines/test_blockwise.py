@@ -3,8 +3,9 @@
 import pytest
 import torch
 
+from buggy_rl.estimation.evidence import mean_of_blocks
 from buggy_rl.estimation.noise_model import NoiseModel
-from buggy_rl.proof.baselines.columns import mean_of_blocks, roots
+from buggy_rl.proof.baselines.columns import roots
 
 
 def test_a_mean_is_judged_block_by_block():

@@ -11,6 +11,7 @@ from buggy_rl.diagnosis.answer.experiments import DecisionRate
 from buggy_rl.diagnosis.answer.located import Located
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect
 from buggy_rl.diagnosis.answer.other_sensors import SensorFinding
+from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.repair.proof import Proof, Repair
 from buggy_rl.diagnosis.residuals import READINGS, Unexplained
 from buggy_rl.diagnosis.search.candidate import excess_misfit
@@ -93,6 +94,10 @@ class Answer:
     """Faults of form, where the repaired simulator is wrong to one side, the largest first."""
     repair: Repair = field(default_factory=Repair)
     """What `repaired.yaml` has, as it was validated."""
+    layers: list[Layer] = field(default_factory=list)
+    """Layers of the repaired simulator that were tried, in their order."""
+    terms: list[NamedEffect] = field(default_factory=list)
+    """Equations without a name that the car behaves like, of the layer of terms."""
     left_out: list[str] = field(default_factory=list)
     """Parts for which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
@@ -106,7 +111,7 @@ class Answer:
                 "verdict": self.verdict,
                 "summary": self.lines(),
                 "located": self.located.to_dict(),
-                "effects": [e.to_dict() for e in self.effects],
+                "effects": [e.to_dict() for e in (*self.effects, *self.terms)],
                 "tried": [t.to_dict() for t in self.tried],
                 "equivalents": [e.to_dict() for e in self.equivalents],
                 "behaviours": [b.to_dict() for b in self.behaviours],
@@ -121,6 +126,7 @@ class Answer:
                 },
                 "fit": self.proof.to_dict(),
                 "repair": self.repair.to_dict(),
+                "layers": [layer.to_dict() for layer in self.layers],
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,
@@ -145,6 +151,7 @@ class Answer:
                 f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
+        result += self._equations()
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
@@ -155,6 +162,23 @@ class Answer:
         elif open_ and self.weak:
             result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
+
+    def _equations(self) -> list[str]:
+        """What the car behaves like beside what has a name, and how much that is worth."""
+        if not self.terms:
+            return []
+        nearer = sum(layer.nearer for layer in self.layers if layer.kind == "terms" and layer.kept)
+        what = "an equation" if len(self.terms) == 1 else f"{len(self.terms)} equations"
+        beside = "beside what is named" if self.effects else "beside the simulator as given"
+        lines = [
+            f"More is missing than the library's effects say: with {what} {beside}, held-out "
+            f"rollouts are {nearer:.0%} nearer."
+        ]
+        for term in self.terms:
+            alike = f"; over what was driven the same as {', '.join(term.alike)}" * bool(term.alike)
+            said = f"{term.sentence[:1].upper()}{term.sentence[1:]}"
+            lines.append(f"{said} [{term.name}: {term.equation}{alike}].")
+        return lines
 
     def _differing(self) -> list[str]:
         """What the car does otherwise, whichever parameters or effects are to blame."""

@@ -38,7 +38,7 @@ class NamedEffect:
     """An effect that the search selected."""
 
     name: str
-    kind: Literal["actuation", "motion", "sensing", "parameter"]
+    kind: Literal["actuation", "motion", "sensing", "parameter", "term"]
     equation: str
     sentence: str
     parameters: dict[str, Value]
@@ -55,7 +55,8 @@ class NamedEffect:
     """Share of the probability of all sets of effects that those with it have."""
     inside: tuple[str, ...] = ()
     """Parameters of the simulator's own by which it is realised; none: it is wrapped around it."""
-
+    alike: tuple[str, ...] = ()
+    """Terms that are the same over what was driven, the nearest first; of an effect none."""
     unusual: tuple[str, ...] = ()
     """Numbers outside what 5 to 95 % of real cars have."""
     undetermined: tuple[str, ...] = ()
@@ -109,6 +110,7 @@ class NamedEffect:
             "realised": self.realised,
             "unusual": list(self.unusual),
             "undetermined": list(self.undetermined),
+            "alike": list(self.alike),
         }
 
 

@@ -12,10 +12,11 @@ from typing import Any
 
 from torch import Tensor
 
+from buggy_rl.diagnosis.repair.layers import layered
 from buggy_rl.diagnosis.repair.validation import (
-    ITERATIONS,
     SAID,
     Errors,
+    Validation,
     delivered,
     segment_folds,
     validated,
@@ -23,9 +24,11 @@ from buggy_rl.diagnosis.repair.validation import (
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
+from buggy_rl.effects.residual import Residual, ResidualAcceleration
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation
 
 SLACK = 0.02  # [-] share by which a median distance may seem larger without being worse; chosen
 OTHER = "other"  # name of the second candidate's errors
@@ -43,11 +46,32 @@ class Repair:
     """Effects that were fitted and would make held-out rollouts worse."""
     worse: tuple[float, float] | None = None
     """[m] median distance after `SAID` without and with them, where they were refused."""
+    residual: Residual | None = None
+    """A learned acceleration on top, where it brings held-out rollouts nearer; with that of a
+    baseline."""
+    fit: Hypothesis | None = None
+    """Numbers of the file, about the simulator as given."""
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of what is in it."""
         return tuple(self.values)
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it differs from the simulator as given."""
+        return bool(self.values) or self.residual is not None
+
+    def simulation(self, case: DiagnosisCase) -> tuple[Simulation, ParameterSets]:
+        """The repaired simulator over a case's drives, and its numbers; or that as given."""
+        simulation, settings = case.given, AS_GIVEN
+        if self.residual is not None:
+            dt = case.problem.segments.dt
+            learned = ResidualAcceleration(model=self.residual, strength=1.0, dt=dt)
+            simulation = replace(simulation, standing=(learned,))
+        if self.fit is not None:
+            settings = case.as_given.settings([(self.fit, self.fit.vector)])
+        return simulation, settings
 
     def lines(self, named: tuple[str, ...]) -> list[str]:
         """What a reader of the names could not guess of the file.
@@ -60,8 +84,11 @@ class Repair:
             if self.worse is not None:
                 without, given = (f"{1000 * of:.0f} mm" for of in self.worse)
                 distance = f" (median position error {without} without, {given} with it)"
+            what = (
+                "has other layers" if self.values or self.residual else "is the simulator as given"
+            )
             return [
-                f"repaired.yaml is the simulator as given: {', '.join(self.refused)} would make "
+                f"repaired.yaml {what}: {', '.join(self.refused)} would make "
                 f"held-out rollouts worse{distance}."
             ]
         own = [name for name in self.effects if not name.startswith("parameter:")]
@@ -111,11 +138,6 @@ def is_worse(errors: Errors, before: Errors) -> bool:
         return True
     then, now = (e.median.get(SAID, 0.0) for e in (before, errors))
     return now > (1 + SLACK) * then
-
-
-def as_file(best: Hypothesis, errors: Errors) -> Repair:
-    """What a hypothesis about the simulator as given puts into its file."""
-    return Repair(best.values(), errors.median)
 
 
 OTHERS = {"retuned": "re-tuned alone", "black_box": "with a learned residual"}
@@ -221,18 +243,24 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     problem = replace(problem, library=case.as_given, dispersion=1.0)
     starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
     second = {name: fit for name, fit in starts.items() if name != "after"}
-    errors = validated(problem, every[0], case.drives.longer, case.budget, second)
+    validation = Validation(problem, case.drives.longer, case.budget)
+    stacks, errors = validated(validation, every[0], second)
     name = chosen(errors, found.posterior.says == "unknown")
-    if name == "before":
-        ways = tuple(errors[n].median.get(SAID) for n in ("before", "after"))
-        worse = None if None in ways else ways
-        repair = Repair(refused=every[0].effects, worse=worse)  # type: ignore[arg-type]
-    else:
-        iterations = min(ITERATIONS, case.budget.iterations)
-        repair = as_file(*delivered(problem, starts[name], iterations))
-    errors["after"] = errors[name]
-    errors.pop(OTHER, None)
-    return {"proof": _proof(problem, errors), "repair": repair}
+    refused = every[0].effects if name == "before" else ()
+    worse = tuple(errors[n].median.get(SAID) for n in ("before", "after")) if refused else ()
+    named = starts.get(name, problem.library.hypothesis(()))
+    done = layered(validation, case.criteria, named, stacks, errors, name, case.budget.terms)
+    file = delivered(problem, done.start, validation.iterations, done.residual)
+    repair = Repair(
+        values=file.fit.values(),
+        median=file.errors.median if file.fit.effects or done.residual else {},
+        refused=refused,
+        worse=None if None in worse or not worse else worse,  # type: ignore[arg-type]
+        residual=file.network,
+        fit=file.fit,
+    )
+    errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}
+    return {"proof": _proof(problem, errors), "repair": repair, "layers": list(done.layers)}
 
 
 def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:

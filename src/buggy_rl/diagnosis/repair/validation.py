@@ -4,6 +4,7 @@ Commands act when they are stamped, since a simulator's file holds no clock: wha
 what is delivered.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,12 +18,17 @@ from torch import Tensor
 from buggy_rl.diagnosis.run.budget import FULL, Budget
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import Effect
-from buggy_rl.effects.residual import ResidualAcceleration
+from buggy_rl.effects.residual import (
+    Residual,
+    ResidualAcceleration,
+    ResidualNetwork,
+    ResidualNetworks,
+)
 from buggy_rl.estimation.baseline import lacking_acceleration, trained
 from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
-from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation
+from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments
 
 SAID = 1.0  # [s] horizon of the errors that are said
@@ -45,6 +51,8 @@ class Errors:
     """Median over segments of the root of each one's own mean square [m]."""
     square: Tensor = field(default_factory=lambda: torch.empty(0))
     """|W e|^2 / D [N] of the segments that are fitted to, each when it was held out."""
+    sensed: Tensor = field(default_factory=lambda: torch.empty(0))
+    """The same [N] by the sensor's noise alone, whatever is usual on a baseline."""
 
     def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
         """Counts squared distances [N, K] at all horizons that they reach.
@@ -60,20 +68,120 @@ class Errors:
                 self.median[horizon] = float(of_segment.sqrt().median())
 
 
-def validated(
-    problem: Problem,
-    best: Hypothesis,
-    longer: Mapping[float, Segments] | None = None,
-    budget: Budget = FULL,
-    others: Mapping[str, Hypothesis] | None = None,
-) -> dict[str, Errors]:
-    """Errors of rollouts over recordings, or blocks of them, that nothing was fitted to.
+class Validation:
+    """Rollouts over recordings, or blocks of them, that nothing was fitted to.
 
     Args:
-        problem: What `best` was fitted to.
-        best: The hypothesis; fitted anew for each fold that is held out, its clock left out.
+        problem: What hypotheses were fitted to.
         longer: Horizon [s] -> longer segments of the same recordings.
         budget: Whether horizons beyond the segments count too, and iterations of a fit.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        longer: Mapping[float, Segments] | None = None,
+        budget: Budget = FULL,
+    ) -> None:
+        self.problem = problem
+        self._sensor = problem.noise.of_sensor
+        self.iterations = budget.iterations
+        fold = segment_folds(problem.segments)
+        self.aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
+        self.parts: list[tuple[Segments, Tensor]] = []
+        """Segments of one length, and the fold [N] that each was held out in."""
+        longer = (longer or {}) if budget.longer else {}
+        # Of longer segments no more than of those that are fitted to.
+        for part in (problem.segments, *(s.spread(len(problem.segments)) for s in longer.values())):
+            owner = _owners(part, problem.segments, fold)
+            self.parts.append((part[owner >= 0], owner[owner >= 0]))
+
+    def refitted(
+        self, starts: Mapping[str, Hypothesis], seconds: float = math.inf
+    ) -> dict[str, list[Hypothesis]]:
+        """Hypotheses fitted anew for each fold that is held out, their clocks left out.
+
+        Each fit begins with the numbers that fit all recordings without a clock.
+
+        Args:
+            starts: Name -> where a fit begins.
+            seconds: That a fold is expected to take.
+        """
+        stamped = [start.as_stamped for start in starts.values()]
+        every = _fitted(self.problem, stamped, self.iterations)
+        apart = partial(self.problem.simulation.apart, seconds=seconds)
+        iterations = min(ITERATIONS, self.iterations)
+        begun = dict(zip(starts, every, strict=True))
+        return _refits(self.problem, begun, self.aside, iterations, apart)
+
+    def networks(
+        self, fits: Sequence[Hypothesis] | None = None
+    ) -> Callable[[Tensor], list[ResidualAcceleration]]:
+        """A network for each fold that is held out, which learned from the rest.
+
+        Args:
+            fits: For each fold the hypothesis in place while it learns; the simulator as given by
+                default.
+
+        Returns:
+            Gives for folds [N] effects of which each environment has that of its fold.
+        """
+        return _networks(self.problem, self.aside, fits)
+
+    def errors(self, stacks: Mapping[str, "Stack"], seconds: float = math.inf) -> dict[str, Errors]:
+        """Errors of rollouts of what is held out.
+
+        Args:
+            stacks: Name -> hypotheses of the folds, and maybe networks.
+            seconds: That a rollout is expected to take.
+        """
+        library, simulation = self.problem.library, self.problem.simulation
+        plain = [name for name, stack in stacks.items() if stack.networks is None]
+        learned = [name for name in stacks if name not in plain]
+        tasks: list[tuple[Any, ...]] = []
+        for part, owner in self.parts:
+            rows = {
+                name: (stack.fits[0], torch.stack([f.vector for f in stack.fits])[owner])
+                for name, stack in stacks.items()
+            }
+            if plain:
+                tasks.append((part, library.settings([rows[name] for name in plain]), ()))
+            for name in learned:
+                networks = stacks[name].networks
+                assert networks is not None
+                settings = library.settings([rows[name]])
+                tasks.append((part, settings, networks(owner)))
+        rolled = iter(simulation.apart(_residuals, tasks, seconds))
+        result = {name: Errors() for name in stacks}
+        for number, (part, _) in enumerate(self.parts):
+            instants = simulation.instants(part)
+            found = [*next(rolled)] if plain else []
+            found += [residual for _ in learned for residual in next(rolled)]
+            for name, residual in zip((*plain, *learned), found, strict=True):
+                result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
+                if number == 0:  # what is fitted to
+                    one = residual.unsqueeze(0)
+                    result[name].square = self.problem.noise.whiten(one)[0].square().mean(-1)
+                    result[name].sensed = self._sensor.whiten(one)[0].square().mean(-1)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """What is validated: a hypothesis for each fold, and maybe a network upon it."""
+
+    fits: Sequence[Hypothesis]
+    networks: Callable[[Tensor], list[ResidualAcceleration]] | None = None
+
+
+def validated(
+    validation: Validation, best: Hypothesis, others: Mapping[str, Hypothesis] | None = None
+) -> tuple[dict[str, Stack], dict[str, Errors]]:
+    """What a repair is compared with, and their errors on what nothing was fitted to.
+
+    Args:
+        validation: Of the problem that `best` was fitted to.
+        best: The hypothesis; fitted anew for each fold that is held out, its clock left out.
         others: Name -> further hypotheses, treated like `best`.
 
     Returns:
@@ -81,61 +189,65 @@ def validated(
         parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a network
         instead that was trained on the accelerations it lacks. Besides, those of `others`.
     """
-    fold = segment_folds(problem.segments)
-    aside = [torch.nonzero(fold == n).flatten() for n in range(int(fold.max()) + 1)]
+    problem = validation.problem
     starts = {"after": best, **(others or {})}
-    own = _retunable(problem.library)
+    own = retunable(problem.library)
     if own:
         starts["retuned"] = problem.library.at(own, best.named())
-    starts = {name: start.as_stamped for name, start in starts.items()}
     begun = time.perf_counter()
-    networks = _networks(problem, aside)
-    apart = partial(problem.simulation.apart, seconds=time.perf_counter() - begun)
-    sets = {"before": [problem.library.hypothesis(())] * len(aside)}
-    iterations = min(ITERATIONS, budget.iterations)
-    sets |= _refits(problem, starts, aside, iterations, apart)
-    parts, tasks = [], []
-    longer = (longer or {}) if budget.longer else {}
-    # Of longer segments no more than of those that are fitted to.
-    for part in (problem.segments, *(s.spread(len(problem.segments)) for s in longer.values())):
-        owner = _owners(part, problem.segments, fold)
-        part, owner = part[owner >= 0], owner[owner >= 0]
-        # Each segment at the vector of the fit that it was held out of.
-        rows = [(fits[0], torch.stack([f.vector for f in fits])[owner]) for fits in sets.values()]
-        parts.append(part)
-        tasks += [(part, problem.library.settings(rows), ()), (part, AS_GIVEN, networks(owner))]
-    rolled = iter(apart(_residuals, tasks))
-    result = {name: Errors() for name in (*sets, "black_box")}
-    for number, part in enumerate(parts):
-        instants = problem.simulation.instants(part)
-        for name, residual in zip(result, (*next(rolled), *next(rolled)), strict=True):
-            result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
-            if number == 0 and name in sets:  # what is fitted to
-                whitened = problem.noise.whiten(residual.unsqueeze(0))[0]
-                result[name].square = whitened.square().mean(-1)
-    return result
+    networks = validation.networks()
+    seconds = time.perf_counter() - begun
+    nothing = [problem.library.hypothesis(()).as_stamped] * len(validation.aside)
+    stacks = {"before": Stack(nothing)}
+    refits = validation.refitted(starts, seconds)
+    stacks |= {name: Stack(fits) for name, fits in refits.items()}
+    stacks["black_box"] = Stack(nothing, networks)
+    return stacks, validation.errors(stacks, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """What a simulator's file holds, and how far its rollouts are."""
+
+    fit: Hypothesis
+    network: Residual | None
+    """Network of all that is learned in it, also on a baseline."""
+    errors: Errors
+    """Errors over all that it was fitted to: those of the file itself."""
 
 
 def delivered(
-    problem: Problem, best: Hypothesis, iterations: int = ITERATIONS
-) -> tuple[Hypothesis, Errors]:
-    """A hypothesis as a simulator's file can hold it, and how far its rollouts are.
+    problem: Problem, best: Hypothesis, iterations: int = FULL.iterations, residual: bool = False
+) -> Delivered:
+    """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
     Args:
         problem: Segments that it is fitted to, all of them.
         best: Where the fit begins; its clock is left out.
         iterations: Of the fit.
-
-    Returns:
-        The hypothesis, and errors over the same segments: those of the file itself.
+        residual: Whether a network learns what it lacks.
     """
-    start = best.as_stamped
-    [fit] = _fitted(problem, [start], iterations)
+    [fit] = _fitted(problem, [best.as_stamped], iterations)
+    simulation, network = problem.simulation, None
+    if residual:
+        network = _upon_standing(simulation, network_upon(problem, fit))
+        learned = ResidualAcceleration(model=network, strength=1.0, dt=problem.segments.dt)
+        simulation = replace(simulation, standing=(learned,))
     settings = problem.library.settings([(fit, fit.vector)])
-    [residual] = problem.simulation.residuals(problem.segments, settings)
+    [found] = simulation.residuals(problem.segments, settings)
     errors, instants = Errors(), problem.simulation.instants(problem.segments)
-    errors.add(residual[..., :2].square().sum(-1), instants, problem.segments.dt)
-    return fit, errors
+    errors.add(found[..., :2].square().sum(-1), instants, problem.segments.dt)
+    return Delivered(fit, network, errors)
+
+
+def _upon_standing(simulation: Simulation, network: ResidualNetwork) -> Residual:
+    """A network upon those that stand in a simulation, as one."""
+    parts = [
+        (float(e.values["strength"]), e.network)
+        for e in simulation.standing
+        if isinstance(e, ResidualAcceleration) and isinstance(e.network, ResidualNetwork)
+    ]
+    return ResidualNetworks([*parts, (1.0, network)]) if parts else network
 
 
 def _residuals(
@@ -155,7 +267,7 @@ def segment_folds(segments: Segments) -> Tensor:
     return blocks(segments) % FOLDS
 
 
-def _retunable(library: Library) -> tuple[str, ...]:
+def retunable(library: Library) -> tuple[str, ...]:
     own = tuple(OWN + name for name in library.parameters if library.own)
     return own or tuple(n for n in TRIMS if n in library.effects and effect_class(n).declared)
 
@@ -198,17 +310,14 @@ def _plain(fit: Hypothesis) -> Hypothesis:
 
 
 def _networks(
-    problem: Problem, aside: Sequence[Tensor]
+    problem: Problem, aside: Sequence[Tensor], fits: Sequence[Hypothesis] | None
 ) -> Callable[[Tensor], list[ResidualAcceleration]]:
-    """A network for each fold that is held out, which learned from the rest.
-
-    Returns:
-        Gives for folds [N] effects of which each environment has that of its fold.
-    """
-    inputs, lacking = lacking_acceleration(problem.simulation, problem.segments)
-    dt = problem.segments.dt
-    rests = [_rest(problem.segments, rows) for rows in aside]
-    learned = [trained(inputs[rest], lacking[rest], 0) for rest in rests]
+    dt, rests = problem.segments.dt, [_rest(problem.segments, rows) for rows in aside]
+    if fits is None:
+        inputs, lacking = lacking_acceleration(problem.simulation, problem.segments)
+        learned = [trained(inputs[rest], lacking[rest], 0) for rest in rests]
+    else:
+        learned = [network_upon(problem[rest], fit) for rest, fit in zip(rests, fits, strict=True)]
 
     def of_folds(owner: Tensor) -> list[ResidualAcceleration]:
         return [
@@ -219,6 +328,12 @@ def _networks(
         ]
 
     return of_folds
+
+
+def network_upon(problem: Problem, fit: Hypothesis) -> ResidualNetwork:
+    """A network of what steps lack with a hypothesis in place."""
+    settings = problem.library.settings([(fit, fit.vector)])
+    return trained(*lacking_acceleration(problem.simulation, problem.segments, settings), 0)
 
 
 def _rest(segments: Segments, aside: Tensor) -> Tensor:

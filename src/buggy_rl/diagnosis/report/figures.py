@@ -10,12 +10,13 @@ from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import declared_by
 from buggy_rl.diagnosis.answer.answer import Answer
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES
+from buggy_rl.diagnosis.repair.proof import Repair
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.residuals import charged, drive_features
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.evidence import CAP
-from buggy_rl.estimation.rollout import AS_GIVEN, ParameterSets, Simulation, sensed
+from buggy_rl.estimation.rollout import sensed
 from buggy_rl.estimation.segments import WARM_UP, Segments, cut_segments
 from buggy_rl.figures.drives import ManoeuvrePlan, ReplayedSegment
 from buggy_rl.figures.models import InstantErrors
@@ -25,27 +26,9 @@ from buggy_rl.visual.film.track import Track
 TELLING = 2  # segments on which the hypothesis changes most; one more is the median one
 
 
-def is_repaired(case: DiagnosisCase, found: SearchResult) -> bool:
-    """Whether there is a repaired simulator."""
-    return bool(found.described.effects) or case.retuned_from is not None
-
-
-def repaired_settings(case: DiagnosisCase, found: SearchResult) -> ParameterSets:
-    """Numbers of the repaired simulator."""
-    fit = found.described.fit
-    return case.problem.library.settings([(fit, fit.vector)])
-
-
-def left_errors(case: DiagnosisCase, found: SearchResult) -> tuple[Simulation, ParameterSets]:
-    """The simulator whose errors are left: the repaired one, or else as given."""
-    if is_repaired(case, found):
-        return case.problem.simulation, repaired_settings(case, found)
-    return case.given, AS_GIVEN
-
-
-def errors(case: DiagnosisCase, found: SearchResult) -> InstantErrors:
+def errors(case: DiagnosisCase, repair: Repair) -> InstantErrors:
     """Errors of the repaired simulator, or else as given, on all segments, by `charged`."""
-    simulation, settings = left_errors(case, found)
+    simulation, settings = repair.simulation(case)
     change, instants = charged(simulation, case.problem.segments, case.problem.noise.sd, settings)
     size = (change.square().mean(-1) / 2).sqrt()  # a difference of two readings has twice the noise
     seen = drive_features(case.problem.segments, instants)
@@ -53,14 +36,14 @@ def errors(case: DiagnosisCase, found: SearchResult) -> InstantErrors:
     return InstantErrors(size=size.flatten().numpy(), **columns)
 
 
-def replays(case: DiagnosisCase, found: SearchResult) -> list[ReplayedSegment]:
+def replays(case: DiagnosisCase, found: SearchResult, repair: Repair) -> list[ReplayedSegment]:
     """Chosen segments, rolled out with the simulator as given and with the repaired one."""
     chosen, problem = _chosen(case, found), case.problem
     segments = problem.segments[torch.tensor([row for row, _ in chosen])]
     residuals = [replace(case.given, every=1).residuals(segments)]
-    if is_repaired(case, found):
-        simulation = replace(problem.simulation, every=1)
-        residuals.append(simulation.residuals(segments, repaired_settings(case, found)))
+    if repair.is_one:
+        simulation, settings = repair.simulation(case)
+        residuals.append(replace(simulation, every=1).residuals(segments, settings))
     measured = segments.motion_from_start  # (n, K, 6)
     read = measured + torch.cat(residuals)  # (1 or 2, n, K, 6)
     return [
@@ -145,7 +128,7 @@ class Film:
     """URI of the picture."""
 
 
-def worst_segment(case: DiagnosisCase, found: SearchResult) -> Film | None:
+def worst_segment(case: DiagnosisCase, repair: Repair) -> Film | None:
     """The segment whose end the simulator as given misses by most; None where none is long enough.
 
     Of segments in which a simulator leaves the picture, the film ends there.
@@ -153,7 +136,7 @@ def worst_segment(case: DiagnosisCase, found: SearchResult) -> Film | None:
     segments = _cut(case)
     if segments is None:
         return None
-    motions = _motions(case, found, segments)  # (2 or 3, N, K, 6), measured first
+    motions = _motions(case, repair, segments)  # (2 or 3, N, K, 6), measured first
     far = FAR * case.problem.library.similarity.length
     off = (motions[1:, ..., :2] - motions[0, ..., :2]).norm(dim=-1)  # (1 or 2, N, K)
     inside = (off < far) & motions[1:].isfinite().all(-1)
@@ -190,13 +173,13 @@ def _cut(case: DiagnosisCase) -> Segments | None:
     return None
 
 
-def _motions(case: DiagnosisCase, found: SearchResult, segments: Segments) -> Tensor:
+def _motions(case: DiagnosisCase, repair: Repair, segments: Segments) -> Tensor:
     """Measured motion, as given and, if there is one, repaired, [2 or 3, N, K, 6], world frame."""
     measured = segments.measured[:, segments.start + 1 :]
     motions = [replace(case.given, every=1).readings(segments)[0]]
-    if is_repaired(case, found):
-        simulation = replace(case.problem.simulation, every=1)
-        motions.append(simulation.readings(segments, repaired_settings(case, found))[0])
+    if repair.is_one:
+        simulation, settings = repair.simulation(case)
+        motions.append(replace(simulation, every=1).readings(segments, settings)[0])
     return torch.stack([measured, *motions])
 
 

@@ -1,5 +1,6 @@
 """The report as one file that needs no other."""
 
+import math
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -7,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -17,12 +18,11 @@ from buggy_rl.diagnosis.answer.behaviour import differing
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.located import locate
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.repair.proof import Repair
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.figures import (
     Film,
     errors,
-    is_repaired,
-    left_errors,
     manoeuvre_plan,
     replays,
     worst_segment,
@@ -124,10 +124,10 @@ def report(
         HTML.
     """
     pictures = Pictures(
-        film=worst_segment(case, found),
-        segments=_drawn(case, found),
+        film=worst_segment(case, answer.repair),
+        segments=_drawn(case, found, answer.repair),
         manoeuvre=planned(case, found, answer),
-        maps=error_maps(case, found) if something_is_left(answer) else (),
+        maps=error_maps(case, answer.repair) if something_is_left(answer) else (),
     )
     return rendered(case, found, answer, pictures, sheet)
 
@@ -137,10 +137,10 @@ def something_is_left(answer: Answer) -> bool:
     return answer.remaining.excess >= NOISE
 
 
-def _drawn(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
+def _drawn(case: DiagnosisCase, found: SearchResult, repair: Repair) -> list[Drawing]:
     """Draws the replayed segments."""
     result = []
-    for replay in replays(case, found):
+    for replay in replays(case, found, repair):
         end = replay.begin + float(replay.time[-1])
         caption = f"{replay.recording}, {replay.begin:.1f} to {end:.1f} s: {replay.why}"
         result.append((caption, svg(replay_figure, replay, caption)))
@@ -159,11 +159,10 @@ def planned(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[Dr
     return [(caption, svg(manoeuvre_figure, plan, caption))]
 
 
-def error_maps(case: DiagnosisCase, found: SearchResult) -> list[Drawing]:
+def error_maps(case: DiagnosisCase, repair: Repair) -> list[Drawing]:
     """Errors that are left over the floor, and over steering and speed."""
-    seen, who = errors(case, found), "repaired simulator"
-    if not is_repaired(case, found):
-        who = "simulator as given"
+    seen = errors(case, repair)
+    who = "repaired simulator" if repair.is_one else "simulator as given"
     over = f"Error of the {who} by position; noise alone is 1."
     within = f"Error of the {who} by speed and steering. Hatched: hardly or never driven."
     return [
@@ -204,8 +203,9 @@ def rendered(
         own=own if len(own) > MANY else [],
         equivalents=equivalents,
         meaning=wording.MEANINGS[answer.verdict],
-        repaired=is_repaired(case, found),
-        located=_located(case, found, answer),
+        repaired=answer.repair.is_one,
+        waterfall=waterfall(answer),
+        located=_located(case, answer),
         differing=differing(answer.behaviours)[:SPOKEN] if answer.verdict in OPEN else [],
         ranks=ranks,
         most=max([LEAST_NATS, *(rank.nats for rank in ranks)]),
@@ -229,13 +229,13 @@ def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[st
     return f"{wording.capital(first.sentence)}.", verdict
 
 
-def _located(case: DiagnosisCase, found: SearchResult, answer: Answer) -> dict[str, Any]:
+def _located(case: DiagnosisCase, answer: Answer) -> dict[str, Any]:
     """Places of errors that the repair does not explain; nothing where noise is left."""
     if not something_is_left(answer):
         return {}
     where = answer.located
-    if is_repaired(case, found):
-        simulation, settings = left_errors(case, found)
+    if answer.repair.is_one:
+        simulation, settings = answer.repair.simulation(case)
         segments, noise = case.problem.segments, case.problem.noise.sd
         where = locate(simulation, segments, noise, case.names, settings)
     return {
@@ -278,6 +278,52 @@ def _proof(answer: Answer) -> dict[str, Any]:
             for h in sorted(proof.before)
         },
     }
+
+
+@dataclass(frozen=True)
+class Step:
+    """A bar of the waterfall."""
+
+    words: str
+    median: Mapping[float, float]
+    """Horizon [s] -> median distance [m] on what was held out."""
+    kind: Literal["kept", "left", "compared"]
+    """A layer of the repair, one that was tried and left out, or what it is compared with."""
+
+
+def waterfall(answer: Answer) -> dict[str, list[tuple[Step, float, str]]]:
+    """Horizon in words -> steps from the simulator as given down to the noise, each with its bar.
+
+    Returns:
+        For each step its share of the longest bar of the horizon, and its distance in words.
+    """
+    if not answer.layers:
+        return {}
+    median, floor = answer.proof.median, answer.proof.noise_floor
+    steps = [Step("as given", median.get("before", {}), "compared")]
+    steps += [
+        Step(wording.layer(layer), layer.median, "kept" if layer.kept else "left")
+        for layer in answer.layers
+    ]
+    steps += [
+        Step(words, median[name], "compared")
+        for name, words in (("retuned", "re-tuned alone"), ("black_box", "residual alone"))
+        if median.get(name)
+    ]
+    steps.append(Step("sensor noise", {h: math.sqrt(v) for h, v in floor.items()}, "compared"))
+    result: dict[str, list[tuple[Step, float, str]]] = {}
+    for horizon in median.get("before", {}):
+        own = [s for s in steps if math.isfinite(s.median.get(horizon, math.nan))]
+        longest = max(s.median[horizon] for s in own)
+        result[f"{horizon:g} s"] = [
+            (
+                s,
+                s.median[horizon] / longest if longest else 0.0,
+                wording.millimetres(s.median[horizon]),
+            )
+            for s in own
+        ]
+    return result
 
 
 def _made(case: DiagnosisCase, found: SearchResult, answer: Answer) -> list[str]:

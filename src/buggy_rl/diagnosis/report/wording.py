@@ -7,6 +7,7 @@ from buggy_rl.diagnosis.answer.answer import Verdict
 from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault
 from buggy_rl.diagnosis.answer.located import Region
 from buggy_rl.diagnosis.answer.named_effect import SUREST
+from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.residuals import CONDITIONS, READINGS, Condition
 from buggy_rl.diagnosis.search.candidate import substitutes
 from buggy_rl.diagnosis.search.result import SearchResult
@@ -159,6 +160,23 @@ def lags(found: dict[str, dict[str, float]]) -> list[str]:
         for channel, lag in channels.items()
         if math.isfinite(lag)
     ]
+
+
+def layer(of: Layer) -> str:
+    """A layer of the repaired simulator."""
+    if of.kind == "effects":
+        return " + ".join(effect(name) for name in of.names)
+    if of.kind == "parameters":
+        count = len(of.names)
+        return f"{count} parameters of its own" if count > 1 else plain(of.names[0])
+    if of.kind == "terms":
+        return f"{len(of.names)} equations" if len(of.names) > 1 else "an equation"
+    return "a learned residual"
+
+
+def millimetres(metres: float) -> str:
+    """A distance [m] in words."""
+    return f"{1000 * metres:.0f} mm" if metres >= 0.01 else f"{1000 * metres:.1f} mm"
 
 
 def distance(square: float | None, median: float | None) -> str:

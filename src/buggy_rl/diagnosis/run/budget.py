@@ -31,6 +31,8 @@ class Budget:
     """Whether errors are told at horizons beyond the segments too."""
     experiments: bool = True
     """Whether it is looked for what to drive next."""
+    terms: int = 24
+    """Segments on which equations without a name are screened; 0 where none is looked for."""
 
     @property
     def sets(self) -> int:
@@ -58,6 +60,8 @@ class Budget:
             parts.append("held-out residuals to first order")
         if not self.longer:
             parts.append("no errors beyond 1 s")
+        if not self.terms:
+            parts.append("no equations without a name")
         if self.sizes != full.sizes:
             parts.append(f"{len(self.sizes)} of {len(full.sizes)} trial sizes")
         surely = "pairs are found less surely" if self.sets > 6 else "pairs are hardly found"
@@ -72,17 +76,17 @@ FULL = Budget()
 FEWER = (
     {},
     *({"rounds": r, "iterations": i} for r, i in ((2, 4), (1, 4), (1, 3), (1, 2))),
-    {"rounds": 1, "iterations": 1, "refitted": 0, "longer": False},
-    {"rounds": 0, "iterations": 1, "refitted": 0, "longer": False, "anew": False},
+    {"rounds": 1, "iterations": 1, "refitted": 0, "longer": False, "terms": 0},
+    {"rounds": 0, "iterations": 1, "refitted": 0, "longer": False, "anew": False, "terms": 0},
 )
 """Fewer rollouts, one after the other: for a simulator whose step takes long whatever the batch."""
 THINNER = (
     {},
-    {"fitted": {1: 5, 2: 5, 3: 3}, "share": 0.75},
-    {"fitted": {1: 5, 2: 4, 3: 2}, "share": 0.5, "around": 2},
-    {"fitted": {1: 4, 2: 3, 3: 1}, "share": 0.35, "around": 2},
-    {"fitted": {1: 4, 2: 2}, "share": 0.25, "around": 1, "sizes": (0.7,)},
-    {"fitted": {1: 3, 2: 1}, "share": 0.0, "around": 1, "sizes": (0.7,)},
+    {"fitted": {1: 5, 2: 5, 3: 3}, "share": 0.75, "terms": 12},
+    {"fitted": {1: 5, 2: 4, 3: 2}, "share": 0.5, "around": 2, "terms": 6},
+    {"fitted": {1: 4, 2: 3, 3: 1}, "share": 0.35, "around": 2, "terms": 0},
+    {"fitted": {1: 4, 2: 2}, "share": 0.25, "around": 1, "sizes": (0.7,), "terms": 0},
+    {"fitted": {1: 3, 2: 1}, "share": 0.0, "around": 1, "sizes": (0.7,), "terms": 0},
 )
 """Rollouts of fewer environments: for a simulator whose step takes as long as it has of them."""
 
@@ -92,5 +96,5 @@ def smaller() -> Iterator[Budget]:
     for loss in range(len(FEWER) + len(THINNER) - 1):
         for thin in range(len(THINNER)):
             if 0 <= loss - thin < len(FEWER):
-                changed: dict[str, Any] = {**FEWER[loss - thin], **THINNER[thin]}
+                changed: dict[str, Any] = {**THINNER[thin], **FEWER[loss - thin]}
                 yield replace(FULL, **changed)

@@ -7,15 +7,17 @@ from typing import Literal
 
 from buggy_rl.diagnosis.run.budget import Budget, smaller
 from buggy_rl.diagnosis.run.case import Drives
+from buggy_rl.effects.terms.grammar import terms
 from buggy_rl.estimation.cost import MANY, Cost, measured_cost
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import HORIZONS
 
 Stage = Literal["prepare", "search", "answer"]
-Part = Literal["first_round", "round", "refitted", "longer", "experiments", "retuning"]
+Part = Literal["first_round", "round", "refitted", "longer", "terms", "experiments", "retuning"]
 """What may be left out where time is up."""
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
+FITTED = 8  # terms that are fitted in a round
 NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
 PLANNED_ROUNDS = 2  # about the leading set: most searches end before the last of them
 USUAL = 6  # iterations after which a fit has ended, most often
@@ -24,6 +26,7 @@ CORRECTED = 20  # rollouts in which a correction is learned from a baseline
 LOOKED = 4  # rollouts in which the error is located, steps are tested and a network learns
 PROVED = 10  # rollouts of half the segments in which an answer is proved, by two processes half
 TOLD = 2  # rollouts of longer segments, likewise
+TERM_ROUNDS = 2  # of screening terms and fitting the best: most often one is added, no second
 SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
 HELD = 0.85  # [-] of the time that is allowed, which a plan may fill; its error is larger
 
@@ -57,7 +60,7 @@ class Rollout:
     """Share of the library's effects that stand in the stack."""
     times: int = 1
     part: str = ""
-    """`round`, `refitted` or `longer`, which may be left out where time is up."""
+    """`round`, `refitted`, `longer` or `terms`, which may be left out where time is up."""
 
     @property
     def steps(self) -> int:
@@ -105,13 +108,14 @@ class Plan:
         rounds = min(PLANNED_ROUNDS, self.budget.rounds)
         one = self._of("round") / rounds if rounds else 0.0
         last = self._of("refitted")
-        answer = self.seconds - self.before("answer")[0] - self._of("longer")
+        answer = self.seconds - self.before("answer")[0] - self._of("longer") - self._of("terms")
         search = self.until("search")[0] - self.before("search")[0] - self._of("round") - last
         return {
             "first_round": one + answer,
             "round": one + last + answer,
             "refitted": last + answer,
             "longer": answer + self._of("longer"),
+            "terms": answer + self._of("longer") + self._of("terms"),
             "experiments": 0.0,
             "retuning": search + answer,
         }[part]
@@ -190,24 +194,37 @@ def planned_rollouts(question: Question, budget: Budget, workers: int = 1) -> It
         yield from _fits(MISSING * question.limits, count, rows, budget)
     yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
     yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
+    yield from _terms(count, rows, budget)
     if question.longer and budget.longer:
         yield Rollout(
             "answer", 3 * min(question.longer, count), 3 * rows, 0.1, TOLD // beside, "longer"
         )
 
 
+def _terms(count: int, rows: int, budget: Budget) -> Iterator[Rollout]:
+    """Rollouts in which terms are screened and the best of them fitted."""
+    screened = len(terms()) * min(count, budget.terms)
+    if screened:
+        yield Rollout("answer", screened, rows, 0.1, TERM_ROUNDS, "terms")
+        for _ in range(TERM_ROUNDS):
+            yield from _fits(FITTED, count, rows, budget, "terms", "answer")
+
+
 def _rolled_trials(environments: int, rows: int, part: str = "") -> Iterator[Rollout]:
     yield Rollout("search", environments, rows, 1.0, part=part)
 
 
-def _fits(sets: int, count: int, rows: int, budget: Budget, part: str = "") -> Iterator[Rollout]:
+def _fits(
+    sets: int, count: int, rows: int, budget: Budget, part: str = "", stage: Stage = "search"
+) -> Iterator[Rollout]:
     """Rollouts of one batch: start, steps, derivatives where a damped one was best, held out."""
     many, times = sets * count, min(USUAL, budget.iterations)
-    yield Rollout("search", (1 + NUMBERS) * many, rows, 0.5, part=part)
-    yield Rollout("search", (1 + NUMBERS) * many * 2 // 3, rows, 0.5, times, part)
-    yield Rollout("search", NUMBERS * many // 6, rows, 0.3, times // 2, part)
+    share = 0.5 if stage == "search" else 0.1
+    yield Rollout(stage, (1 + NUMBERS) * many, rows, share, part=part)
+    yield Rollout(stage, (1 + NUMBERS) * many * 2 // 3, rows, share, times, part)
+    yield Rollout(stage, NUMBERS * many // 6, rows, 0.6 * share, times // 2, part)
     if budget.anew:
-        yield Rollout("search", many, rows, 0.5, part=part)
+        yield Rollout(stage, many, rows, share, part=part)
 
 
 MEASURED = 0.1  # [s] of a rollout by which time is measured, beside its warm-up

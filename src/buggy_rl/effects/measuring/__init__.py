@@ -17,6 +17,7 @@ from buggy_rl.effects.measuring.drive import Make, measured_motor
 from buggy_rl.effects.measuring.geometry import measured_dimensions
 from buggy_rl.effects.measuring.tyres import measured_tyres
 from buggy_rl.effects.motion.base import LOCK, TYPICAL_STIFFNESS
+from buggy_rl.effects.terms.grammar import BANK, KINDS, SLOTS
 
 LOCKS = {
     **dict.fromkeys(("lock_left", "lock_right", "steering_left", "steering_right")),
@@ -25,6 +26,9 @@ LOCKS = {
 """Parameters of our engines that are the road-wheel angle at full command [rad], or its asymptote
 in tanh(steepness command) -> that steepness."""
 BEYOND = 1.15  # [-] of the lock: trim, and the more turned inner wheel; chosen
+
+BANKS = tuple(f"{BANK}{kind}.{slot}" for kind in KINDS for slot in range(SLOTS))
+"""Banks of terms, which take options like any effect."""
 
 Options = dict[str, dict[str, Any]]
 """Options by the effect's name, as `make_effect` takes them."""
@@ -53,7 +57,7 @@ def measured_options(
     """
     if not isinstance(dimensions, VehicleDimensions):
         dimensions = VehicleDimensions(**(dimensions or {}))
-    car, names = _dimensions(make, dimensions), offered(declared_by(make(1)))
+    car, names = _dimensions(make, dimensions), [*offered(declared_by(make(1))), *BANKS]
     options: Options = {}
     for chain in CHAINS:
         known: dict[str, Any] = {}
@@ -80,7 +84,7 @@ def measurable_options(
         typical: Of the car, where its file says; where no step shows them, they are taken.
         lock: Largest road-wheel angle of the car [rad], where its file says.
     """
-    failures, names = [], offered(declared_by(make(1)))
+    failures, names = [], [*offered(declared_by(make(1))), *BANKS]
     try:
         car = _dimensions(make, typical or VehicleDimensions())
     except ValueError as error:

@@ -13,7 +13,6 @@ the sensing changes x instead of f. If the car had the effect in that size, r' w
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -121,9 +120,8 @@ def lacking_motion(simulation: Simulation, segments: Segments, settings: Paramet
         segments: N segments of H rows after the warm-up, and `AHEAD` for sensors that report late.
         settings: Of C sets.
     """
-    steps = list(simulation.single_steps(segments, settings))
     rates = []
-    for (_, now, after), (_, following, _) in pairwise(steps):
+    for _, (now, following), after in simulation.single_steps(segments, settings):
         short = following - after
         position = rotate(short[:, :2], -now[:, 2])
         rates.append(torch.cat([position, short[:, 2:]], -1) / segments.dt)
@@ -134,14 +132,6 @@ def lacking_motion(simulation: Simulation, segments: Segments, settings: Paramet
 def roots(noise: NoiseModel, residual: Tensor) -> Tensor:
     """|W e| / sqrt(D) [C, N] of residuals [C, N, K, 6], at most sqrt(`CAP`); 1 is noise."""
     return noise.whiten(residual).square().mean(-1).clamp_max(CAP).sqrt()
-
-
-def mean_of_blocks(values: Tensor, group: Tensor) -> tuple[float, float]:
-    """Mean of values [N] block by block [N], and its standard error; infinite of a single block."""
-    means = torch.stack([values[group == number].mean() for number in group.unique()])
-    if len(means) < 2:
-        return float(means.mean()), float("inf")
-    return float(means.mean()), float(means.std() / len(means) ** 0.5)
 
 
 SHUFFLES = 200  # of the segments, to see what chance alone brings about

@@ -16,14 +16,21 @@ from buggy_rl.diagnosis.repair.validation import segment_folds
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.estimation.baseline import lacking_acceleration, trained
-from buggy_rl.estimation.evidence import BLOCK, NOTHING, advantage, blocks, cross_validated
+from buggy_rl.estimation.evidence import (
+    BLOCK,
+    NOTHING,
+    advantage,
+    blocks,
+    cross_validated,
+    mean_of_blocks,
+)
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Library
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.proof.baselines.asked import Asked, named, open_question, parameter_interval, unnamed
-from buggy_rl.proof.baselines.columns import mean_of_blocks, roots
+from buggy_rl.proof.baselines.columns import roots
 from buggy_rl.proof.cases.equivalents import meant
 
 MOVED = 0.1  # [prior scales] by which a parameter must have moved to be wrong

@@ -1,0 +1,189 @@
+"""Layers of a repaired simulator, each kept for what it brings where nothing was fitted to.
+
+Upon what is named: parameters of the simulator's own, terms, which are equations without a name,
+and a learned residual acceleration, each fitted with those below in place. What comes of it is not
+farther from what was held out than the simulator as given, its parameters alone, or the learned
+residual alone: where one of those is nearer, by more than the standard error, it is the repair.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import torch
+from scipy.stats import t as student_t
+from torch import Tensor
+
+from buggy_rl.diagnosis.repair.validation import SAID, Errors, Stack, Validation, retunable
+from buggy_rl.diagnosis.run.budget import FULL
+from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.search.candidate import Candidate
+from buggy_rl.diagnosis.search.result import State, tried_too
+from buggy_rl.diagnosis.search.terms import discovered
+from buggy_rl.effects.terms.grammar import PREFIX
+from buggy_rl.estimation.evidence import blocks, mean_of_blocks, misfit
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis
+
+Kind = Literal["effects", "parameters", "terms", "residual"]
+ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
+WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
+FARTHEST = 1e4  # [noise variances] as which a segment counts at most
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer that was tried."""
+
+    kind: Kind
+    names: tuple[str, ...]
+    """Effects, parameters or terms of it; none for a residual."""
+    gain: float
+    """[-] mean over blocks of the log of how many times nearer rollouts come by it."""
+    error: float
+    """Standard error of the gain."""
+    kept: bool
+    median: Mapping[float, float] = field(default_factory=dict)
+    """Horizon [s] -> median distance [m] on what was held out, with it and those kept below it."""
+    blocks: int = 1
+    """Blocks that the gain is a mean of."""
+    fitted: Candidate | None = None
+    """Candidate of a layer of terms: fitted beside what is below them, and cross-validated."""
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Term -> terms that are the same over what was driven."""
+
+    @property
+    def nearer(self) -> float:
+        """Share by which it brings rollouts nearer, in the mean of the logarithm."""
+        return 1.0 - math.exp(-max(self.gain, 0.0))
+
+    @property
+    def probability(self) -> float:
+        """Probability that it brings rollouts nearer, by Student's t over blocks."""
+        if self.blocks < 2 or self.error <= 0:
+            return 0.5
+        return float(student_t.cdf(self.gain / self.error, self.blocks - 1))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Makes its entry in `diagnosis.json`."""
+        return {
+            "kind": self.kind,
+            "names": list(self.names),
+            "gain": self.gain,
+            "standard_error": self.error,
+            "probability": self.probability,
+            "kept": self.kept,
+            "position_median": {f"{horizon:g} s": of for horizon, of in self.median.items()},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """A stack and how it came about."""
+
+    layers: tuple[Layer, ...]
+    """Layers that were tried, in their order."""
+    start: Hypothesis
+    """Effects, parameters and terms that were kept."""
+    residual: bool
+    """Whether a learned residual was."""
+    errors: Errors
+    """Errors on what was held out."""
+
+
+def layered(
+    validation: Validation,
+    criteria: Criteria,
+    named: Hypothesis,
+    stacks: Mapping[str, Stack],
+    errors: Mapping[str, Errors],
+    name: str,
+    looked_at: int = FULL.terms,
+) -> Layered:
+    """Lays upon what is named what else brings rollouts nearer.
+
+    Args:
+        validation: Of the simulator as given.
+        criteria: Of the search.
+        named: What is named, about the simulator as given; nothing, where `name` is `before`.
+        stacks: `before`, `retuned`, `black_box` and that of `name`.
+        errors: Of them.
+        name: Of the stack of what is named.
+        looked_at: Segments on which terms are screened; 0 for no terms.
+    """
+    problem = validation.problem
+    group = blocks(problem.segments)
+    count = len(group.unique())
+    start, now, stack = named.as_stamped, errors[name], stacks[name]
+    layers: list[Layer] = []
+
+    def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
+        gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
+        kept = gain > max(error, WORTH)
+        median = dict(with_it.median)
+        layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
+        return kept
+
+    if named.effects:
+        tried("effects", named.effects, errors["before"], now)
+    own = [n for n in retunable(problem.library) if n not in start.effects]
+    if own and _more_is_wrong(now):
+        more = problem.library.at((*start.effects, *own), start.named())
+        fits = validation.refitted({"own": more})["own"]
+        beside = validation.errors({"own": Stack(fits)})["own"]
+        if tried("parameters", own, now, beside):
+            start, now, stack = more.as_stamped, beside, Stack(fits)
+    if looked_at and _more_is_wrong(now):
+        base = problem.library.at(start.effects, start.named())
+        _, [candidate] = tried_too(State(problem, {}), [base], criteria)
+        found = discovered(problem, criteria, candidate, looked_at=looked_at)
+        added = [n for n in found.best.effects if n.startswith(PREFIX)]
+        if added:
+            more = found.best.fit
+            fits = validation.refitted({"terms": more})["terms"]
+            beside = validation.errors({"terms": Stack(fits)})["terms"]
+            if tried("terms", added, now, beside):
+                layers[-1] = replace(layers[-1], fitted=found.best, alike=found.alike)
+                start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
+    residual = False
+    if _more_is_wrong(now):
+        upon = Stack(stack.fits, validation.networks(stack.fits))
+        beside = validation.errors({"residual": upon})["residual"]
+        if tried("residual", (), now, beside):
+            residual, now = True, beside
+    return _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
+
+
+def _more_is_wrong(errors: Errors) -> bool:
+    return misfit(errors.sensed) > ENDED
+
+
+def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Errors]) -> Layered:
+    """The stack, or what anyone would try first, where that is nearer to what was held out."""
+    library = validation.problem.library
+    group = blocks(validation.problem.segments)
+    nothing = library.hypothesis(()).as_stamped
+    simple = {
+        "before": (nothing, False),
+        "retuned": (library.hypothesis(retunable(library)).as_stamped, False),
+        "black_box": (nothing, True),
+    }
+    best = found
+    for name, (start, residual) in simple.items():
+        if name not in errors:
+            continue
+        gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
+        alone, stacked = (e.median.get(SAID, 0.0) for e in (errors[name], best.errors))
+        if gain > max(error, WORTH) and alone < stacked:
+            layers = tuple(replace(layer, kept=False) for layer in found.layers)
+            kind: Kind = "residual" if residual else "parameters"
+            own = tuple(n.removeprefix(OWN) for n in start.effects)
+            count = len(group.unique())
+            layer = Layer(kind, own, gain, error, True, dict(errors[name].median), count)
+            best = Layered((*layers, layer), start, residual, errors[name])
+    return best
+
+
+def closeness(errors: Errors) -> Tensor:
+    """Log [N] of how far each segment is from what was measured, in deviations of the sensor."""
+    return 0.5 * torch.log1p(errors.sensed.clamp_max(FARTHEST))

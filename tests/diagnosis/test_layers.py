@@ -1,0 +1,107 @@
+"""Layers of a repaired simulator: each is kept for what it brings, and never all for less."""
+
+import pytest
+import torch
+
+from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.repair.layers import Layered, _at_least, closeness
+from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation
+from buggy_rl.effects.terms.grammar import PREFIX
+from tests.diagnosis.planted import planted_drives, problem_of
+
+ASKED = DiagnosisConfig(
+    simulator="single_track",
+    recordings=["made in the test"],
+    output="nowhere",
+    effects=["throttle_gain", "viscous_drag"],
+    parameters=False,
+    stretches=24,
+    minutes=0.0,
+    workers=1,
+)
+TORQUE_STEER = {"torque_steer": {"offset": 0.01}}  # which the library that is asked has not
+
+
+@pytest.fixture(scope="module")
+def found():
+    """What is said of a car whose motor turns it."""
+    return run_diagnosis(ASKED, planted_drives([TORQUE_STEER], cars=2, seconds=14.0)[0]).answer
+
+
+def test_what_has_no_name_gets_an_equation(found):
+    [layer] = [layer for layer in found.layers if layer.kind == "terms"]
+    assert layer.kept
+    assert layer.gain > layer.error
+    assert all(name.startswith(PREFIX) for name in layer.names)
+    assert set(layer.names) <= set(found.repair.values)
+
+
+def test_the_stack_is_nearer_than_the_simulator_its_parameters_or_a_residual_alone(found):
+    median = {name: of[SAID] for name, of in found.proof.median.items()}
+    after = median.pop("after")
+    assert after < 0.5 * min(median.values())
+
+
+def test_a_term_is_an_effect_of_the_answer_with_equation_number_and_interval(found):
+    terms = [e for e in found.to_dict()["effects"] if e["kind"] == "term"]
+    assert [t["name"] for t in terms] == [t.name for t in found.terms]
+    for term in terms:
+        [(name, number)] = term["parameters"].items()
+        assert name == "coefficient"
+        assert number["low"] < number["value"] < number["high"]
+        assert term["equation"]
+        assert term["sentence"].startswith("it behaves as if ")
+
+
+def test_layers_are_in_the_answer_in_their_order(found):
+    kinds = [layer["kind"] for layer in found.to_dict()["layers"]]
+    order = ["effects", "parameters", "terms", "residual"]
+    assert kinds == [kind for kind in order if kind in kinds]
+
+
+def test_where_nothing_is_wrong_nothing_is_laid_on():
+    answer = run_diagnosis(ASKED, planted_drives([{}], cars=2, seconds=14.0)[0]).answer
+    assert [layer for layer in answer.layers if layer.kept] == []
+    assert answer.repair.values == {}
+    assert answer.repair.residual is None
+    assert answer.terms == []
+
+
+def errors(size: float) -> Errors:
+    return Errors(median={SAID: size}, sensed=torch.full((8,), size**2))
+
+
+@pytest.fixture(scope="module")
+def validation():
+    return Validation(problem_of(planted_drives([{}], cars=2, seconds=8.0)[0]))
+
+
+@pytest.mark.parametrize("nearest", ["before", "retuned", "black_box"])
+def test_what_anyone_would_try_first_is_delivered_where_it_is_nearer(validation, nearest):
+    count = len(validation.problem.segments)
+    of = {
+        n: Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0)) for n in ("before", "retuned")
+    }
+    of |= {"black_box": of["before"]}
+    of[nearest] = Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0))
+    named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
+    stack = Layered((), named, False, Errors({}, {SAID: 2.0}, sensed=torch.full((count,), 4.0)))
+    best = _at_least(stack, validation, of)
+    assert best.errors is of[nearest]
+    assert best.residual is (nearest == "black_box")
+    assert "viscous_drag" not in best.start.effects
+
+
+def test_a_stack_that_is_nearest_stays(validation):
+    count = len(validation.problem.segments)
+    named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
+    stack = Layered((), named, False, Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0)))
+    far = Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0))
+    assert _at_least(stack, validation, {"before": far, "retuned": far, "black_box": far}) is stack
+
+
+def test_closeness_counts_in_noise_and_one_spin_for_no_more_than_its_cap():
+    noise, twice, spin = closeness(Errors(sensed=torch.tensor([0.0, 4.0e4, 1e9])))
+    assert noise == 0
+    assert float(spin) == pytest.approx(float(twice))
