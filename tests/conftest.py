@@ -1,5 +1,6 @@
 """Fixtures for all tests; one torch thread, because two default ones collapse beside any other."""
 
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 import torch
 
 from buggy_rl.core.kernels import CACHE, FOLDER
+from buggy_rl.diagnosis.repair import layers
 
 torch.set_num_threads(1)
 # Named, so that no command of a test compiles what `make install` has not.
@@ -31,6 +33,26 @@ def without_kernels() -> Iterator[None]:
 def no_gradients() -> Iterator[None]:
     """Kernels run where gradients are not recorded: most drives of a test need none."""
     with torch.no_grad():
+        yield
+
+
+ENDED = "buggy_rl.diagnosis.repair.layers.ENDED"
+TRIED_FROM = layers.ENDED
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_upon_what_is_named() -> Iterator[None]:
+    """No layers: each diagnosis of a test would take twice as long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ENDED, math.inf)
+        yield
+
+
+@pytest.fixture(scope="module")
+def with_layers(_nothing_upon_what_is_named: None) -> Iterator[None]:
+    """Layers upon what is named, as users get them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ENDED, TRIED_FROM)
         yield
 
 

@@ -180,3 +180,10 @@ def test_only_what_was_driven_is_tested(late):
 def test_a_difference_is_said_with_its_interval():
     b = Behaviour("steering_response", "to half of the yaw rate", "s", 0.08, 0.14, 0.13, 0.15, True)
     assert b.line() == "to half of the yaw rate: car 140 ms (130 to 150), simulator 80 ms"
+
+
+def test_the_clearest_difference_comes_first_whatever_its_size():
+    far = Behaviour("far", "far", "m/s^2", 5.0, 6.0, 5.4, 6.6, True)  # 0.8 widths of its interval
+    clear = Behaviour("clear", "clear", "m/s^2", 5.0, 5.4, 5.3, 5.5, True)  # 2 widths
+    same = Behaviour("same", "same", "m/s^2", 5.0, 5.1, 4.9, 5.3, False)
+    assert differing([far, same, clear]) == [clear, far]

@@ -23,8 +23,11 @@ ASKED = DiagnosisConfig(
 TORQUE_STEER = {"torque_steer": {"offset": 0.01}}  # which the library that is asked has not
 
 
+pytestmark = pytest.mark.usefixtures("with_layers")
+
+
 @pytest.fixture(scope="module")
-def found():
+def found(with_layers):
     """What is said of a car whose motor turns it."""
     return run_diagnosis(ASKED, planted_drives([TORQUE_STEER], cars=2, seconds=14.0)[0]).answer
 

@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
-from buggy_rl.effects import make_effect
+from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.effects.measuring.drive import measured_drive, measured_motor, measured_onset
 from buggy_rl.simulators import make_engine
 from tests.effects.faults import follow, over, start
@@ -165,3 +165,11 @@ def test_a_coasting_car_has_no_gear_and_no_supply(name):
     for speed in (0.5, 3.0):
         with_it = accelerated([make_effect(name, value)], speed, 0.0)
         assert with_it == pytest.approx(accelerated([], speed, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "said"), [(0.25, "drops under load: at full throttle the motor pulls 20 % less"),
+                        (-0.2, "holds under load: at full throttle the motor pulls 25 % more")],
+)  # fmt: skip
+def test_a_supply_that_drops_or_holds_is_said_so(ratio, said):
+    assert said in effect_class("voltage_sag").sentence({"resistance_ratio": ratio})

@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from buggy_rl.core import keys
 from buggy_rl.effects import make_effect, make_effects
-from buggy_rl.effects.sensing.mounting import SensorYaw
+from buggy_rl.effects.sensing.mounting import SensorLeverArm, SensorYaw
 from buggy_rl.simulators import make_engine
 from tests.effects.faults import batched, follow, over, start, step
 
@@ -257,3 +257,14 @@ def test_a_part_of_the_cars_can_be_late():
 @pytest.mark.parametrize(("angle", "side"), [(0.008, "left"), (-0.008, "right")])
 def test_half_a_degree_to_the_left_is_said_to_be_left(angle, side):
     assert f"0.46 degrees to the {side}" in SensorYaw.sentence({"angle": angle})
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "said"),
+    [
+        (0.03, -0.02, "3 cm ahead of and 2 cm right of"),
+        (-0.03, 0.02, "3 cm behind and 2 cm left of"),
+    ],
+)
+def test_where_a_sensor_sits_is_said_in_centimetres(x, y, said):
+    assert said in SensorLeverArm.sentence({"x": x, "y": y})

@@ -3,7 +3,8 @@
 import pytest
 
 from buggy_rl.core.parameters import Parameter
-from buggy_rl.estimation.hypothesis import OWN, Library
+from buggy_rl.estimation.hypothesis import OWN, PATCH_GRID, Library
+from tests.diagnosis.planted import problem_of
 
 ROUNDED_BELOW = [0.0037, 0.0074, 0.0101]
 
@@ -25,3 +26,14 @@ def test_some_of_these_values_round_beyond_the_bound():
         return own.value_at(own.coordinate(0.0))
 
     assert min(map(rounded, ROUNDED_BELOW)) < 0
+
+
+def test_an_effect_is_screened_both_ways_and_a_vector_in_each_of_its_parts(drives):
+    segments = problem_of(drives["nothing"], []).segments
+    library = Library(["steering_gain", "viscous_drag", "floor_slope", "grip_patch"])
+    gain = library.trials("steering_gain", segments, (0.4, 1.5))
+    assert sorted(gain) == [[-1.5], [-0.4], [0.4], [1.5]]
+    assert sorted(library.trials("floor_slope", segments, (1.0,))) == [
+        [-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [1.0, 0.0]
+    ]  # fmt: skip
+    assert len(library.trials("grip_patch", segments)) == len(PATCH_GRID) ** 2
