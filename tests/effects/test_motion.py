@@ -293,3 +293,10 @@ def test_a_step_does_nothing_to_the_state_it_came_from():
     state = start(env, (2.0, 0.0, 0.0))
     step(env, state)
     assert torch.equal(state[keys.VELOCITY], torch.tensor([2.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(("moment", "side"), [(2.0, "left"), (-2.0, "right")])
+def test_a_drag_on_one_side_is_said_to_be_on_the_side_that_it_turns_to(moment, side):
+    said = effect_class("one_sided_drag").sentence({"yaw_acceleration": moment})
+    assert side in said
+    assert {"left": "right", "right": "left"}[side] not in said
