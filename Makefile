@@ -12,10 +12,6 @@ BIN := .venv/bin
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
 
-# What the tests are faster with than without, compiling included; and a rear-driven car's others.
-KERNELS := reference_substep,reference_substep_braked,single_track_substep
-OF_EFFECTS := friction_change_12,slip_change_12,moved,mean_acceleration,centred
-
 .PHONY: demo test tests test-slow lint types install clean
 
 demo: .venv/package
@@ -40,7 +36,7 @@ types: .venv/installed
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 install: .venv/installed
-	@$(BIN)/python scripts/compile.py only=$(OF_EFFECTS) || \
+	@$(BIN)/python scripts/compile.py only=effects || \
 	    echo "nothing compiled: effects run by PyTorch, slower"
 
 # The package without its extras: all that the demo needs, which compiles for itself. --no-compile:
@@ -54,9 +50,10 @@ install: .venv/installed
 	$(BIN)/pip install --no-compile -e .
 	touch $@
 
-# Kernels are compiled meanwhile, by the source itself: pip takes the package out and puts it back.
+# Meanwhile kernels are compiled with which the tests are faster, compiling included, by the source
+# itself: pip takes the package out and puts it back.
 .venv/installed: .venv/package
-	@{ PYTHONPATH=src $(BIN)/python scripts/compile.py only=$(KERNELS) || \
+	@{ PYTHONPATH=src $(BIN)/python scripts/compile.py only=engines || \
 	    echo "nothing compiled: simulators run by PyTorch, slower" ; } & \
 	$(BIN)/pip install --no-compile -e '.[dev]' && wait
 	touch $@

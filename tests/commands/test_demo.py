@@ -192,3 +192,8 @@ def test_kernels_are_compiled_in_their_order_and_those_that_are_there_not_again(
         k.file(tmp_path).touch()
     assert sorted(compile.compiled(names, tmp_path, workers)) == sorted(names)
     assert [f.stat().st_size for f in tmp_path.glob("*.pt2")] == [0, 0]
+
+
+def test_groups_of_kernels_are_kernels_that_there_are():
+    for names in compile.GROUPS.values():
+        assert [k.name for k in kernel.kernels(names)] == [*names]

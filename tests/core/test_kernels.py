@@ -63,7 +63,6 @@ def test_the_example_is_a_batch_of_which_each_row_moves_alone(name):
         torch.testing.assert_close(a.narrow(dim, 1, 2), b)
 
 
-@compiler
 @pytest.mark.parametrize("name", NAMES)
 def test_of_a_single_car_the_results_batch_is_known(name):
     (found,) = kernels([name])

@@ -145,3 +145,11 @@ def test_a_hypothesis_as_stamped_has_all_numbers_but_the_clocks():
     assert settings.clock_offset.tolist() == [0.0]
     assert full.as_stamped.values() == {"throttle_gain": full.values()["throttle_gain"]}
     assert replace(full, vector=full.vector).values()[""]["clock_offset"] == pytest.approx(-0.02)
+
+
+def test_a_name_that_equations_make_needless_is_said_to_be_gone():
+    term = "term.yaw.throttle.even_square"
+    repair = Repair({term: {"coefficient": 3.0}, "throttle_gain": {"gain": 0.9}})
+    [line] = repair.lines(("throttle_gain", "steering_offset"))
+    assert "has no steering_offset" in line
+    assert "has no" not in repair.lines(("throttle_gain",))[0]

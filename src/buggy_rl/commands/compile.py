@@ -1,10 +1,10 @@
 """Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, a minute or two.
 
     python scripts/compile.py
-    python scripts/compile.py only=reference_substep,moved workers=1
+    python scripts/compile.py only=engines,moved workers=1
 
-`make install` does it for a rear-driven car. From then on every script uses them; results are the
-same to rounding.
+`only` names kernels, `engines` or `effects`; `make install` compiles these two groups. From then on
+every script uses them; results are the same to rounding.
 BUGGY_RL_KERNELS= (empty) runs without. Compile again after a change of the source or of PyTorch: a
 package of other source is not used, and not made twice. A script that is started meanwhile waits
 for the kernel that is being compiled, and for no other.
@@ -20,6 +20,8 @@ from buggy_rl.core.config import from_command_line, run
 
 OF_ENGINES = {"reference": "reference_substep", "single_track": "single_track_substep"}
 OF_EFFECTS = ("centred", "mean_acceleration", "moved", "friction_change_12", "slip_change_12")
+GROUPS = {"engines": (*OF_ENGINES.values(), "reference_substep_braked"), "effects": OF_EFFECTS}
+"""What `only` may name besides kernels: those of engines, and of effects on a rear-driven car."""
 
 
 def main() -> None:
@@ -31,7 +33,8 @@ def main() -> None:
     from buggy_rl.jobs.bar import tqdm
 
     folder = Path(config.output or CACHE)
-    missing = [k.name for k in kernels(config.only) if not k.file(folder).is_file()]
+    only = [kernel for name in config.only for kernel in GROUPS.get(name, (name,))]
+    missing = [k.name for k in kernels(only) if not k.file(folder).is_file()]
     with tqdm(total=len(missing), desc="compiling", unit="kernel", disable=not missing) as bar:
         for name in compiled(missing, folder, config.workers or cores()):
             bar.set_postfix_str(name)

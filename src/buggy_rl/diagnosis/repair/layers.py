@@ -117,15 +117,17 @@ def layered(
     start, now, stack = named.as_stamped, errors[name], stacks[name]
     layers: list[Layer] = []
 
-    def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
+    def tried(
+        kind: Kind, names: Sequence[str], than: Errors, with_it: Errors, kept: bool = False
+    ) -> bool:
         gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
-        kept = gain > max(error, WORTH)
+        kept = kept or gain > max(error, WORTH)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
 
     if named.effects:
-        tried("effects", named.effects, errors["before"], now)
+        tried("effects", named.effects, errors["before"], now, kept=True)  # as `proof.chosen` has
     own = [n for n in retunable(problem.library) if n not in start.effects]
     if own and _more_is_wrong(now):
         more = problem.library.at((*start.effects, *own), start.named())

@@ -25,6 +25,7 @@ from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.effects.residual import Residual, ResidualAcceleration
+from buggy_rl.effects.terms.grammar import PREFIX
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -92,6 +93,9 @@ class Repair:
                 f"held-out rollouts worse{distance}."
             ]
         own = [name for name in self.effects if not name.startswith("parameter:")]
+        gone = [n for n in named if n not in self.effects and not n.startswith("parameter:")]
+        if gone and any(name.startswith(PREFIX) for name in own):
+            return [f"repaired.yaml has no {', '.join(gone)}: beside its equations it needs none."]
         if set(own) <= set(named):
             return []
         return [

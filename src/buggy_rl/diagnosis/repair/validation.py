@@ -28,6 +28,7 @@ from buggy_rl.estimation.baseline import lacking_acceleration, trained
 from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
+from buggy_rl.estimation.noise_model import NoiseModel
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments
 
@@ -160,10 +161,18 @@ class Validation:
             for name, residual in zip((*plain, *learned), found, strict=True):
                 result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
                 if number == 0:  # what is fitted to
-                    one = residual.unsqueeze(0)
-                    result[name].square = self.problem.noise.whiten(one)[0].square().mean(-1)
-                    result[name].sensed = self._sensor.whiten(one)[0].square().mean(-1)
+                    result[name].square = self._square(residual, self.problem.noise)
+                    result[name].sensed = (
+                        result[name].square
+                        if self._sensor is self.problem.noise
+                        else self._square(residual, self._sensor)
+                    )
         return result
+
+    @staticmethod
+    def _square(residual: Tensor, noise: NoiseModel) -> Tensor:
+        """|W e|^2 / D [N] of residuals [N, K, 6]."""
+        return noise.whiten(residual.unsqueeze(0))[0].square().mean(-1)
 
 
 @dataclass(frozen=True, eq=False)
