@@ -53,6 +53,8 @@ def test_a_term_is_an_effect_of_the_answer_with_equation_number_and_interval(fou
         [(name, number)] = term["parameters"].items()
         assert name == "coefficient"
         assert number["low"] < number["value"] < number["high"]
+        open_ = number["low"] < 0.0 < number["high"]
+        assert term["undetermined"] == [name] * open_
         assert term["equation"]
         assert term["sentence"].startswith("it behaves as if ")
 

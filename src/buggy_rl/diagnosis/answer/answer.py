@@ -176,8 +176,9 @@ class Answer:
         ]
         for term in self.terms:
             alike = f"; over what was driven the same as {', '.join(term.alike)}" * bool(term.alike)
+            open_ = "; its number may be 0" * bool(term.undetermined)
             said = f"{term.sentence[:1].upper()}{term.sentence[1:]}"
-            lines.append(f"{said} [{term.name}: {term.equation}{alike}].")
+            lines.append(f"{said} [{term.name}: {term.equation}{open_}{alike}].")
         return lines
 
     def _differing(self) -> list[str]:

@@ -38,15 +38,17 @@ def named_terms(
             p, kind = c.parameter, effect_class(c.effect)
             value = float(p.value_at(z))
             wide = form.sd(z, sd, 1.0)  # as where nothing of it is shown to be closed
+            low, high = interval(p, z, wide)
             result.append(
                 NamedEffect(
                     name=c.effect,
                     kind="term",
                     equation=kind.equation,
                     sentence=f"it behaves as if {kind.sentence({p.name: value})}",
-                    parameters={p.name: Value(value, *interval(p, z, wide), p.unit)},
+                    parameters={p.name: Value(value, low, high, p.unit)},
                     confidence=min(EVEN, layer.probability),
                     held_out_gain=layer.nearer,
+                    undetermined=(p.name,) if low < 0.0 < high else (),
                     alike=layer.alike.get(c.effect, ())[:ALIKE],
                 )
             )
