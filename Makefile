@@ -1,41 +1,48 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each,
 #              and a blind test: about five minutes on 2 free cores, beside downloads
-# make test    lint, types and tests: nine to ten minutes on 2 free cores from a fresh clone
+# make test    lint, types and tests: eight minutes on 2 free cores from a fresh clone
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 # Extra arguments of pip for PyTorch, e.g. its index of CPU builds (see README, "Installation").
 TORCH_OPTIONS ?=
 BIN := .venv/bin
+SOURCE := src/buggy_rl
+# What kernels follow from, as `buggy_rl.core.kernels` has it.
+KERNELS := $(addprefix $(SOURCE)/,core/kernels.py core/vehicle.py simulators effects)
 # One thread a process unless a script is told otherwise: several busy OpenMP teams on few cores
 # slow one another down many times over.
 export OMP_NUM_THREADS ?= 1
 export OMP_WAIT_POLICY ?= PASSIVE
+# Byte code is written, whatever is usual here: each process of a test imports the same packages.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test tests test-slow lint types install clean
 
 demo: .venv/package
 	$(BIN)/python scripts/demo.py
 
-# Types are checked beside the tests, which wait here and there.
-test: lint
-	$(MAKE) --jobs=2 types tests
+# Kernels are compiled beside the installation of the extras and the lint, and types are checked
+# beside the tests, which wait here and there.
+test: .venv/package
+	$(MAKE) --jobs=2 lint types tests
 
 # By files, in their order: tests of a file share what its fixtures make, and the first are longest.
-tests: .venv/installed
+tests: .venv/installed .venv/kernels lint
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
-test-slow: .venv/installed
+test-slow: .venv/installed .venv/kernels
 	$(BIN)/python -m pytest -q -m slow --timeout 3600
 
 lint: .venv/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: .venv/installed
+types: lint
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-install: .venv/installed
+install: .venv/package
+	@$(MAKE) --jobs=2 .venv/installed .venv/kernels
 	@$(BIN)/python scripts/compile.py only=effects || \
 	    echo "nothing compiled: effects run by PyTorch, slower"
 
@@ -50,12 +57,15 @@ install: .venv/installed
 	$(BIN)/pip install --no-compile -e .
 	touch $@
 
-# Meanwhile kernels are compiled with which the tests are faster, compiling included, by the source
-# itself: pip takes the package out and puts it back.
 .venv/installed: .venv/package
-	@{ PYTHONPATH=src $(BIN)/python scripts/compile.py only=engines || \
-	    echo "nothing compiled: simulators run by PyTorch, slower" ; } & \
-	$(BIN)/pip install --no-compile -e '.[dev]' && wait
+	$(BIN)/pip install --no-compile -e '.[dev]'
+	touch $@
+
+# Kernels with which the tests are faster, compiling included; in one process, which imports the
+# compiler once. By the source itself: pip takes the package out and puts it back meanwhile.
+.venv/kernels: .venv/package $(shell find $(KERNELS) -name '*.py')
+	@PYTHONPATH=src $(BIN)/python scripts/compile.py only=engines workers=1 || \
+	    echo "nothing compiled: simulators run by PyTorch, slower"
 	touch $@
 
 clean:

@@ -23,6 +23,8 @@ from buggy_rl.proof.score.tables import best_single, by_pairing, counted, lowest
 DOCS = Path(__file__).parents[2] / "docs"
 LEDGERS = [DOCS / "development" / f"{name}.jsonl.gz" for name in ("cases", "fresh", "enlarged")]
 
+slow = pytest.mark.slow  # features of 997 cases, and fits to them
+
 
 @pytest.fixture(scope="module")
 def of_ledger():
@@ -50,9 +52,13 @@ def text():
     return (DOCS / "evidence.md").read_text()
 
 
-def test_the_file_names_the_ledger_it_was_made_from(cases, made_from):
+def test_the_file_names_the_ledger_it_was_made_from(made_from):
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in LEDGERS}
     assert made_from["ledgers"] == hashes
+
+
+@slow
+def test_the_file_names_as_many_cases(cases, made_from):
     assert made_from["cases"] == len(cases)
 
 
@@ -64,6 +70,7 @@ def shipped_are(again):
             assert weight == pytest.approx(kept[name], rel=1e-2, abs=1e-4)
 
 
+@slow
 def test_a_fit_at_the_ridge_of_the_file_makes_the_weights_again(cases, made_from):
     table = feature_table(cases)
     fitted = weights(table, made_from["ridge"])
@@ -74,22 +81,25 @@ def test_a_fit_at_the_ridge_of_the_file_makes_the_weights_again(cases, made_from
     shipped_are(posterior.Calibration(hypothesis, unknown))
 
 
-@pytest.mark.slow  # 48 fits, to find the ridge
+@slow
 def test_the_script_makes_the_weights_again(cases, made_from):
     again, ridge = calibrated(cases)
     assert ridge == made_from["ridge"]
     shipped_are(again)
 
 
+@slow
 def test_the_form_error_is_the_narrowest_that_covers(cases):
     assert form_error(scored_numbers(cases)) == shipped().form_error
 
 
+@slow
 def test_the_coverage_of_the_docs_is_that_of_the_ledger(cases, text):
     for line in intervals(cases).splitlines():
         assert line in text
 
 
+@slow
 def test_a_form_error_of_the_earlier_cases_covers_the_fresh_ones(of_ledger, text):
     earlier, fresh, _ = of_ledger
     form = form_error(scored_numbers(earlier))
@@ -106,6 +116,7 @@ def by_loss(cases):
     }
 
 
+@slow
 def test_the_columns_of_the_docs_that_need_no_weights_are_those_of_the_ledger(cases, text):
     lines = text.splitlines()
     rows = counted(by_loss(cases)).splitlines()[2:]
@@ -116,7 +127,7 @@ def test_the_columns_of_the_docs_that_need_no_weights_are_those_of_the_ledger(ca
         assert [line for line in lines if line.startswith(name) and line.endswith(columns)]
 
 
-@pytest.mark.slow  # a fit for each part that is left out
+@slow
 def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from, text):
     found, _ = left_out(cases, made_from["ridge"])
     methods = {
@@ -128,6 +139,7 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, made_from, text):
         assert line in text
 
 
+@slow
 def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights(of_ledger, text):
     _, fresh, _ = of_ledger
     earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
@@ -144,6 +156,7 @@ def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights(of_ledger, 
         assert row.rstrip("|") in text
 
 
+@slow
 def test_the_cases_of_the_enlarged_library_are_answered_by_the_weights_before_them(of_ledger, text):
     *_, enlarged = of_ledger
     earlier = load_calibration(DOCS / "development" / "weights_927.yaml")
