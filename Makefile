@@ -1,6 +1,6 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each,
 #              and a blind test: about five minutes on 2 free cores, beside downloads
-# make test    lint, types and tests: eight minutes on 2 free cores from a fresh clone
+# make test    lint, types and tests: nine to ten minutes on 2 free cores from a fresh clone
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -62,9 +62,11 @@ install: .venv/package
 	touch $@
 
 # Kernels with which the tests are faster, compiling included; in one process, which imports the
-# compiler once. By the source itself: pip takes the package out and puts it back meanwhile.
+# compiler once and takes the processor at its word. By the source itself: pip takes the package out
+# and puts it back meanwhile.
 .venv/kernels: .venv/package $(shell find $(KERNELS) -name '*.py')
-	@PYTHONPATH=src $(BIN)/python scripts/compile.py only=engines workers=1 || \
+	@PYTHONPATH=src TORCHINDUCTOR_VEC_ISA_OK=1 TORCHINDUCTOR_COMPILE_THREADS=1 \
+	    $(BIN)/python scripts/compile.py only=engines workers=1 || \
 	    echo "nothing compiled: simulators run by PyTorch, slower"
 	touch $@
 

@@ -5,7 +5,7 @@ import torch
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
-from buggy_rl.diagnosis.repair.layers import Layered, _at_least, closeness
+from buggy_rl.diagnosis.repair.layers import Layered, _at_least, closeness, probably_over
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation
 from buggy_rl.diagnosis.search import terms
 from buggy_rl.effects.terms.grammar import PREFIX
@@ -71,6 +71,7 @@ def test_layers_are_in_the_answer_in_their_order(found):
 def test_where_nothing_is_wrong_nothing_is_laid_on():
     answer = run_diagnosis(ASKED, planted_drives([{}], cars=2, seconds=14.0)[0]).answer
     assert [layer for layer in answer.layers if layer.kept] == []
+    assert answer.more < 0.5
     assert answer.repair.values == {}
     assert answer.repair.residual is None
     assert answer.terms == []
@@ -113,3 +114,23 @@ def test_closeness_counts_in_noise_and_one_spin_for_no_more_than_its_cap():
     noise, twice, spin = closeness(Errors(sensed=torch.tensor([0.0, 4.0e4, 1e9])))
     assert noise == 0
     assert float(spin) == pytest.approx(float(twice))
+
+
+def test_that_more_is_missing_is_said_with_its_probability(found):
+    assert found.more > 0.9
+    assert found.to_dict()["more_is_missing"] == found.more
+    [line] = [line for line in found.lines() if line.startswith("More is missing than ")]
+    assert f"probability {min(found.more, 0.99):.0%}: with " in line
+
+
+@pytest.mark.parametrize(
+    ("mean", "error", "count", "low", "high"),
+    [
+        (0.5, 0.1, 6, 0.99, 1.0),
+        (0.02, 0.1, 6, 0.49, 0.51),  # at what it is compared with
+        (-0.5, 0.1, 6, 0.0, 0.01),
+        (0.5, 0.0, 1, 0.5, 0.5),  # of one block nothing is known
+    ],
+)
+def test_a_gain_is_probable_by_its_error_over_blocks(mean, error, count, low, high):
+    assert low <= probably_over(0.02, mean, error, count) <= high

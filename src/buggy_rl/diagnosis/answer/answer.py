@@ -9,7 +9,7 @@ from buggy_rl.diagnosis.answer.behaviour import Behaviour, FormFault, differing
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.experiments import DecisionRate
 from buggy_rl.diagnosis.answer.located import Located
-from buggy_rl.diagnosis.answer.named_effect import NamedEffect
+from buggy_rl.diagnosis.answer.named_effect import SUREST, NamedEffect
 from buggy_rl.diagnosis.answer.other_sensors import SensorFinding
 from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.repair.proof import Proof, Repair
@@ -96,6 +96,8 @@ class Answer:
     """What `repaired.yaml` has, as it was validated."""
     layers: list[Layer] = field(default_factory=list)
     """Layers of the repaired simulator that were tried, in their order."""
+    more: float = 0.0
+    """Probability that more is missing than is named, whatever the probability of the names."""
     terms: list[NamedEffect] = field(default_factory=list)
     """Equations without a name that the car behaves like, of the layer of terms."""
     left_out: list[str] = field(default_factory=list)
@@ -127,6 +129,7 @@ class Answer:
                 "fit": self.proof.to_dict(),
                 "repair": self.repair.to_dict(),
                 "layers": [layer.to_dict() for layer in self.layers],
+                "more_is_missing": self.more,
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,
@@ -151,7 +154,7 @@ class Answer:
                 f"The largest share of the error is in {READINGS[channel].words} ({share:.0%})."
             )
         result += self._findings(self.verdict == "unknown_physics")
-        result += self._equations()
+        result += self._beyond()
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
@@ -163,16 +166,17 @@ class Answer:
             result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
 
-    def _equations(self) -> list[str]:
-        """What the car behaves like beside what has a name, and how much that is worth."""
-        if not self.terms:
+    def _beyond(self) -> list[str]:
+        """What lies upon what has a name, how much that is worth, and its equations."""
+        upon = [layer for layer in self.layers if layer.kept and layer.kind != "effects"]
+        if not upon:
             return []
-        nearer = sum(layer.nearer for layer in self.layers if layer.kind == "terms" and layer.kept)
-        what = "an equation" if len(self.terms) == 1 else f"{len(self.terms)} equations"
-        beside = "beside what is named" if self.effects else "beside the simulator as given"
+        what = " and ".join(_in_words(layer.kind, len(layer.names)) for layer in upon)
+        nearer = 1.0 - math.prod(1.0 - layer.nearer for layer in upon)
+        than = "is named" if self.effects else "the library's effects say"
         lines = [
-            f"More is missing than the library's effects say: with {what} {beside}, held-out "
-            f"rollouts are {nearer:.0%} nearer."
+            f"More is missing than {than}, probability {min(self.more, SUREST):.0%}: with {what}, "
+            f"held-out rollouts are {nearer:.0%} nearer."
         ]
         for term in self.terms:
             alike = f"; over what was driven the same as {', '.join(term.alike)}" * bool(term.alike)
@@ -224,6 +228,13 @@ class Answer:
         elif self.verdict == "wrong_parameters":
             first += "; no physics is missing"
         return f"{first}."
+
+
+def _in_words(kind: str, count: int) -> str:
+    """A layer in words."""
+    if kind == "terms":
+        return "an equation" if count == 1 else f"{count} equations"
+    return {"parameters": "its own parameters fitted", "residual": "a learned residual"}[kind]
 
 
 def describe_unexplained(remaining: Unexplained) -> str:

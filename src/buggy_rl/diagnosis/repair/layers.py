@@ -59,10 +59,8 @@ class Layer:
 
     @property
     def probability(self) -> float:
-        """Probability that it brings rollouts nearer, by Student's t over blocks."""
-        if self.blocks < 2 or self.error <= 0:
-            return 0.5
-        return float(student_t.cdf(self.gain / self.error, self.blocks - 1))
+        """Probability that it brings rollouts nearer."""
+        return probably_over(0.0, self.gain, self.error, self.blocks)
 
     def to_dict(self) -> dict[str, Any]:
         """Makes its entry in `diagnosis.json`."""
@@ -89,6 +87,9 @@ class Layered:
     """Whether a learned residual was."""
     errors: Errors
     """Errors on what was held out."""
+    more: float = 0.0
+    """Probability that more is missing than is named: that what lies upon that, or was tried,
+    brings rollouts nearer by more than `WORTH`; 0 where only noise is left."""
 
 
 def layered(
@@ -115,6 +116,7 @@ def layered(
     group = blocks(problem.segments)
     count = len(group.unique())
     start, now, stack = named.as_stamped, errors[name], stacks[name]
+    alone = now
     layers: list[Layer] = []
 
     def tried(
@@ -153,7 +155,31 @@ def layered(
         beside = validation.errors({"residual": upon})["residual"]
         if tried("residual", (), now, beside):
             residual, now = True, beside
-    return _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
+    found = _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
+    return replace(found, more=_more_missing(alone, found, group))
+
+
+def _more_missing(alone: Errors, found: Layered, group: Tensor) -> float:
+    """`Layered.more`, where `alone` are the errors with what is named and nothing else."""
+    count = len(group.unique())
+    gains = [mean_of_blocks(closeness(alone) - closeness(found.errors), group)]
+    gains += [(layer.gain, layer.error) for layer in found.layers if layer.kind != "effects"]
+    beyond = gains[:1] if any(x.kept for x in found.layers if x.kind != "effects") else gains[1:]
+    return max((probably_over(WORTH, *each, count) for each in beyond), default=0.0)
+
+
+def probably_over(least: float, mean: float, error: float, count: int) -> float:
+    """Probability that a mean is larger than `least`, by Student's t; even odds of one number.
+
+    Args:
+        least: What it is compared with.
+        mean: As it was found,
+        error: with its standard error,
+        count: of so many independent numbers.
+    """
+    if count < 2 or error <= 0:
+        return 0.5
+    return float(student_t.cdf((mean - least) / error, count - 1))
 
 
 def _more_is_wrong(errors: Errors) -> bool:

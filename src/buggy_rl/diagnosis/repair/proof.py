@@ -264,7 +264,8 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
         fit=file.fit,
     )
     errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}
-    return {"proof": _proof(problem, errors), "repair": repair, "layers": list(done.layers)}
+    proof, layers = _proof(problem, errors), list(done.layers)
+    return {"proof": proof, "repair": repair, "layers": layers, "more": done.more}
 
 
 def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:

@@ -1,0 +1,229 @@
+"""Stacks of layers on development cases: how much of a mismatch they close, and what they are.
+
+    python -m benchmarks.stacks
+    python -m benchmarks.stacks draw.first=420000 draw.cases=40 workers=2 output=runs/stacks.jsonl
+
+Each case is driven, diagnosed as a user would, and rolled out on a drive that nothing was fitted
+to: as given, by what is delivered, with the simulator's own parameters alone, and with a learned
+residual alone. One JSON line a case; run again, cases that are in `output` are not repeated.
+"""
+
+import json
+import math
+import statistics
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from buggy_rl.core.config import from_command_line, run
+from buggy_rl.diagnosis.pipeline import Diagnosed, run_diagnosis
+from buggy_rl.diagnosis.repair.proof import Repair, repair_candidates
+from buggy_rl.diagnosis.repair.validation import SAID, Errors, delivered, retunable
+from buggy_rl.diagnosis.run.case import segments_of
+from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.segments import Segments
+from buggy_rl.jobs.bar import tqdm
+from buggy_rl.proof.baselines.asked import open_question
+from buggy_rl.proof.calibrate.development import parts_of
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.draw import DrawConfig, drawn
+from buggy_rl.proof.cases.sealing import CaseStore, seal
+from buggy_rl.proof.cases.simulators import prepare, unprepared
+from buggy_rl.recordings import load_recordings
+
+RAYLEIGH = math.sqrt(2 * math.log(2))  # median of a distance over the deviation of each axis
+SLIGHT = 0.001  # [m] by which one distance must be larger to be called so
+WORTH = 0.02  # [-] likewise, of the smaller one
+SEEN = 2.0  # [noise floors] beyond which there is a mismatch to close
+ALONE = ("as_given", "retuned", "residual")
+
+
+def _pairings() -> DrawConfig:
+    return DrawConfig(
+        first=420_000,
+        cases=40,
+        library="present",
+        families=["nothing", "one", "one", "two", "composed", "composed"],
+        pairings=[
+            *("reference", "reference_baseline", "reference_single_track"),
+            *("reference_single_track_alone", "mujoco_single_track", "mujoco_single_track_alone"),
+        ],
+        driving=["rich", "rich", "rich", "steady", "timid", "wild"],
+        seconds=[30.0],
+    )
+
+
+@dataclass(frozen=True)
+class StacksConfig:
+    """Which cases to diagnose."""
+
+    draw: DrawConfig = field(default_factory=_pairings)
+    stretches: int = 48
+    """Segments of 1 s that are diagnosed."""
+    minutes: float = 10.0
+    """Time for a diagnosis."""
+    workers: int = 2
+    """Cases at a time."""
+    folder: str = "runs/stacks"
+    """Folder of cases while they are worked on."""
+    output: str = "runs/stacks/stacks.jsonl"
+    """JSON lines, appended."""
+    cases: bool = True
+    """Whether the cases that are left are run; else the lines are only read."""
+
+
+def main() -> None:
+    """Runs what is left, and prints what it came to."""
+    config = from_command_line(__doc__, "benchmarks.stacks:StacksConfig")
+    output = Path(config.output)
+    if config.cases:
+        _run(config, output)
+    print(summary(read(output)))
+
+
+def _run(config: StacksConfig, output: Path) -> None:
+    known = {line["case"]["seed"] for line in read(output)}
+    left = [case for case in drawn(config.draw) if case.seed not in known]
+    folder = Path(config.folder)
+    store = CaseStore(folder, folder / "truth")
+    for path in (store.prepared, store.sealed, output.parent):
+        path.mkdir(parents=True, exist_ok=True)
+    scripts = Path(__file__).parents[1] / "scripts"
+    for case in tqdm(unprepared(left, store.prepared), "preparing simulators", unit="simulator"):
+        prepare(case, store.prepared, scripts)
+    for part in tqdm(parts_of(left, 8), "driving", unit="batch"):
+        seal(store, part, [], segments=config.stretches)
+    with (
+        tqdm(desc="diagnosing", total=len(left), unit="case") as bar,
+        ProcessPoolExecutor(config.workers, get_context("spawn")) as pool,
+    ):
+        for job in as_completed([pool.submit(_line, store, c, config.minutes) for c in left]):
+            with output.open("a") as lines:
+                lines.write(json.dumps(job.result()) + "\n")
+            bar.update()
+
+
+def read(output: Path) -> list[dict[str, Any]]:
+    """Lines so far."""
+    if not output.exists():
+        return []
+    return [json.loads(line) for line in output.read_text().splitlines()]
+
+
+def _line(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
+    torch.set_num_threads(1)
+    begun = time.monotonic()
+    line: dict[str, Any] = {"case": asdict(case), "truth": case.truth, "family": case.family}
+    try:
+        line |= _diagnosed(store, case, minutes)
+    except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
+        line["failed"] = f"{type(error).__name__}: {error}"
+    return line | {"seconds": round(time.monotonic() - begun, 1)}
+
+
+def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
+    asked = open_question(store.inputs(case.id))
+    config = replace(asked.config, minutes=minutes, workers=1)
+    begun = time.monotonic()
+    done = run_diagnosis(config, asked.recordings, baseline=asked.baseline)
+    took = time.monotonic() - begun
+    drives, refusals = load_recordings(
+        [str(store.held_out(case.id))], config.columns or None, config.dt, car=config.car
+    )
+    if refusals:
+        raise ValueError("; ".join(map(str, refusals)))
+    aside, said = segments_of(drives, config), done.answer.to_dict()
+    return {
+        "verdict": said["verdict"],
+        "effects": said["effects"],
+        "layers": said["layers"],
+        "more": said["more_is_missing"],
+        "posterior": {k: said["posterior"][k] for k in ("nothing", "unknown")},
+        "fit": said["fit"],
+        "held_out": {k: of.median.get(SAID) for k, of in _aside(done, aside).items()},
+        "floor": RAYLEIGH * float(done.case.problem.noise.sd[:2].mean()),
+        "diagnosis_seconds": round(took, 1),
+    }
+
+
+def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
+    """Errors on drives that nothing was fitted to, of what is delivered and what is simpler."""
+    case = done.case
+    problem = replace(case.problem, simulation=case.given, library=case.as_given, dispersion=1.0)
+    nothing = problem.library.hypothesis(())
+
+    def simple(start: Hypothesis, residual: bool = False) -> Repair:
+        file = delivered(problem, start, case.budget.iterations, residual)
+        return Repair(residual=file.network, fit=file.fit)
+
+    named = repair_candidates(done.found)[0].fit
+    if case.retuned_from is not None:
+        named = case.about_given(named)
+    repairs = {
+        "as_given": Repair(),
+        "named": simple(named),
+        "stack": done.answer.repair,
+        "retuned": simple(problem.library.hypothesis(retunable(problem.library))),
+        "residual": simple(nothing, residual=True),
+    }
+    return {name: _errors(done, repair, aside) for name, repair in repairs.items()}
+
+
+def _errors(done: Diagnosed, repair: Repair, aside: Segments) -> Errors:
+    simulation, settings = repair.simulation(done.case)
+    errors = Errors()
+    [found] = simulation.residuals(aside, settings)
+    errors.add(found[..., :2].square().sum(-1), simulation.instants(aside), aside.dt)
+    return errors
+
+
+def summary(lines: Sequence[Mapping[str, Any]]) -> str:
+    """What the lines came to."""
+    done = [line for line in lines if "failed" not in line]
+    text = [f"{len(lines)} cases, {len(lines) - len(done)} of them failed"]
+    seen = [x for x in done if x["held_out"]["as_given"] > SEEN * x["floor"]]
+    sorts: dict[str, list[Mapping[str, Any]]] = {"all": seen}
+    for line in seen:
+        sorts.setdefault(line["family"], []).append(line)
+        own = line["case"]["plant"] == line["case"]["simulator"]
+        sorts.setdefault("own make" if own else "another make", []).append(line)
+    text += [
+        "| cases | number | gap closed, median | by re-tuning | by a residual | beaten | [s] |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for name, of in sorts.items():
+        if of:
+            gaps = (statistics.median(closed(x, k) for x in of) for k in ("stack", *ALONE[1:]))
+            took = statistics.median(x["diagnosis_seconds"] for x in of)
+            shares = " | ".join(f"{100 * gap:.0f} %" for gap in gaps)
+            text.append(f"| {name} | {len(of)} | {shares} | {sum(map(beaten, of))} | {took:.0f} |")
+    text += ["", f"beaten: {', '.join(x['case']['seed'] for x in map(_named, done) if beaten(x))}"]
+    return "\n".join(text)
+
+
+def _named(line: Mapping[str, Any]) -> dict[str, Any]:
+    held = ", ".join(f"{k} {1000 * v:.0f}" for k, v in line["held_out"].items())
+    case = {**line["case"], "seed": f"{line['case']['seed']} ({held} mm)"}
+    return {**line, "case": case}
+
+
+def closed(line: Mapping[str, Any], name: str) -> float:
+    """Share [-] of the distance between as given and the noise floor that is closed."""
+    given, now, floor = line["held_out"]["as_given"], line["held_out"][name], line["floor"]
+    return (given - now) / (given - floor)
+
+
+def beaten(line: Mapping[str, Any]) -> bool:
+    """Whether something simpler is nearer than the stack."""
+    best = min(line["held_out"][name] for name in ALONE)
+    return line["held_out"]["stack"] > max(best + SLIGHT, (1 + WORTH) * best)
+
+
+if __name__ == "__main__":
+    run(main)
