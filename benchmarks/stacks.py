@@ -158,7 +158,7 @@ def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
     problem = replace(case.problem, simulation=case.given, library=case.as_given, dispersion=1.0)
     nothing = problem.library.hypothesis(())
 
-    def simple(start: Hypothesis, residual: bool = False) -> Repair:
+    def simple(start: Hypothesis, residual: float = 0.0) -> Repair:
         file = delivered(problem, start, case.budget.iterations, residual)
         return Repair(residual=file.network, fit=file.fit)
 
@@ -170,7 +170,7 @@ def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
         "named": simple(named),
         "stack": done.answer.repair,
         "retuned": simple(problem.library.hypothesis(retunable(problem.library))),
-        "residual": simple(nothing, residual=True),
+        "residual": simple(nothing, residual=1.0),
     }
     return {name: _errors(done, repair, aside) for name, repair in repairs.items()}
 

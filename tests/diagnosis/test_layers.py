@@ -95,17 +95,17 @@ def test_what_anyone_would_try_first_is_delivered_where_it_is_nearer(validation,
     of |= {"black_box": of["before"]}
     of[nearest] = Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0))
     named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
-    stack = Layered((), named, False, Errors({}, {SAID: 2.0}, sensed=torch.full((count,), 4.0)))
+    stack = Layered((), named, 0.0, Errors({}, {SAID: 2.0}, sensed=torch.full((count,), 4.0)))
     best = _at_least(stack, validation, of)
     assert best.errors is of[nearest]
-    assert best.residual is (nearest == "black_box")
+    assert bool(best.residual) is (nearest == "black_box")
     assert "viscous_drag" not in best.start.effects
 
 
 def test_a_stack_that_is_nearest_stays(validation):
     count = len(validation.problem.segments)
     named = validation.problem.library.hypothesis(["viscous_drag"]).as_stamped
-    stack = Layered((), named, False, Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0)))
+    stack = Layered((), named, 0.0, Errors({}, {SAID: 1.0}, sensed=torch.full((count,), 1.0)))
     far = Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0))
     assert _at_least(stack, validation, {"before": far, "retuned": far, "black_box": far}) is stack
 

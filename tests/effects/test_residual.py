@@ -79,10 +79,40 @@ def test_the_network_sees_velocity_command_and_the_engines_own_acceleration():
     torch.testing.assert_close(residual_inputs(motion), expected, atol=1e-3, rtol=0)
 
 
-def test_far_from_what_was_driven_it_goes_on_as_at_the_edge():
+def ranged(low=-2.0, high=2.0):
+    """A network that has seen inputs within a range, two deviations to either side."""
+    network = random()
+    network.low.fill_(low)
+    network.high.fill_(high)
+    return network
+
+
+def test_within_what_was_driven_the_range_changes_nothing():
+    inputs = 4.0 * torch.rand(50, 8) - 2.0
+    assert torch.equal(ranged()(inputs), random()(inputs))
+
+
+def test_far_from_what_was_driven_it_is_silent():
+    inputs = torch.zeros(4, 8)
+    inputs[:, 0] = torch.tensor([2.0, 3.0, 4.0, 7.0])  # so many deviations beyond: 0, 1, 2, 5
+    own = random()(inputs)
+    share = torch.exp(-0.5 * torch.tensor([0.0, 1.0, 4.0, 25.0])).unsqueeze(-1)
+    torch.testing.assert_close(ranged()(inputs), share * own)
+
+
+def test_without_a_range_it_goes_on_as_at_the_edge():
     network = random()
     edge = network.mean + network.REACH * network.scale
     assert torch.equal(network(edge + 100.0), network(edge))
+
+
+def test_a_file_without_a_range_is_read(tmp_path):
+    file, network = tmp_path / "correction.pt", random()
+    content = network.content
+    content["weights"] = {k: v for k, v in content["weights"].items() if k not in ("low", "high")}
+    torch.save(content, file)
+    inputs = torch.randn(20, 8)
+    assert torch.equal(load_residual(file)(inputs), network(inputs))
 
 
 def test_no_acceleration_exceeds_its_bound():

@@ -17,10 +17,10 @@ SEVERAL = "buggy_rl residual accelerations 1"
 
 
 class ResidualNetwork(nn.Module):
-    """a = bound tanh(network(inputs)): an acceleration within the range of the training data.
+    """a = bound tanh(network(x)) exp(-beyond^2 / 2): silent outside its training data.
 
-    Inputs are normalised and clamped to `REACH`, so that beyond the training data the output is
-    that at its edge.
+    x: inputs in standard deviations of the training data, clamped to `REACH`; beyond: how far they
+    are, in those, outside the range of the training data.
 
     Args:
         width: Of both hidden layers.
@@ -31,6 +31,8 @@ class ResidualNetwork(nn.Module):
     mean: Tensor
     scale: Tensor
     bound: Tensor
+    low: Tensor
+    high: Tensor
 
     def __init__(self, width: int = 32) -> None:
         super().__init__()
@@ -45,11 +47,16 @@ class ResidualNetwork(nn.Module):
         self.register_buffer("mean", torch.zeros(INPUTS))
         self.register_buffer("scale", torch.ones(INPUTS))
         self.register_buffer("bound", torch.ones(3))
+        # Range of the training data; without end in files that do not have it.
+        self.register_buffer("low", torch.full((INPUTS,), -torch.inf))
+        self.register_buffer("high", torch.full((INPUTS,), torch.inf))
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Acceleration [*, 3] (m/s^2, m/s^2, rad/s^2) at the centre of gravity of inputs [*, 8]."""
         normal = ((inputs - self.mean) / self.scale).clamp(-self.REACH, self.REACH)
-        return self.bound * torch.tanh(self.layers(normal))
+        outside = inputs - torch.minimum(torch.maximum(inputs, self.low), self.high)
+        beyond = (outside / self.scale).square().sum(-1, keepdim=True)
+        return self.bound * torch.tanh(self.layers(normal)) * torch.exp(-0.5 * beyond)
 
     @property
     def content(self) -> dict[str, Any]:
@@ -60,7 +67,7 @@ class ResidualNetwork(nn.Module):
     def of(cls, content: Mapping[str, Any]) -> Self:
         """The network of a file's content."""
         network = cls(content["width"])
-        network.load_state_dict(content["weights"])
+        network.load_state_dict({**network.state_dict(), **content["weights"]})
         return network.eval().requires_grad_(False)
 
     def save(self, file: Path | str) -> None:

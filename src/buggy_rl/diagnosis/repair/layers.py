@@ -22,6 +22,7 @@ from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.diagnosis.search.terms import discovered
 from buggy_rl.effects.terms.grammar import PREFIX
+from buggy_rl.estimation.baseline import STRENGTHS
 from buggy_rl.estimation.evidence import blocks, mean_of_blocks, misfit
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 
@@ -83,8 +84,8 @@ class Layered:
     """Layers that were tried, in their order."""
     start: Hypothesis
     """Effects, parameters and terms that were kept."""
-    residual: bool
-    """Whether a learned residual was."""
+    residual: float
+    """Strength of the learned residual that was; 0 for none."""
     errors: Errors
     """Errors on what was held out."""
     more: float = 0.0
@@ -149,12 +150,14 @@ def layered(
             if tried("terms", added, now, beside):
                 layers[-1] = replace(layers[-1], fitted=found.best, alike=found.alike)
                 start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
-    residual = False
+    residual = 0.0
     if _more_is_wrong(now):
-        upon = Stack(stack.fits, validation.networks(stack.fits))
-        beside = validation.errors({"residual": upon})["residual"]
-        if tried("residual", (), now, beside):
-            residual, now = True, beside
+        networks = validation.networks(stack.fits)
+        upon = {str(s): Stack(stack.fits, networks, s) for s in STRENGTHS if s}
+        beside = validation.errors(upon)
+        nearest = min(upon, key=lambda name: float(closeness(beside[name]).mean()))
+        if tried("residual", (), now, beside[nearest]):
+            residual, now = upon[nearest].strength, beside[nearest]
     found = _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
     return replace(found, more=_more_missing(alone, found, group))
 
@@ -192,9 +195,9 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
     group = blocks(validation.problem.segments)
     nothing = library.hypothesis(()).as_stamped
     simple = {
-        "before": (nothing, False),
-        "retuned": (library.hypothesis(retunable(library)).as_stamped, False),
-        "black_box": (nothing, True),
+        "before": (nothing, 0.0),
+        "retuned": (library.hypothesis(retunable(library)).as_stamped, 0.0),
+        "black_box": (nothing, 1.0),
     }
     best = found
     for name, (start, residual) in simple.items():

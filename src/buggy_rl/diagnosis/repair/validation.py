@@ -69,6 +69,9 @@ class Errors:
                 self.median[horizon] = float(of_segment.sqrt().median())
 
 
+Networks = Callable[[Tensor, float], list[ResidualAcceleration]]
+
+
 class Validation:
     """Rollouts over recordings, or blocks of them, that nothing was fitted to.
 
@@ -115,9 +118,7 @@ class Validation:
         begun = dict(zip(starts, every, strict=True))
         return _refits(self.problem, begun, self.aside, iterations, apart)
 
-    def networks(
-        self, fits: Sequence[Hypothesis] | None = None
-    ) -> Callable[[Tensor], list[ResidualAcceleration]]:
+    def networks(self, fits: Sequence[Hypothesis] | None = None) -> "Networks":
         """A network for each fold that is held out, which learned from the rest.
 
         Args:
@@ -125,7 +126,8 @@ class Validation:
                 default.
 
         Returns:
-            Gives for folds [N] effects of which each environment has that of its fold.
+            Gives for folds [N] effects of which each environment has that of its fold, at a
+            strength.
         """
         return _networks(self.problem, self.aside, fits)
 
@@ -151,7 +153,7 @@ class Validation:
                 networks = stacks[name].networks
                 assert networks is not None
                 settings = library.settings([rows[name]])
-                tasks.append((part, settings, networks(owner)))
+                tasks.append((part, settings, networks(owner, stacks[name].strength)))
         rolled = iter(simulation.apart(_residuals, tasks, seconds))
         result = {name: Errors() for name in stacks}
         for number, (part, _) in enumerate(self.parts):
@@ -180,7 +182,9 @@ class Stack:
     """What is validated: a hypothesis for each fold, and maybe a network upon it."""
 
     fits: Sequence[Hypothesis]
-    networks: Callable[[Tensor], list[ResidualAcceleration]] | None = None
+    networks: Networks | None = None
+    strength: float = 1.0
+    """Of the network."""
 
 
 def validated(
@@ -226,7 +230,7 @@ class Delivered:
 
 
 def delivered(
-    problem: Problem, best: Hypothesis, iterations: int = FULL.iterations, residual: bool = False
+    problem: Problem, best: Hypothesis, iterations: int = FULL.iterations, residual: float = 0.0
 ) -> Delivered:
     """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
@@ -234,12 +238,12 @@ def delivered(
         problem: Segments that it is fitted to, all of them.
         best: Where the fit begins; its clock is left out.
         iterations: Of the fit.
-        residual: Whether a network learns what it lacks.
+        residual: Strength of a network that learns what it lacks; 0 for none.
     """
     [fit] = _fitted(problem, [best.as_stamped], iterations)
     simulation, network = problem.simulation, None
     if residual:
-        network = _upon_standing(simulation, network_upon(problem, fit))
+        network = _upon_standing(simulation, network_upon(problem, fit), residual)
         learned = ResidualAcceleration(model=network, strength=1.0, dt=problem.segments.dt)
         simulation = replace(simulation, standing=(learned,))
     settings = problem.library.settings([(fit, fit.vector)])
@@ -249,14 +253,15 @@ def delivered(
     return Delivered(fit, network, errors)
 
 
-def _upon_standing(simulation: Simulation, network: ResidualNetwork) -> Residual:
-    """A network upon those that stand in a simulation, as one."""
+def _upon_standing(simulation: Simulation, network: ResidualNetwork, strength: float) -> Residual:
+    """A network, at a strength, upon those that stand in a simulation, as one."""
     parts = [
         (float(e.values["strength"]), e.network)
         for e in simulation.standing
         if isinstance(e, ResidualAcceleration) and isinstance(e.network, ResidualNetwork)
     ]
-    return ResidualNetworks([*parts, (1.0, network)]) if parts else network
+    alone = not parts and strength == 1.0
+    return network if alone else ResidualNetworks([*parts, (strength, network)])
 
 
 def _residuals(
@@ -320,18 +325,18 @@ def _plain(fit: Hypothesis) -> Hypothesis:
 
 def _networks(
     problem: Problem, aside: Sequence[Tensor], fits: Sequence[Hypothesis] | None
-) -> Callable[[Tensor], list[ResidualAcceleration]]:
+) -> Networks:
     dt, rests = problem.segments.dt, [_rest(problem.segments, rows) for rows in aside]
     if fits is None:
         inputs, lacking = lacking_acceleration(problem.simulation, problem.segments)
-        learned = [trained(inputs[rest], lacking[rest], 0) for rest in rests]
+        learned = [trained(inputs[rest], lacking[rest], 0, silent=True) for rest in rests]
     else:
         learned = [network_upon(problem[rest], fit) for rest, fit in zip(rests, fits, strict=True)]
 
-    def of_folds(owner: Tensor) -> list[ResidualAcceleration]:
+    def of_folds(owner: Tensor, strength: float) -> list[ResidualAcceleration]:
         return [
             ResidualAcceleration(model=network, dt=dt).with_parameters(
-                TensorDict({"strength": (owner == n).float()}, [len(owner)])
+                TensorDict({"strength": strength * (owner == n)}, [len(owner)])
             )
             for n, network in enumerate(learned)
         ]
@@ -342,7 +347,8 @@ def _networks(
 def network_upon(problem: Problem, fit: Hypothesis) -> ResidualNetwork:
     """A network of what steps lack with a hypothesis in place."""
     settings = problem.library.settings([(fit, fit.vector)])
-    return trained(*lacking_acceleration(problem.simulation, problem.segments, settings), 0)
+    lacking = lacking_acceleration(problem.simulation, problem.segments, settings)
+    return trained(*lacking, 0, silent=True)
 
 
 def _rest(segments: Segments, aside: Tensor) -> Tensor:
