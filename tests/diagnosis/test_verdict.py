@@ -1,5 +1,7 @@
 """The verdict is what is most probable."""
 
+from dataclasses import replace
+
 import pytest
 
 from buggy_rl.diagnosis.answer.named_effect import NamedEffect
@@ -33,3 +35,10 @@ LAG, GRIP = effect(), effect("parameter:grip_front", "parameter")
 def test_the_verdict_is_what_is_most_probable(nothing, unknown, named, expected):
     posterior = Posterior({(): nothing, ("steering_lag",): 1 - nothing - unknown}, unknown)
     assert verdict_of(posterior, named) == expected
+
+
+def test_what_the_simulator_realises_is_a_wrong_parameter_only_where_that_is_asked():
+    posterior = Posterior({("tire_grip",): 0.95}, 0.02)
+    grip = replace(effect("tire_grip", "motion"), inside=("grip",))
+    assert verdict_of(posterior, [grip]) == "missing_physics"
+    assert verdict_of(posterior, [grip], own=True) == "wrong_parameters"

@@ -6,6 +6,7 @@ import torch
 
 from buggy_rl.core import keys
 from buggy_rl.core.vehicle import (
+    GRAVITY,
     VehicleDimensions,
     integrate_pose,
     rotate,
@@ -108,6 +109,23 @@ def test_the_angle_of_the_wheels_is_read_off_the_motion(engine):
             "mujoco": lambda s: 0.36 * s,
         }[engine](steering)
         assert found == pytest.approx(turned, abs=0.03)
+
+
+def test_wheels_of_a_car_that_runs_straight_are_straight_and_turn_with_a_yaw_acceleration():
+    axle, dimensions = FrontAxle(stiffness=6.0), VehicleDimensions()
+    straight = torch.tensor([[2.0, 0.0, 0.0]])
+    turned = torch.tensor([[2.0, 0.0, 0.05]])
+
+    def read(after):
+        motion = Motion(torch.zeros(1, 3), straight, after, torch.zeros(1, 2), 0.01)
+        return float(steered_angle(motion, dimensions, axle))
+
+    assert read(straight) == 0.0
+    # Side force over load: ay / g of 2 m/s 0.025 rad/s, and (I / m) 5 rad/s^2 / (g b).
+    turning = dimensions.yaw_inertia / dimensions.mass * 5.0 / dimensions.cg_to_rear_axle
+    share = (2.0 * 0.025 + turning) / GRAVITY
+    path = math.atan2(0.025 * dimensions.cg_to_front_axle, 2.0)
+    assert read(turned) == pytest.approx(path + share / axle.stiffness, rel=0.03)
 
 
 @pytest.mark.parametrize("name", RESISTANCES)

@@ -115,6 +115,15 @@ def test_a_file_without_a_range_is_read(tmp_path):
     assert torch.equal(load_residual(file)(inputs), network(inputs))
 
 
+def test_a_command_beyond_its_bounds_is_seen_as_the_bound():
+    effect = ResidualAcceleration(model=random(), strength=1.0, dt=0.01)
+    env = over([effect], batch_size=(2,))
+    state = start(env, (1.0, 0.0, 0.0))
+    state[keys.ACTION] = torch.tensor([[1.0, 1.0], [1.7, 1.7]])
+    first, second = env.step(state)["next", keys.VELOCITY]
+    assert torch.equal(first, second)
+
+
 def test_no_acceleration_exceeds_its_bound():
     network = random()
     for parameter in network.parameters():
