@@ -30,10 +30,9 @@ from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.jobs.bar import tqdm
 from buggy_rl.proof.baselines.asked import open_question
-from buggy_rl.proof.calibrate.development import parts_of
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.draw import DrawConfig, drawn
-from buggy_rl.proof.cases.sealing import CaseStore, seal
+from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.recordings import load_recordings
 
@@ -97,7 +96,8 @@ def _run(config: StacksConfig, output: Path) -> None:
     scripts = Path(__file__).parents[1] / "scripts"
     for case in tqdm(unprepared(left, store.prepared), "preparing simulators", unit="simulator"):
         prepare(case, store.prepared, scripts)
-    for part in tqdm(parts_of(left, 8), "driving", unit="batch"):
+    parts = [part[i : i + 8] for part in unsealed(store, left) for i in range(0, len(part), 8)]
+    for part in tqdm(parts, "driving", unit="batch"):
         seal(store, part, [], segments=config.stretches)
     with (
         tqdm(desc="diagnosing", total=len(left), unit="case") as bar,

@@ -5,7 +5,13 @@ import torch
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
-from buggy_rl.diagnosis.repair.layers import Layered, _at_least, closeness, probably_over
+from buggy_rl.diagnosis.repair.layers import (
+    Layered,
+    _at_least,
+    closeness,
+    is_worth,
+    probably_over,
+)
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation
 from buggy_rl.diagnosis.search import terms
 from buggy_rl.effects.terms.grammar import PREFIX
@@ -134,3 +140,19 @@ def test_that_more_is_missing_is_said_with_its_probability(found):
 )
 def test_a_gain_is_probable_by_its_error_over_blocks(mean, error, count, low, high):
     assert low <= probably_over(0.02, mean, error, count) <= high
+
+
+@pytest.mark.parametrize(
+    ("kind", "gain", "error", "median", "kept"),
+    [
+        ("residual", 0.3, 0.2, 0.8, True),
+        ("residual", 0.3, 0.4, 0.8, False),  # within its standard error
+        ("residual", 0.01, 0.001, 0.8, False),  # sure, and worth nothing
+        ("residual", 0.3, 0.2, 1.1, False),  # nearer where it hardly matters
+        ("terms", 0.3, 0.2, 0.8, False),  # chosen out of hundreds
+        ("terms", 0.5, 0.2, 0.8, True),
+    ],
+)
+def test_a_layer_is_kept_for_what_it_surely_brings(kind, gain, error, median, kept):
+    without, with_it = Errors({}, {SAID: 1.0}), Errors({}, {SAID: median})
+    assert is_worth(kind, gain, error, without, with_it) is kept

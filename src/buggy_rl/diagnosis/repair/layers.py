@@ -29,6 +29,8 @@ from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
 WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
+SURE = 1.0  # [standard errors] that a layer gains at least; chosen
+CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of hundreds; chosen
 FARTHEST = 1e4  # [noise variances] as which a segment counts at most
 
 
@@ -124,7 +126,7 @@ def layered(
         kind: Kind, names: Sequence[str], than: Errors, with_it: Errors, kept: bool = False
     ) -> bool:
         gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
-        kept = kept or gain > max(error, WORTH)
+        kept = kept or is_worth(kind, gain, error, than, with_it)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
@@ -185,6 +187,21 @@ def probably_over(least: float, mean: float, error: float, count: int) -> float:
     return float(student_t.cdf((mean - least) / error, count - 1))
 
 
+def is_worth(kind: Kind, gain: float, error: float, than: Errors, with_it: Errors) -> bool:
+    """Whether a layer is kept.
+
+    Args:
+        kind: Of the layer.
+        gain: That it has,
+        error: with its standard error.
+        than: Errors without it,
+        with_it: and with it.
+    """
+    if with_it.median.get(SAID, 0.0) > than.median.get(SAID, math.inf):
+        return False
+    return gain > max((CHOSEN if kind == "terms" else SURE) * error, WORTH)
+
+
 def _more_is_wrong(errors: Errors) -> bool:
     return misfit(errors.sensed) > ENDED
 
@@ -205,7 +222,7 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
             continue
         gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
         alone, stacked = (e.median.get(SAID, 0.0) for e in (errors[name], best.errors))
-        if gain > max(error, WORTH) and alone < stacked:
+        if gain > max(SURE * error, WORTH) and alone < stacked:
             layers = tuple(replace(layer, kept=False) for layer in found.layers)
             kind: Kind = "residual" if residual else "parameters"
             own = tuple(n.removeprefix(OWN) for n in start.effects)
