@@ -8,6 +8,7 @@ from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repair.layers import (
     Layered,
     _at_least,
+    _is_nearer,
     closeness,
     is_worth,
     probably_over,
@@ -156,3 +157,22 @@ def test_a_gain_is_probable_by_its_error_over_blocks(mean, error, count, low, hi
 def test_a_layer_is_kept_for_what_it_surely_brings(kind, gain, error, median, kept):
     without, with_it = Errors({}, {SAID: 1.0}), Errors({}, {SAID: median})
     assert is_worth(kind, gain, error, without, with_it) is kept
+
+
+@pytest.mark.parametrize(
+    ("sensed", "distance", "nearer"),
+    [
+        (1.0, 2.0, True),  # in all channels
+        (4.0, 1.0, True),  # by its distance, and alike in all channels
+        (4.0, 2.0, False),
+        (9.0, 1.0, False),  # by its distance, and farther in all channels
+    ],
+)
+def test_nearer_is_in_all_channels_or_by_distance(sensed, distance, nearer):
+    group = torch.arange(12) % 4
+
+    def errors(median, sensed, distance):
+        each = 1.0 + 0.01 * torch.arange(12) / 12
+        return Errors({}, {SAID: median}, sensed=sensed * each, distance=distance * each)
+
+    assert _is_nearer(errors(1.0, sensed, distance), errors(2.0, 4.0, 2.0), group) is nearer

@@ -31,6 +31,7 @@ ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise
 WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
 CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of hundreds; chosen
+NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
 FARTHEST = 1e4  # [noise variances] as which a segment counts at most
 
 
@@ -220,9 +221,8 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
     for name, (start, residual) in simple.items():
         if name not in errors:
             continue
-        gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
-        alone, stacked = (e.median.get(SAID, 0.0) for e in (errors[name], best.errors))
-        if gain > max(SURE * error, WORTH) and alone < stacked:
+        if _is_nearer(errors[name], best.errors, group):
+            gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
             layers = tuple(replace(layer, kept=False) for layer in found.layers)
             kind: Kind = "residual" if residual else "parameters"
             own = tuple(n.removeprefix(OWN) for n in start.effects)
@@ -230,6 +230,23 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
             layer = Layer(kind, own, gain, error, True, dict(errors[name].median), count)
             best = Layered((*layers, layer), start, residual, errors[name])
     return best
+
+
+def _is_nearer(errors: Errors, than: Errors, group: Tensor) -> bool:
+    """Whether rollouts are surely nearer.
+
+    In all channels together; or by their distances, and not farther in all channels.
+    """
+    if not errors.median.get(SAID, 0.0) < than.median.get(SAID, 0.0):
+        return False
+    gain, error = mean_of_blocks(closeness(than) - closeness(errors), group)
+    if gain > max(SURE * error, WORTH):
+        return True
+    if not len(errors.distance) or gain < -error:
+        return False
+    ratio = than.distance.clamp_min(NEAR).log() - errors.distance.clamp_min(NEAR).log()
+    gain, error = mean_of_blocks(ratio, group)
+    return gain > max(SURE * error, WORTH)
 
 
 def closeness(errors: Errors) -> Tensor:

@@ -54,6 +54,8 @@ class Errors:
     """|W e|^2 / D [N] of the segments that are fitted to, each when it was held out."""
     sensed: Tensor = field(default_factory=lambda: torch.empty(0))
     """The same [N] by the sensor's noise alone, whatever is usual on a baseline."""
+    distance: Tensor = field(default_factory=lambda: torch.empty(0))
+    """Root mean square distance [N] of them up to `SAID` [m]."""
 
     def add(self, square: Tensor, instants: Tensor, dt: float) -> None:
         """Counts squared distances [N, K] at all horizons that they reach.
@@ -67,6 +69,8 @@ class Errors:
                 of_segment = square[:, within].mean(1)
                 self.mean_square[horizon] = float(of_segment.mean())
                 self.median[horizon] = float(of_segment.sqrt().median())
+                if horizon == SAID and not len(self.distance):
+                    self.distance = of_segment.sqrt()
 
 
 Networks = Callable[[Tensor, float], list[ResidualAcceleration]]
