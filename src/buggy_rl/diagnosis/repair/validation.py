@@ -188,7 +188,7 @@ class Stack:
     fits: Sequence[Hypothesis]
     networks: Networks | None = None
     strength: float = 1.0
-    """Of the network."""
+    """Strength of the network [-]."""
 
 
 def validated(
