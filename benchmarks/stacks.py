@@ -24,9 +24,10 @@ import torch
 from buggy_rl.core.config import from_command_line, run
 from buggy_rl.diagnosis.pipeline import Diagnosed, run_diagnosis
 from buggy_rl.diagnosis.repair.proof import Repair, repair_candidates
-from buggy_rl.diagnosis.repair.validation import SAID, Errors, delivered, retunable
+from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation, delivered, retunable
 from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.residual_process import Recipe
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.jobs.bar import tqdm
 from buggy_rl.proof.baselines.asked import open_question
@@ -158,9 +159,9 @@ def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
     problem = replace(case.problem, simulation=case.given, library=case.as_given, dispersion=1.0)
     nothing = problem.library.hypothesis(())
 
-    def simple(start: Hypothesis, residual: float = 0.0) -> Repair:
-        file = delivered(problem, start, case.budget.iterations, residual)
-        return Repair(residual=file.network, fit=file.fit)
+    def simple(start: Hypothesis, recipe: Recipe | None = None) -> Repair:
+        file = delivered(problem, start, case.budget.iterations, recipe)
+        return Repair(residual=file.residual, fit=file.fit)
 
     named = repair_candidates(done.found)[0].fit
     if case.retuned_from is not None:
@@ -170,7 +171,7 @@ def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
         "named": simple(named),
         "stack": done.answer.repair,
         "retuned": simple(problem.library.hypothesis(retunable(problem.library))),
-        "residual": simple(nothing, residual=1.0),
+        "residual": simple(nothing, Validation(problem).residuals().recipe),
     }
     return {name: _errors(done, repair, aside) for name, repair in repairs.items()}
 

@@ -12,7 +12,7 @@ import yaml
 from buggy_rl.core import trust
 from buggy_rl.core.config import build, plain_values
 from buggy_rl.effects import effect_class, make_effects
-from buggy_rl.effects.residual import load_residual
+from buggy_rl.effects.residual_models import load_residual
 from buggy_rl.policies.training.actor_critic import Policy, load_policy, save_policy
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.run import PolicyRunConfig, task_of, training_engine

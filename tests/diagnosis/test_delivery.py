@@ -13,8 +13,9 @@ from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_candidates
 from buggy_rl.diagnosis.repair.validation import Errors, Validation, delivered, validated
-from buggy_rl.diagnosis.repaired import repaired_simulator
+from buggy_rl.diagnosis.repaired import learned_of, repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.estimation.baseline import FILE
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.recordings import Recording
@@ -66,6 +67,8 @@ def test_the_file_rolls_out_to_the_numbers_that_are_printed(done, tmp_path):
     assert offset < -0.03  # or the case shows nothing
     file = tmp_path / "repaired.yaml"
     file.write_text(yaml.safe_dump(repaired_simulator(CONFIG.simulator, done, tmp_path)))
+    if learned := learned_of(done):
+        learned.network.save(tmp_path / FILE)
     segments = done.case.problem.segments
     [residual] = Simulation(lambda cars: make_simulator(file, cars)).residuals(segments)
     own = median(residual[..., :2].square().sum(-1))

@@ -9,12 +9,15 @@ from buggy_rl.core import keys
 from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import EFFECTS, make_effect, make_effects
 from buggy_rl.effects.motion.base import Motion
-from buggy_rl.effects.residual import (
-    ResidualAcceleration,
+from buggy_rl.effects.residual import ResidualAcceleration, lagged_commands, residual_inputs
+from buggy_rl.effects.residual_models import (
+    INPUTS,
+    LAGS,
+    REACH,
     ResidualNetwork,
-    ResidualNetworks,
+    ResidualProcess,
+    ResidualSum,
     load_residual,
-    residual_inputs,
 )
 from tests.effects.faults import over, start, step
 
@@ -102,7 +105,7 @@ def test_far_from_what_was_driven_it_is_silent():
 
 def test_without_a_range_it_goes_on_as_at_the_edge():
     network = random()
-    edge = network.mean + network.REACH * network.scale
+    edge = network.mean + REACH * network.scale
     assert torch.equal(network(edge + 100.0), network(edge))
 
 
@@ -165,7 +168,7 @@ def test_it_is_a_sound_environment():
 def test_networks_one_upon_the_other_are_as_effects_one_after_the_other(tmp_path):
     first, second = random(1), random(2)
     file = tmp_path / "both.pt"
-    ResidualNetworks([(0.5, first), (1.0, second)]).save(file)
+    ResidualSum([(0.5, first), (1.0, second)]).save(file)
     both = load_residual(file)
     apart = [
         ResidualAcceleration(model=first, strength=0.5),
@@ -178,5 +181,62 @@ def test_networks_one_upon_the_other_are_as_effects_one_after_the_other(tmp_path
     for key in (keys.POSE, keys.VELOCITY):
         a, b = (step(env, start(env, moving), (0.5, 0.3))[key] for env in (one, two))
         torch.testing.assert_close(a, b, atol=1e-4, rtol=0)
-    assert isinstance(both, ResidualNetworks)
+    assert isinstance(both, ResidualSum)
     assert both.strengths == [0.5, 1.0]
+
+
+def process(seed=0):
+    model, random = ResidualProcess(), torch.Generator().manual_seed(seed)
+    model.weights.copy_(0.3 * torch.randn(model.weights.shape, generator=random))
+    return model
+
+
+def test_a_process_is_a_sound_environment_that_remembers_commands():
+    effect = ResidualAcceleration(model=process(), strength=1.0)
+    env = over([effect], "single_track", 3)
+    check_env_specs(env)
+    assert effect.memory in env.reset().keys()  # noqa: SIM118  TensorDict has no `in`
+
+
+def test_lagged_commands_follow_with_their_time_constants():
+    dt, now = 0.001, torch.tensor([[1.0, -0.5]])
+    past, known = torch.zeros(1, 4), torch.ones(1, 1, dtype=torch.bool)
+    for _ in range(round(LAGS[0] / dt)):
+        past = lagged_commands(past, now, known, dt)
+    share = [1 - math.exp(-LAGS[0] / lag) for lag in LAGS]
+    expected = torch.tensor([[share[0], -0.5 * share[0], share[1], -0.5 * share[1]]])
+    torch.testing.assert_close(past, expected, atol=2e-3, rtol=0)
+
+
+def test_a_command_before_the_first_is_taken_to_be_the_first():
+    now = torch.tensor([[0.7, -0.2]])
+    past = lagged_commands(torch.zeros(1, 4), now, torch.zeros(1, 1, dtype=torch.bool), 0.01)
+    torch.testing.assert_close(past, torch.cat([now, now], -1))
+
+
+def test_features_have_the_kernel_of_their_length():
+    model = ResidualProcess(4096)
+    a = 0.3 * torch.randn(1, INPUTS, generator=torch.Generator().manual_seed(3))
+    b = a + 0.4
+    cosines = model.features(torch.cat([a, b]))[:, : model.count]
+    distance = float((a - b).norm())
+    expected = math.exp(-(distance**2) / (2 * model.LENGTH**2))
+    assert float(cosines[0] @ cosines[1]) == pytest.approx(expected, abs=0.05)
+    assert float(cosines[0] @ cosines[0]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_no_acceleration_of_a_process_exceeds_its_bound():
+    model = process()
+    model.weights.mul_(100.0)
+    model.bound.copy_(torch.tensor([2.0, 1.0, 3.0]))
+    assert (model(10 * torch.randn(500, INPUTS)).abs() <= model.bound).all()
+
+
+def test_a_process_upon_a_network_is_read_as_it_was(tmp_path):
+    file, network, upon = tmp_path / "both.pt", random(), process()
+    both = ResidualSum([(0.5, network), (1.0, upon)])
+    both.save(file)
+    inputs = torch.randn(20, INPUTS)
+    first = 0.5 * network(inputs)
+    seen = torch.cat([inputs[:, :5], inputs[:, 5:8] + first, inputs[:, 8:]], -1)
+    torch.testing.assert_close(load_residual(file)(inputs), first + upon(seen))

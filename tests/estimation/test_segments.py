@@ -74,3 +74,26 @@ def test_the_work_before_a_segment_is_the_mean_square_drive_of_each_interval():
     assert len(at[1200]) == len(WORKED) - 1
     work = cut_segments([drive], 1.0, 0.5).worked[25]
     assert float(work[0]) == pytest.approx((0.5 * 0.81 + 2.5 * 0.25) / 3)
+
+
+def test_windows_cover_segments_with_their_own_clocks_and_the_commands_before_them():
+    # 1.0 s in windows of 0.4 s: three, that begin 0, 30 and 60 rows later.
+    long = cut_segments([counting_drive("a", 400)], 1.0, 1.0)
+    windows, part = long.windows(0.4)
+    assert windows.horizon == 40
+    assert part.tolist() == [0, 1, 2] * 3
+    assert windows.row.tolist() == [0, 100, 200, 30, 130, 230, 60, 160, 260]
+    assert windows.velocity[:, windows.start, 0].tolist() == [r + 30 for r in windows.row.tolist()]
+    torch.testing.assert_close(windows.elapsed, windows.row * 0.01)
+    torch.testing.assert_close(windows.session, windows.row * 0.01)
+    cut = cut_segments([counting_drive("a", 400)], 0.4, 0.1)
+    same = cut.row.tolist().index(130)
+    assert torch.equal(windows.earlier[4], cut.earlier[same])
+    assert torch.equal(windows.pose[4], cut.pose[same])
+
+
+def test_a_window_as_long_as_its_segment_is_the_segment():
+    long = cut_segments([counting_drive("a", 400)], 1.0, 1.0)
+    windows, part = long.windows(5.0)
+    assert part.tolist() == [0, 1, 2]
+    assert torch.equal(windows.pose, long.pose)

@@ -13,7 +13,8 @@ import torch
 
 from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork
+from buggy_rl.effects.residual import ResidualAcceleration
+from buggy_rl.effects.residual_models import ResidualNetwork
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.estimation.workers import Workers

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from buggy_rl.core.vehicle import VehicleDimensions, shift_velocity
 from buggy_rl.effects.motion.base import Motion
-from buggy_rl.effects.residual import ResidualAcceleration, ResidualNetwork, residual_inputs
+from buggy_rl.effects.residual import ResidualAcceleration, residual_inputs
+from buggy_rl.effects.residual_models import ResidualNetwork
 from buggy_rl.estimation.evidence import BLOCK, blocks, misfit
 from buggy_rl.estimation.noise_model import (
     FAR,
@@ -60,7 +61,7 @@ def lacking_acceleration(
     return torch.stack(inputs, 1), torch.stack(lacking, 1)
 
 
-def trained(inputs: Tensor, lacking: Tensor, seed: int, silent: bool = False) -> ResidualNetwork:
+def trained(inputs: Tensor, lacking: Tensor, seed: int) -> ResidualNetwork:
     """A network fitted to accelerations row by row and to their means over `SPANS` rows.
 
     The means bring out what is small but lasts, which decides where a rollout ends; row by row the
@@ -70,16 +71,15 @@ def trained(inputs: Tensor, lacking: Tensor, seed: int, silent: bool = False) ->
         inputs: [N, H, 8].
         lacking: [N, H, 3].
         seed: Same seed, same network.
-        silent: Whether it is silent outside these inputs' range, or goes on as at its edge.
+
+    Returns:
+        Goes on outside these inputs' range as at its edge.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = ResidualNetwork()
         network.mean.copy_(inputs.flatten(0, 1).mean(0))
         network.scale.copy_(inputs.flatten(0, 1).std(0).clamp_min(1e-3))
-        if silent:
-            network.low.copy_(inputs.amin((0, 1)))
-            network.high.copy_(inputs.amax((0, 1)))
         network.bound.copy_(BOUND * lacking.square().mean((0, 1)).sqrt().clamp_min(1e-3))
         size = [_spans(lacking, span).square().mean((0, 1)).clamp_min(1e-6) for span in SPANS]
         optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=DECAY)

@@ -114,6 +114,14 @@ def _integrated(
     return float(total[best]), float(DISPERSIONS[best])
 
 
+FARTHEST = 1e4  # [noise variances] as which a segment counts at most
+
+
+def closeness(square: Tensor) -> Tensor:
+    """Log of how far segments are from what was measured, of their |W e|^2 / D; 0 for nothing."""
+    return 0.5 * torch.log1p(square.clamp_max(FARTHEST))
+
+
 NOTHING = 0.05  # [noise sd] excess misfit below which nothing is left to explain
 CAP = 100.0  # [noise variances] as which a segment counts at most: spins end far apart
 

@@ -51,12 +51,27 @@ class ParameterSets:
 
 
 EVERY = 0.1  # [s] between two readings
+OFF = (5e-4, 5e-4, 2.5e-3)  # [m/s, m/s, rad/s] by which a velocity is moved for a derivative
 AS_GIVEN = ParameterSets()
 ALONE = Workers(1)
 
 
 def tell_nobody(environments: int, rows: int) -> None:
     """Tells nobody of a rollout that has ended."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearStep:
+    """A step of a rollout of N segments, and how it depends on the velocity that it starts from."""
+
+    pose: Tensor
+    """[2, N, 3] true pose before and after it."""
+    velocity: Tensor
+    """[2, N, 3] true velocity."""
+    slope: Tensor
+    """[N, 3, 3] derivative of the velocity after it by that before."""
+    read: Tensor
+    """[N, 6] what the sensor shows after it."""
 
 
 @dataclass(frozen=True)
@@ -131,10 +146,9 @@ class Simulation:
             [C, N, K, 6]: x, y [m], yaw [rad], vx, vy [m/s], yaw_rate [rad/s].
         """
         read = self.readings(segments, settings, start_error)
-        residual = read - segments.measured[:, segments.start + self.instants(segments)]
-        heading = segments.smooth_pose[:, segments.start, 2].view(1, -1, 1)
-        position = rotate(residual[..., :2], -heading.expand(residual.shape[:-1]))
-        return torch.cat([position, residual[..., 2:]], -1)
+        return along_heading(
+            read - segments.measured[:, segments.start + self.instants(segments)], segments
+        )
 
     def readings(
         self,
@@ -208,6 +222,50 @@ class Simulation:
                 imposed = torch.cat([pose[:, both], velocity[:, both]], -1).movedim(1, 0)
                 yield row, imposed.cpu(), _motion(after).cpu()
 
+    def linear_steps(
+        self, segments: Segments, settings: ParameterSets = AS_GIVEN
+    ) -> Iterator[LinearStep]:
+        """A rollout's steps with their derivatives by the velocity, latent states left as they are.
+
+        Beside each segment roll three copies of it that take its whole state before every step, one
+        component of the velocity moved by `OFF`.
+
+        Args:
+            segments: N of them.
+            settings: One parameter set.
+        """
+        count, copies = len(segments), 1 + len(OFF)
+        settings = settings.map(lambda v: v.expand(copies, *v.shape[1:]))
+        env, stack = self._environment(settings, count)
+        segments = segments.to(_device(env))
+        pose, velocity = _start(segments, stack, copies, None)
+        action = _commands(segments, settings.clock_offset)
+        moved = torch.diag(torch.tensor(OFF, device=velocity.device)).repeat_interleave(count, 0)
+
+        def act(row: int, state: TensorDictBase) -> TensorDictBase:
+            if row <= segments.start:
+                _impose(state, pose[:, row], velocity[:, row])
+            if row >= segments.start:
+                state = torch.cat([state[:count]] * copies)  # type: ignore[arg-type]
+                state[keys.VELOCITY][count:] += moved.to(state[keys.VELOCITY].dtype)
+            return state.set(keys.ACTION, action[:, row])
+
+        state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
+        states = trajectory(env, state, act, action.shape[1] - 1)
+        before = pose.new_empty(0)
+        for row, after in enumerate(states):
+            if row == segments.start:
+                before = torch.cat([pose[:count, row], velocity[:count, row]], -1).cpu()
+            if row > segments.start:
+                motion = _motion(after).cpu().view(copies, count, 6)
+                own, beside = motion[0], motion[1:, :, 3:]
+                slope = (beside - own[:, 3:]).movedim(0, -1) / torch.tensor(OFF)
+                both = torch.stack([before, own])
+                read = sensed(after)[:count].cpu()
+                yield LinearStep(both[..., :3], both[..., 3:], slope, read)
+                before = own
+        self.rolled(copies * count, action.shape[1] - 1)
+
     def drive(
         self, actions: Tensor, settings: ParameterSets, start: TensorDictBase
     ) -> Iterator[TensorDictBase]:
@@ -251,6 +309,13 @@ class Simulation:
                 given = segments.earlier[..., effect.channel].repeat(sets, 1)
                 state[effect.memory] = effect.remembered(state[effect.memory], given)
         return state
+
+
+def along_heading(difference: Tensor, segments: Segments) -> Tensor:
+    """Differences [*, N, K, 6] of readings, positions along and across the heading at the start."""
+    heading = segments.smooth_pose[:, segments.start, 2].unsqueeze(-1)
+    position = rotate(difference[..., :2], -heading.expand(difference.shape[:-1]))
+    return torch.cat([position, difference[..., 2:]], -1)
 
 
 def _device(env) -> torch.device | None:

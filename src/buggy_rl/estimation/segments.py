@@ -101,6 +101,38 @@ class Segments:
         parts = ("pose", "velocity", "smooth_pose", "smooth_velocity", "action")
         return replace(self, **{name: getattr(self, name)[:, :length] for name in parts})
 
+    def windows(self, seconds: float) -> tuple["Segments", Tensor]:
+        """Segments of shorter rollouts that cover these, and of which of these [M] each is a part.
+
+        Their heat is that at the start of the longer one.
+
+        Args:
+            seconds: Of a rollout; no more than of these.
+        """
+        rows = min(max(1, round(seconds / self.dt)), self.horizon)
+        count = -(-self.horizon // rows)
+        firsts = torch.linspace(0, self.horizon - rows, count).round().long().tolist()
+        parts = [self._from(first).shortened(rows) for first in firsts]
+        joined = {
+            name: torch.cat([getattr(part, name) for part in parts])
+            for name, value in vars(self).items()
+            if isinstance(value, Tensor)
+        }
+        return replace(self, **joined), torch.arange(len(self)).repeat(count)
+
+    def _from(self, first: int) -> "Segments":
+        """Segments that begin so many rows later."""
+        late = ("pose", "velocity", "smooth_pose", "smooth_velocity", "action")
+        given = torch.cat([self.earlier, self.action[:, :first]], 1)
+        return replace(
+            self,
+            **{name: getattr(self, name)[:, first:] for name in late},
+            earlier=given[:, given.shape[1] - self.earlier.shape[1] :],
+            elapsed=self.elapsed + first * self.dt,
+            session=self.session + first * self.dt,
+            row=self.row + first,
+        )
+
     def length_blocks(self) -> Tensor:
         """[N] A number shared by segments that start within one length of each other."""
         return self.recording * 1_000_000 + self.row // self.pose.shape[1]

@@ -6,7 +6,7 @@ import yaml
 from torchrl.envs import TransformedEnv
 
 from buggy_rl.core import keys
-from buggy_rl.effects.residual import ResidualNetwork
+from buggy_rl.effects.residual_models import ResidualNetwork
 from buggy_rl.proof.transfer.jobs import write_factories, write_factory
 from buggy_rl.proof.transfer.parameter_posterior import fitted_with_spread
 from buggy_rl.proof.transfer.plan import TransferConfig

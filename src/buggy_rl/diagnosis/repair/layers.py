@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-import torch
 from scipy.stats import t as student_t
 from torch import Tensor
 
@@ -22,17 +21,16 @@ from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.diagnosis.search.terms import discovered
 from buggy_rl.effects.terms.grammar import PREFIX
-from buggy_rl.estimation.baseline import STRENGTHS
-from buggy_rl.estimation.evidence import blocks, mean_of_blocks, misfit
+from buggy_rl.estimation.evidence import blocks, closeness, mean_of_blocks, misfit
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
+from buggy_rl.estimation.residual_process import Recipe
 
 Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
 WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
-CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of hundreds; chosen
+CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of many; chosen
 NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
-FARTHEST = 1e4  # [noise variances] as which a segment counts at most
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,8 @@ class Layered:
     """Layers that were tried, in their order."""
     start: Hypothesis
     """Effects, parameters and terms that were kept."""
-    residual: float
-    """Strength of the learned residual that was; 0 for none."""
+    residual: Recipe | None
+    """Recipe of the learned residual, where one is laid on."""
     errors: Errors
     """Errors on what was held out."""
     more: float = 0.0
@@ -126,7 +124,7 @@ def layered(
     def tried(
         kind: Kind, names: Sequence[str], than: Errors, with_it: Errors, kept: bool = False
     ) -> bool:
-        gain, error = mean_of_blocks(closeness(than) - closeness(with_it), group)
+        gain, error = mean_of_blocks(_closeness(than) - _closeness(with_it), group)
         kept = kept or is_worth(kind, gain, error, than, with_it)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
@@ -153,22 +151,20 @@ def layered(
             if tried("terms", added, now, beside):
                 layers[-1] = replace(layers[-1], fitted=found.best, alike=found.alike)
                 start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
-    residual = 0.0
+    residual = None
     if _more_is_wrong(now):
-        networks = validation.networks(stack.fits)
-        upon = {str(s): Stack(stack.fits, networks, s) for s in STRENGTHS if s}
-        beside = validation.errors(upon)
-        nearest = min(upon, key=lambda name: float(closeness(beside[name]).mean()))
-        if tried("residual", (), now, beside[nearest]):
-            residual, now = upon[nearest].strength, beside[nearest]
-    found = _at_least(Layered(tuple(layers), start, residual, now), validation, errors)
+        learned = validation.residuals(stack.fits)
+        beside = validation.errors({"residual": Stack(stack.fits, learned)})["residual"]
+        if tried("residual", (), now, beside):
+            residual, now = learned.recipe, beside
+    found = _at_least(Layered(tuple(layers), start, residual, now), validation, stacks, errors)
     return replace(found, more=_more_missing(alone, found, group))
 
 
 def _more_missing(alone: Errors, found: Layered, group: Tensor) -> float:
     """`Layered.more`, where `alone` are the errors with what is named and nothing else."""
     count = len(group.unique())
-    gains = [mean_of_blocks(closeness(alone) - closeness(found.errors), group)]
+    gains = [mean_of_blocks(_closeness(alone) - _closeness(found.errors), group)]
     gains += [(layer.gain, layer.error) for layer in found.layers if layer.kind != "effects"]
     beyond = gains[:1] if any(x.kept for x in found.layers if x.kind != "effects") else gains[1:]
     return max((probably_over(WORTH, *each, count) for each in beyond), default=0.0)
@@ -207,22 +203,28 @@ def _more_is_wrong(errors: Errors) -> bool:
     return misfit(errors.sensed) > ENDED
 
 
-def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Errors]) -> Layered:
+def _at_least(
+    found: Layered,
+    validation: Validation,
+    stacks: Mapping[str, Stack],
+    errors: Mapping[str, Errors],
+) -> Layered:
     """The stack, or what anyone would try first, where that is nearer to what was held out."""
     library = validation.problem.library
     group = blocks(validation.problem.segments)
     nothing = library.hypothesis(()).as_stamped
+    alone = stacks["black_box"].residuals
     simple = {
-        "before": (nothing, 0.0),
-        "retuned": (library.hypothesis(retunable(library)).as_stamped, 0.0),
-        "black_box": (nothing, 1.0),
+        "before": (nothing, None),
+        "retuned": (library.hypothesis(retunable(library)).as_stamped, None),
+        "black_box": (nothing, alone and alone.recipe),
     }
     best = found
     for name, (start, residual) in simple.items():
         if name not in errors:
             continue
         if _is_nearer(errors[name], best.errors, group):
-            gain, error = mean_of_blocks(closeness(best.errors) - closeness(errors[name]), group)
+            gain, error = mean_of_blocks(_closeness(best.errors) - _closeness(errors[name]), group)
             layers = tuple(replace(layer, kept=False) for layer in found.layers)
             kind: Kind = "residual" if residual else "parameters"
             own = tuple(n.removeprefix(OWN) for n in start.effects)
@@ -233,22 +235,22 @@ def _at_least(found: Layered, validation: Validation, errors: Mapping[str, Error
 
 
 def _is_nearer(errors: Errors, than: Errors, group: Tensor) -> bool:
-    """Whether rollouts are surely nearer.
+    """Whether rollouts are surely nearer, so that an explanation gives way.
 
     In all channels together; or by their distances, and not farther in all channels.
     """
     if not errors.median.get(SAID, 0.0) < than.median.get(SAID, 0.0):
         return False
-    gain, error = mean_of_blocks(closeness(than) - closeness(errors), group)
-    if gain > max(SURE * error, WORTH):
+    gain, error = mean_of_blocks(_closeness(than) - _closeness(errors), group)
+    if gain > max(CHOSEN * error, WORTH):
         return True
     if not len(errors.distance) or gain < -error:
         return False
     ratio = than.distance.clamp_min(NEAR).log() - errors.distance.clamp_min(NEAR).log()
     gain, error = mean_of_blocks(ratio, group)
-    return gain > max(SURE * error, WORTH)
+    return gain > max(CHOSEN * error, WORTH)
 
 
-def closeness(errors: Errors) -> Tensor:
-    """Log [N] of how far each segment is from what was measured, in deviations of the sensor."""
-    return 0.5 * torch.log1p(errors.sensed.clamp_max(FARTHEST))
+def _closeness(errors: Errors) -> Tensor:
+    """`closeness` [N] in deviations of the sensor."""
+    return closeness(errors.sensed)

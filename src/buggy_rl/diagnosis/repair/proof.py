@@ -24,7 +24,8 @@ from buggy_rl.diagnosis.repair.validation import (
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import SearchResult
-from buggy_rl.effects.residual import Residual, ResidualAcceleration
+from buggy_rl.effects.residual import ResidualAcceleration
+from buggy_rl.effects.residual_models import Residual
 from buggy_rl.effects.terms.grammar import PREFIX
 from buggy_rl.estimation.evidence import misfit
 from buggy_rl.estimation.gauss_newton import Problem
@@ -257,10 +258,10 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     file = delivered(problem, done.start, validation.iterations, done.residual)
     repair = Repair(
         values=file.fit.values(),
-        median=file.errors.median if file.fit.effects or done.residual else {},
+        median=file.errors.median if file.fit.effects or done.residual is not None else {},
         refused=refused,
         worse=None if None in worse or not worse else worse,  # type: ignore[arg-type]
-        residual=file.network,
+        residual=file.residual,
         fit=file.fit,
     )
     errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}

@@ -12,23 +12,18 @@ from functools import partial
 from typing import Any
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from buggy_rl.diagnosis.run.budget import FULL, Budget
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import Effect
-from buggy_rl.effects.residual import (
-    Residual,
-    ResidualAcceleration,
-    ResidualNetwork,
-    ResidualNetworks,
-)
-from buggy_rl.estimation.baseline import lacking_acceleration, trained
+from buggy_rl.effects.residual import ResidualAcceleration
+from buggy_rl.effects.residual_models import Residual, ResidualProcess, ResidualSum
 from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.residual_process import Recipe, Rows, by_row, learned, relearned
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments
 
@@ -73,7 +68,17 @@ class Errors:
                     self.distance = of_segment.sqrt()
 
 
-Networks = Callable[[Tensor, float], list[ResidualAcceleration]]
+@dataclass(frozen=True, eq=False)
+class HeldOutResiduals:
+    """Learned residuals of folds that are held out, each learned from the rest."""
+
+    models: Sequence[ResidualProcess]
+    recipe: Recipe
+
+    def effect(self, owner: Tensor, dt: float) -> ResidualAcceleration:
+        """The residual of which each environment has that of its fold `owner` [N]."""
+        model = by_row(self.models, owner)
+        return ResidualAcceleration(model=model, strength=1.0, dt=dt)
 
 
 class Validation:
@@ -122,29 +127,42 @@ class Validation:
         begun = dict(zip(starts, every, strict=True))
         return _refits(self.problem, begun, self.aside, iterations, apart)
 
-    def networks(self, fits: Sequence[Hypothesis] | None = None) -> "Networks":
-        """A network for each fold that is held out, which learned from the rest.
+    def residuals(self, fits: Sequence[Hypothesis] | None = None) -> HeldOutResiduals:
+        """A residual for each fold that is held out, which learned from the rest.
 
         Args:
             fits: For each fold the hypothesis in place while it learns; the simulator as given by
                 default.
-
-        Returns:
-            Gives for folds [N] effects of which each environment has that of its fold, at a
-            strength.
         """
-        return _networks(self.problem, self.aside, fits)
+        problem, every = self.problem, range(len(self.aside))
+        fits = fits or [problem.library.hypothesis(()).as_stamped for _ in every]
+        rests = [_rest(problem.segments, rows) for rows in self.aside]
+        group = torch.cat([torch.full((len(rest),), k) for k, rest in enumerate(rests)])
+        aside, own = (
+            torch.cat(self.aside),
+            torch.cat([torch.full((len(rows),), k) for k, rows in enumerate(self.aside)]),
+        )
+        data = self._rows(torch.cat(rests), group, fits)
+        held_out = self._rows(aside, own, fits)
+        noise = self._sensor[aside]
+        found = learned(problem.simulation, data, len(fits), held_out, noise)
+        return HeldOutResiduals(*found)
+
+    def _rows(self, index: Tensor, group: Tensor, fits: Sequence[Hypothesis]) -> Rows:
+        vectors = torch.stack([fit.vector for fit in fits])[group]
+        settings = self.problem.library.settings([(fits[0], vectors)])
+        return Rows(self.problem.segments[index], group, settings)
 
     def errors(self, stacks: Mapping[str, "Stack"], seconds: float = math.inf) -> dict[str, Errors]:
         """Errors of rollouts of what is held out.
 
         Args:
-            stacks: Name -> hypotheses of the folds, and maybe networks.
+            stacks: Name -> hypotheses of the folds, and maybe residuals.
             seconds: That a rollout is expected to take.
         """
         library, simulation = self.problem.library, self.problem.simulation
-        plain = [name for name, stack in stacks.items() if stack.networks is None]
-        learned = [name for name in stacks if name not in plain]
+        plain = [name for name, stack in stacks.items() if stack.residuals is None]
+        upon = [name for name in stacks if name not in plain]
         tasks: list[tuple[Any, ...]] = []
         for part, owner in self.parts:
             rows = {
@@ -153,18 +171,18 @@ class Validation:
             }
             if plain:
                 tasks.append((part, library.settings([rows[name] for name in plain]), ()))
-            for name in learned:
-                networks = stacks[name].networks
-                assert networks is not None
+            for name in upon:
+                residuals = stacks[name].residuals
+                assert residuals is not None
                 settings = library.settings([rows[name]])
-                tasks.append((part, settings, networks(owner, stacks[name].strength)))
+                tasks.append((part, settings, (residuals.effect(owner, part.dt),)))
         rolled = iter(simulation.apart(_residuals, tasks, seconds))
         result = {name: Errors() for name in stacks}
         for number, (part, _) in enumerate(self.parts):
             instants = simulation.instants(part)
             found = [*next(rolled)] if plain else []
-            found += [residual for _ in learned for residual in next(rolled)]
-            for name, residual in zip((*plain, *learned), found, strict=True):
+            found += [residual for _ in upon for residual in next(rolled)]
+            for name, residual in zip((*plain, *upon), found, strict=True):
                 result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
                 if number == 0:  # what is fitted to
                     result[name].square = self._square(residual, self.problem.noise)
@@ -183,12 +201,10 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """What is validated: a hypothesis for each fold, and maybe a network upon it."""
+    """What is validated: a hypothesis for each fold, and maybe a learned residual upon it."""
 
     fits: Sequence[Hypothesis]
-    networks: Networks | None = None
-    strength: float = 1.0
-    """Strength of the network [-]."""
+    residuals: HeldOutResiduals | None = None
 
 
 def validated(
@@ -203,8 +219,8 @@ def validated(
 
     Returns:
         `before`: as given. `after`: with the effects. `retuned`: with the simulator's own
-        parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a network
-        instead that was trained on the accelerations it lacks. Besides, those of `others`.
+        parameters fitted instead, or `TRIMS` where it declares none. `black_box`: with a
+        learned residual instead. Besides, those of `others`.
     """
     problem = validation.problem
     starts = {"after": best, **(others or {})}
@@ -212,13 +228,13 @@ def validated(
     if own:
         starts["retuned"] = problem.library.at(own, best.named())
     begun = time.perf_counter()
-    networks = validation.networks()
+    residuals = validation.residuals()
     seconds = time.perf_counter() - begun
     nothing = [problem.library.hypothesis(()).as_stamped] * len(validation.aside)
     stacks = {"before": Stack(nothing)}
     refits = validation.refitted(starts, seconds)
     stacks |= {name: Stack(fits) for name, fits in refits.items()}
-    stacks["black_box"] = Stack(nothing, networks)
+    stacks["black_box"] = Stack(nothing, residuals)
     return stacks, validation.errors(stacks, seconds)
 
 
@@ -227,14 +243,17 @@ class Delivered:
     """What a simulator's file holds, and how far its rollouts are."""
 
     fit: Hypothesis
-    network: Residual | None
-    """Network of all that is learned in it, also on a baseline."""
+    residual: Residual | None
+    """What is learned in it, on a baseline too."""
     errors: Errors
     """Errors over all that it was fitted to: those of the file itself."""
 
 
 def delivered(
-    problem: Problem, best: Hypothesis, iterations: int = FULL.iterations, residual: float = 0.0
+    problem: Problem,
+    best: Hypothesis,
+    iterations: int = FULL.iterations,
+    recipe: Recipe | None = None,
 ) -> Delivered:
     """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
@@ -242,36 +261,36 @@ def delivered(
         problem: Segments that it is fitted to, all of them.
         best: Where the fit begins; its clock is left out.
         iterations: Of the fit.
-        residual: Strength of a network that learns what it lacks; 0 for none.
+        recipe: Of a residual that is learned upon it; None for none.
     """
     [fit] = _fitted(problem, [best.as_stamped], iterations)
-    simulation, network = problem.simulation, None
-    if residual:
-        network = _upon_standing(simulation, network_upon(problem, fit), residual)
-        learned = ResidualAcceleration(model=network, strength=1.0, dt=problem.segments.dt)
-        simulation = replace(simulation, standing=(learned,))
-    settings = problem.library.settings([(fit, fit.vector)])
-    [found] = simulation.residuals(problem.segments, settings)
-    errors, instants = Errors(), problem.simulation.instants(problem.segments)
-    errors.add(found[..., :2].square().sum(-1), instants, problem.segments.dt)
-    return Delivered(fit, network, errors)
+    simulation, residual = problem.simulation, None
+    segments, settings = problem.segments, problem.library.settings([(fit, fit.vector)])
+    if recipe is not None:
+        rows = Rows(segments, torch.zeros(len(segments), dtype=torch.long), settings)
+        residual = _upon_standing(simulation, relearned(simulation, rows, recipe))
+        effect = ResidualAcceleration(model=residual, strength=1.0, dt=segments.dt)
+        simulation = replace(simulation, standing=(effect,))
+    [found] = simulation.residuals(segments, settings)
+    errors, instants = Errors(), simulation.instants(segments)
+    errors.add(found[..., :2].square().sum(-1), instants, segments.dt)
+    return Delivered(fit, residual, errors)
 
 
-def _upon_standing(simulation: Simulation, network: ResidualNetwork, strength: float) -> Residual:
-    """A network, at a strength, upon those that stand in a simulation, as one."""
+def _upon_standing(simulation: Simulation, model: ResidualProcess) -> Residual:
+    """A model upon those that stand in a simulation, as one."""
     parts = [
         (float(e.values["strength"]), e.network)
         for e in simulation.standing
-        if isinstance(e, ResidualAcceleration) and isinstance(e.network, ResidualNetwork)
+        if isinstance(e, ResidualAcceleration) and not isinstance(e.network, ResidualSum)
     ]
-    alone = not parts and strength == 1.0
-    return network if alone else ResidualNetworks([*parts, (strength, network)])
+    return ResidualSum([*parts, (1.0, model)]) if parts else model
 
 
 def _residuals(
     simulation: Simulation, part: Segments, settings: ParameterSets, standing: Sequence[Effect]
 ) -> Tensor:
-    """Residuals [C, N, K, 6], with further effects."""
+    """HeldOutResiduals [C, N, K, 6], with further effects."""
     beside = (*simulation.standing, *standing)
     return replace(simulation, standing=beside).residuals(part, settings)
 
@@ -325,34 +344,6 @@ def _fitted(problem: Problem, starts: Sequence[Hypothesis], iterations: int) -> 
 def _plain(fit: Hypothesis) -> Hypothesis:
     """A fit without its rollouts."""
     return Hypothesis(fit.effects, fit.coordinates, fit.bounded(fit.vector))
-
-
-def _networks(
-    problem: Problem, aside: Sequence[Tensor], fits: Sequence[Hypothesis] | None
-) -> Networks:
-    dt, rests = problem.segments.dt, [_rest(problem.segments, rows) for rows in aside]
-    if fits is None:
-        inputs, lacking = lacking_acceleration(problem.simulation, problem.segments)
-        learned = [trained(inputs[rest], lacking[rest], 0, silent=True) for rest in rests]
-    else:
-        learned = [network_upon(problem[rest], fit) for rest, fit in zip(rests, fits, strict=True)]
-
-    def of_folds(owner: Tensor, strength: float) -> list[ResidualAcceleration]:
-        return [
-            ResidualAcceleration(model=network, dt=dt).with_parameters(
-                TensorDict({"strength": strength * (owner == n)}, [len(owner)])
-            )
-            for n, network in enumerate(learned)
-        ]
-
-    return of_folds
-
-
-def network_upon(problem: Problem, fit: Hypothesis) -> ResidualNetwork:
-    """A network of what steps lack with a hypothesis in place."""
-    settings = problem.library.settings([(fit, fit.vector)])
-    lacking = lacking_acceleration(problem.simulation, problem.segments, settings)
-    return trained(*lacking, 0, silent=True)
 
 
 def _rest(segments: Segments, aside: Tensor) -> Tensor:
