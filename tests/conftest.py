@@ -56,14 +56,6 @@ def with_layers(_nothing_upon_what_is_named: None) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def short_training() -> Iterator[None]:
-    """Networks that an answer is compared with learn for a tenth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("buggy_rl.estimation.baseline.STEPS", 50)
-        yield
-
-
 @pytest.fixture(scope="session")
 def canned_folder(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where `canned` keeps diagnoses: one folder for all processes of the tests."""

@@ -21,9 +21,6 @@ SETTINGS = {
 }
 
 
-pytestmark = pytest.mark.usefixtures("short_training")
-
-
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("drives")

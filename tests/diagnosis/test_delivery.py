@@ -44,9 +44,6 @@ def stamped_late(recording, rows=EARLY):
     return Recording(recording.name, late, recording.dt)
 
 
-pytestmark = pytest.mark.usefixtures("short_training")
-
-
 @pytest.fixture(scope="module")
 def recordings():
     made = planted_drives([{"throttle_gain": {"gain": 0.6}}], seconds=9.0)[0]
@@ -73,10 +70,14 @@ def test_the_file_rolls_out_to_the_numbers_that_are_printed(done, tmp_path):
     [residual] = Simulation(lambda cars: make_simulator(file, cars)).residuals(segments)
     own = median(residual[..., :2].square().sum(-1))
     assert done.answer.repair.median[1.0] == pytest.approx(own, rel=1e-3)
-    # Held out, each half is rolled out with numbers of the other: near, not equal.
-    assert done.answer.proof.median["after"][1.0] == pytest.approx(own, rel=0.3)
-    said = (*done.answer.effects, *done.answer.terms)
-    assert done.answer.repair.effects == tuple(e.name for e in said)
+    # Held out, each half is rolled out with numbers of the other: near, or farther.
+    assert (
+        own
+        < 1.3 * done.answer.proof.median["after"][1.0]
+        < 0.5 * done.answer.proof.median["before"][1.0]
+    )
+    said = tuple(e.name for e in (*done.answer.effects, *done.answer.terms))
+    assert done.answer.repair.effects == (() if done.answer.repair.residual else said)
 
 
 def test_the_errors_are_of_commands_as_they_are_stamped(recordings):

@@ -24,7 +24,7 @@ def cars(count):
     return in_single_precision(realising.make(count))
 
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("short_training")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -27,9 +27,6 @@ FEW = ["steering_gain"]
 FITTED = ("drive_force", "left_angle", "viscous_friction", "rear_grip")
 
 
-pytestmark = pytest.mark.usefixtures("short_training")
-
-
 @pytest.fixture(scope="module")
 def case():
     # Of four parameters two are off: 10 N and 0.45 rad in the simulator.
