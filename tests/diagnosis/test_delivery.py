@@ -13,9 +13,8 @@ from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repair.proof import Repair, chosen, is_worse, repair_candidates
 from buggy_rl.diagnosis.repair.validation import Errors, Validation, delivered, validated
-from buggy_rl.diagnosis.repaired import learned_of, repaired_simulator
+from buggy_rl.diagnosis.repaired import repaired_simulator
 from buggy_rl.diagnosis.search.posterior import Posterior
-from buggy_rl.estimation.baseline import FILE
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.recordings import Recording
@@ -64,20 +63,14 @@ def test_the_file_rolls_out_to_the_numbers_that_are_printed(done, tmp_path):
     assert offset < -0.03  # or the case shows nothing
     file = tmp_path / "repaired.yaml"
     file.write_text(yaml.safe_dump(repaired_simulator(CONFIG.simulator, done, tmp_path)))
-    if learned := learned_of(done):
-        learned.network.save(tmp_path / FILE)
     segments = done.case.problem.segments
     [residual] = Simulation(lambda cars: make_simulator(file, cars)).residuals(segments)
     own = median(residual[..., :2].square().sum(-1))
     assert done.answer.repair.median[1.0] == pytest.approx(own, rel=1e-3)
-    # Held out, each half is rolled out with numbers of the other: near, or farther.
-    assert (
-        own
-        < 1.3 * done.answer.proof.median["after"][1.0]
-        < 0.5 * done.answer.proof.median["before"][1.0]
-    )
-    said = tuple(e.name for e in (*done.answer.effects, *done.answer.terms))
-    assert done.answer.repair.effects == (() if done.answer.repair.residual else said)
+    # Held out, each half is rolled out with numbers of the other: near, not equal.
+    assert done.answer.proof.median["after"][1.0] == pytest.approx(own, rel=0.3)
+    said = (*done.answer.effects, *done.answer.terms)
+    assert done.answer.repair.effects == tuple(e.name for e in said)
 
 
 def test_the_errors_are_of_commands_as_they_are_stamped(recordings):

@@ -7,8 +7,16 @@ import pytest
 
 from buggy_rl.diagnosis.run.budget import FULL, LEAST_SEGMENTS, Budget, smaller
 from buggy_rl.diagnosis.run.meter import Meter
-from buggy_rl.diagnosis.run.plan import Plan, Question, planned, planned_rollouts, shortest
+from buggy_rl.diagnosis.run.plan import (
+    LEARNED,
+    Plan,
+    Question,
+    planned,
+    planned_rollouts,
+    shortest,
+)
 from buggy_rl.estimation.cost import Cost
+from buggy_rl.estimation.residual_process import ITERATIONS
 
 QUESTION = Question(segments=60, rows=130, trials=120, longer=28)
 FAST = Cost(fixed=3e-4, each=1e-7, effects=1e-3)
@@ -55,8 +63,8 @@ def test_the_least_has_no_second_look_and_no_longer_errors_and_says_so():
 
 
 def test_time_that_has_passed_is_not_planned_with():
-    early, late = (planned(QUESTION, BATCHED, 10.0, spent).seconds for spent in (0.0, 300.0))
-    assert late < 300 < early
+    early, late = (planned(QUESTION, BATCHED, 15.0, spent).seconds for spent in (0.0, 450.0))
+    assert late < 450 < early
 
 
 def test_by_two_processes_an_answer_is_proved_in_half_of_the_rollouts():
@@ -65,7 +73,8 @@ def test_by_two_processes_an_answer_is_proved_in_half_of_the_rollouts():
         sum(r.times for r in each if r.stage == "answer" and r.part != "terms")
         for each in (alone, beside)
     ]
-    assert times == [4 + 10 + 2, 4 + 5 + 1]
+    learned = LEARNED * ITERATIONS
+    assert times == [4 + 10 + learned + 2, 4 + 5 + learned + 1]
 
 
 def test_a_slow_reset_is_told_with_its_price_in_steps():

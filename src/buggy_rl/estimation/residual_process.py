@@ -12,6 +12,7 @@ How strong the priors are is what brings rollouts nearest to recordings that wer
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import torch
 from torch import Tensor, nn
@@ -32,10 +33,11 @@ from buggy_rl.estimation.segments import Segments
 
 WINDOW = 0.4  # [s] of rollouts that are fitted to: in longer ones a spin hides what led to it
 SPAN = 0.2  # [s] over which accelerations are averaged before they are compared
-RIDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 1e9)  # of accelerations: tried; the last is none
-PRIORS = (0.1, 1.0, 10.0, 1e2, 1e3, 1e4)  # [-] precision of the weights beside rollouts: tried
-STEPS = (0.0, 1e2, 1e3, 1e4)  # [-] weight of accelerations beside rollouts: tried
+RIDGES = (0.003, 0.03, 0.3, 3.0, 1e9)  # of accelerations: tried; the last is none at all
+PRIORS = (0.1, 1.0, 10.0, 1e3)  # [-] precision of the weights beside rollouts: tried
+STEPS = (0.0, 1e3)  # [-] weight of accelerations beside rollouts: tried
 SHARES = (0.3, 1.0)  # [-] of the way to a solution: tried
+TRIED = tuple(product(STEPS, PRIORS, SHARES))
 ITERATIONS = 4
 LEAST = 2e-3  # [-] gain in `closeness` below which no iteration follows
 
@@ -85,16 +87,15 @@ def learned(
     far = distance(ridged)
     best = int(far.argmin())
     weights, nearest, recipe = ridged[best], float(far[best]), Recipe(RIDGES[best])
-    tried = [(steps, prior, share) for steps in STEPS for prior in PRIORS for share in SHARES]
     for _ in range(ITERATIONS):
         system = learner.system(weights)
-        candidates = torch.stack([learner.moved(weights, system, each) for each in tried])
+        candidates = torch.stack([learner.moved(weights, system, each) for each in TRIED])
         far = distance(candidates)
         best = int(far.argmin())
         if float(far[best]) > nearest - LEAST:
             break
         weights, nearest = candidates[best], float(far[best])
-        recipe = replace(recipe, iterations=(*recipe.iterations, tried[best]))
+        recipe = replace(recipe, iterations=(*recipe.iterations, TRIED[best]))
     return learner.models(weights), recipe
 
 

@@ -10,6 +10,7 @@ from buggy_rl.diagnosis.run.case import Drives
 from buggy_rl.effects.terms.grammar import terms
 from buggy_rl.estimation.cost import MANY, Cost, measured_cost
 from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.residual_process import ITERATIONS, TRIED
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import HORIZONS
 
@@ -25,6 +26,7 @@ MISSING = 2  # sets with the other effect of a limit that are fitted, most often
 CORRECTED = 20  # rollouts in which a correction is learned from a baseline
 LOOKED = 4  # rollouts in which the error is located, steps are tested and a network learns
 PROVED = 10  # rollouts of half the segments in which an answer is proved, by two processes half
+LEARNED = 2  # learned residuals: alone, and upon what is named
 TOLD = 2  # rollouts of longer segments, likewise
 TERM_ROUNDS = 2  # of screening terms and fitting the best: most often one is added, no second
 SLOW_RESET = 0.2  # [-] of the time of a rollout, from which a reset is worth a word
@@ -194,6 +196,7 @@ def planned_rollouts(question: Question, budget: Budget, workers: int = 1) -> It
         yield from _fits(MISSING * question.limits, count, rows, budget)
     yield Rollout("answer", 2 * count, rows, 0.1, LOOKED)
     yield Rollout("answer", 2 * count, rows, 0.1, PROVED // beside)
+    yield Rollout("answer", len(TRIED) * count, rows, 0.1, LEARNED * ITERATIONS)
     yield from _terms(count, rows, budget)
     if question.longer and budget.longer:
         yield Rollout(
