@@ -123,13 +123,14 @@ SECONDS = {
     signal.SIGKILL: 0.05,
     signal.SIGSTOP: 0.15,
 }
-DISTINCT = (signal.SIGTERM, signal.SIGKILL, signal.SIGSTOP)  # caught, not caught, no end at all
+# Caught, not caught, no end at all; the rest of the pairs are slow.
+DISTINCT = {Shared: (signal.SIGTERM, signal.SIGKILL, signal.SIGSTOP), BrokenInWatchdog: ()}
 
 
 @pytest.mark.parametrize(
     ("number", "kind"),
     [
-        pytest.param(number, kind, marks=[pytest.mark.slow] * (number not in DISTINCT))
+        pytest.param(number, kind, marks=[pytest.mark.slow] * (number not in DISTINCT[kind]))
         for kind in (Shared, BrokenInWatchdog)
         for number in SECONDS
     ],
@@ -162,7 +163,7 @@ def test_a_driver_that_breaks_in_the_watchdog_stops_the_car(
         assert "the driver broke" in summary.stopped
 
 
-@pytest.mark.parametrize("kind", [Shared, BrokenInWatchdog])
+@pytest.mark.parametrize("kind", [Shared, pytest.param(BrokenInWatchdog, marks=pytest.mark.slow)])
 def test_a_watchdog_that_is_stopped_again_and_again_stops_the_car(drive_until, kind):
     def stutter(process):
         for _ in range(5):

@@ -165,7 +165,7 @@ def in_batches():
 
     Processes take a second each and know nothing of engines; the rest of the pairs are slow.
     """
-    fast = {("mujoco", ()), ("learned", ()), ("reference", (4,))}
+    fast = {("mujoco", ())}
     for each in NAMES:
         name, marks = (each, ()) if isinstance(each, str) else (each.values[0], each.marks)
         for kind, size in product((SerialEnv, ParallelEnv), ((), (4,))):

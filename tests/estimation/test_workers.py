@@ -49,6 +49,7 @@ def mean_of(simulation, segments, value):
     return value, float(sum(rolled))
 
 
+@pytest.mark.slow
 def test_a_simulator_is_measured_beside_itself_as_in_turn(workers):
     make = Maker("single_track")
     assert measurable_options(make, workers.results) == measurable_options(make)
@@ -75,7 +76,9 @@ def test_no_process_is_started_for_what_is_done_before_it_would_be_ready():
         assert both._others == []
 
 
-@pytest.mark.parametrize("simulator", ["single_track", "mujoco"])
+@pytest.mark.parametrize(
+    "simulator", ["single_track", pytest.param("mujoco", marks=pytest.mark.slow)]
+)
 def test_two_processes_give_what_one_gives_to_the_last_bit(segments, workers, simulator):
     one = Simulation(Maker(simulator))
     two = replace(one, workers=workers)
@@ -155,6 +158,7 @@ def test_what_only_a_worker_cannot_do_is_said_with_the_remedy(segments, broken):
             simulation.readings(segments, ParameterSets(clock_offset=torch.zeros(2)))
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error_with_its_signal():
     with Workers(2) as both:
         both.results(torch.neg, [(torch.ones(1),)] * 2)

@@ -46,6 +46,7 @@ def test_losses_and_gradients_are_those_of_torchrl(entropy):
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler here")
+@pytest.mark.slow
 def test_compiled_it_is_the_same_to_rounding():
     torch.manual_seed(0)
     policy = Policy(23)

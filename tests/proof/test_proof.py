@@ -1,8 +1,8 @@
 """The proof itself, small: sealed cases, diagnosed, scored, on the script's command line.
 
-Short drives and a library of a few effects, so that it fits into the tests; configs/proof.yaml has
-the real ones. The small one runs in this process with the least search; all stages, each in
-processes of its own, and other methods are those of the slow tests.
+Short drives and a library of a few effects; configs/proof.yaml has the real ones. The small one is
+run here with the least search; the other one has all stages, each in processes of its own,
+and other methods.
 """
 
 import json
@@ -40,15 +40,14 @@ def prove(folder: Path, size: str) -> Done:
         return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
 
 
-@pytest.fixture(
-    scope="module", params=["small", pytest.param("all_stages", marks=pytest.mark.slow)]
-)
+@pytest.fixture(scope="module", params=list(SIZES))
 def proof(request, tmp_path_factory) -> tuple[Path, Done, str]:
     folder = tmp_path_factory.mktemp("proof") / "run"
     return folder, prove(folder, request.param), request.param
 
 
-@pytest.mark.timeout(900)  # half of it waiting, where other tests have the other core
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     folder, done, _ = proof
     assert done.returncode == 0, done.stderr
@@ -68,6 +67,7 @@ def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
     assert "first name right, decidable single effects | at least 90 % | 100.0 % (20.7" in page
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_what_is_done_is_not_done_again(proof):
     folder, _, size = proof

@@ -30,7 +30,7 @@ def train(monkeypatch, repository):
 @pytest.mark.parametrize(
     "engine",
     [
-        ["engine.simulator=tests/plain_env.py:make"],
+        pytest.param(["engine.simulator=tests/plain_env.py:make"], marks=pytest.mark.slow),
         ["engine.simulator=tests/plain_env.py:make_declared", "engine.parameters.grip=0.6"],
     ],
     ids=["bare", "declared"],

@@ -148,6 +148,7 @@ def short_episodes(monkeypatch):
         monkeypatch.setattr(f"buggy_rl.policies.evaluation.drives.{name}", 60)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_episodes")
 def test_tuned_drivers_a_policy_and_their_pictures(run_here, tmp_path: Path, capsys):
     engine = "engine.simulator=kinematic"
