@@ -27,7 +27,7 @@ from buggy_rl.estimation.residual_process import Recipe
 
 Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
-WORTH = 0.02  # [-] gain below which a layer is not worth its numbers: 2 % nearer; chosen
+WORTH = 0.02  # [-] gain, or loss of the median distance, that does not count: 2 %; chosen
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
 CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of many; chosen
 NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
@@ -194,7 +194,7 @@ def is_worth(kind: Kind, gain: float, error: float, than: Errors, with_it: Error
         than: Errors without it,
         with_it: and with it.
     """
-    if with_it.median.get(SAID, 0.0) > than.median.get(SAID, math.inf):
+    if with_it.median.get(SAID, 0.0) > (1 + WORTH) * than.median.get(SAID, math.inf):
         return False
     return gain > max((CHOSEN if kind == "terms" else SURE) * error, WORTH)
 
