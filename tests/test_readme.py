@@ -58,7 +58,7 @@ def test_the_example_swaps_one_transform_in_five_lines(monkeypatch, capsys):
 def test_every_effect_of_the_library_is_in_the_table_and_no_count_of_them_ages():
     rows = re.findall(r"^\| `(\w+)` \|", README, re.M)
     assert sorted(rows) == sorted([*EFFECTS, *OF_A_COMMAND])
-    method = (ROOT / "docs" / "diagnosis.md").read_text()
+    method = (ROOT / "docs" / "effects.md").read_text()
     assert set(EFFECTS) <= set(re.findall(r"^\| `(\w+)` \|", method, re.M))
     assert not re.search(r"\b\d+ effects\b", README)
 

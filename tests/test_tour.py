@@ -1,4 +1,4 @@
-"""docs/tour.ipynb runs from its first cell to its last, and its stored answers are those."""
+"""examples/tour.ipynb runs from its first cell to its last, and its stored answers are those."""
 
 import ast
 import re
@@ -8,8 +8,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-DOCS = Path(__file__).parents[1] / "docs"
-TOUR = nbformat.read(DOCS / "tour.ipynb", as_version=4)
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TOUR = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
 
 
 def said(notebook):
@@ -21,7 +21,7 @@ def said(notebook):
 @pytest.fixture(scope="module")
 def executed():
     notebook = nbformat.from_dict(TOUR)
-    NotebookClient(notebook, timeout=900, resources={"metadata": {"path": str(DOCS)}}).execute()
+    NotebookClient(notebook, timeout=900, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
     return notebook
 
 
@@ -51,4 +51,4 @@ def test_its_stored_answer_is_the_one_it_gives(executed):
 
 
 def test_it_is_small_enough_to_be_read_online():
-    assert (DOCS / "tour.ipynb").stat().st_size < 500_000
+    assert (EXAMPLES / "tour.ipynb").stat().st_size < 500_000
