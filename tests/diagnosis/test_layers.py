@@ -11,11 +11,21 @@ from buggy_rl.diagnosis.repair.layers import (
     _closeness,
     _is_nearer,
     is_worth,
+    layered,
     probably_over,
 )
-from buggy_rl.diagnosis.repair.validation import SAID, Errors, HeldOutResiduals, Stack, Validation
+from buggy_rl.diagnosis.repair.validation import (
+    SAID,
+    Errors,
+    HeldOutResiduals,
+    Stack,
+    Validation,
+    validated,
+)
+from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search import terms
 from buggy_rl.effects.terms.grammar import PREFIX
+from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.residual_process import Recipe
 from tests.diagnosis.planted import planted_drives, problem_of
 
@@ -124,6 +134,18 @@ def test_a_stack_that_is_nearest_stays(validation):
     far = Errors({}, {SAID: 3.0}, sensed=torch.full((count,), 9.0))
     every = {"before": far, "retuned": far, "black_box": far}
     assert _at_least(stack, validation, alone(validation), every) is stack
+
+
+def test_what_is_named_is_delivered_where_it_surely_brings_rollouts_nearer(validation):
+    """Cars with nothing wrong: a name that was given all the same closes nothing."""
+    problem = validation.problem
+    named = problem.library.hypothesis(["viscous_drag"])
+    stacks, errors = validated(validation, named)
+    criteria = Criteria(blocks(problem.segments))
+    done = layered(validation, criteria, named, stacks, errors, "after")
+    assert done.layers[0].names == ("viscous_drag",)
+    assert not done.layers[0].kept
+    assert "viscous_drag" not in done.start.effects
 
 
 def test_closeness_counts_in_noise_and_one_spin_for_no_more_than_its_cap():

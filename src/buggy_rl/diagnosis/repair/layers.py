@@ -121,17 +121,16 @@ def layered(
     alone = now
     layers: list[Layer] = []
 
-    def tried(
-        kind: Kind, names: Sequence[str], than: Errors, with_it: Errors, kept: bool = False
-    ) -> bool:
+    def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
         gain, error = mean_of_blocks(_closeness(than) - _closeness(with_it), group)
-        kept = kept or is_worth(kind, gain, error, than, with_it)
+        kept = is_worth(kind, gain, error, than, with_it)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
 
-    if named.effects:
-        tried("effects", named.effects, errors["before"], now, kept=True)  # as `proof.chosen` has
+    if named.effects and not tried("effects", named.effects, errors["before"], now):
+        nothing = problem.library.hypothesis(())
+        start, now, stack = nothing.as_stamped, errors["before"], stacks["before"]
     own = [n for n in retunable(problem.library) if n not in start.effects]
     if own and _more_is_wrong(now):
         more = problem.library.at((*start.effects, *own), start.named())

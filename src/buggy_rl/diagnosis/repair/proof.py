@@ -97,6 +97,11 @@ class Repair:
         gone = [n for n in named if n not in self.effects and not n.startswith("parameter:")]
         if gone and any(name.startswith(PREFIX) for name in own):
             return [f"repaired.yaml has no {', '.join(gone)}: beside its equations it needs none."]
+        if gone and self.fit is not None:
+            return [
+                f"repaired.yaml has no {', '.join(gone)}: held-out rollouts are not surely nearer "
+                "with it."
+            ]
         if set(own) <= set(named):
             return []
         return [
