@@ -4,8 +4,10 @@ import pytest
 import torch
 from scipy.optimize import minimize
 
-from buggy_rl.estimation.gauss_newton import _within, fitted
-from tests.diagnosis.planted import problem_of
+from buggy_rl.estimation.gauss_newton import DAMPINGS, Fit, _steps, _within, fitted
+from tests.diagnosis.planted import FEW, problem_of
+
+UPHILL = 9  # a seed of such a step
 
 
 def fit(problem, *effects):
@@ -85,3 +87,18 @@ def test_a_fit_that_begins_at_its_end_rolls_out_no_step(late):
     [again] = fitted(replace(problem, simulation=simulation), [right])
     assert len(asked) == 1
     assert torch.equal(again.vector, right.vector)
+
+
+def test_a_step_that_its_bounds_lead_uphill_does_not_end_a_fit(late):
+    """What bounds cut off several coordinates at once can make the rest of a step wrong."""
+    problem, (fit, _) = late
+    start = problem.library.hypothesis(FEW[1:])
+    random = torch.Generator().manual_seed(UPHILL)
+    count, size = len(start.vector), fit.whitened.shape
+    three = torch.randn(*size, 3, generator=random, dtype=torch.float64)
+    alike = three @ torch.randn(3, count, generator=random).double()
+    jacobian = alike + 0.1 * torch.randn(*size, count, generator=random).double()
+    wrong = jacobian @ (10 * torch.randn(count, generator=random).double())
+    begun = Fit(start.effects, start.coordinates, start.vector, wrong, jacobian)
+    assert _steps(problem, begun, DAMPINGS[:1]) == []
+    assert len(_steps(problem, begun, DAMPINGS)) == len(DAMPINGS)
