@@ -5,8 +5,11 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
+from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import effect_class, make_effect
 from buggy_rl.effects.measuring.drive import measured_drive, measured_motor, measured_onset
+from buggy_rl.effects.motion.base import Motion
+from buggy_rl.effects.motion.drive import turning_drag
 from buggy_rl.simulators import make_engine
 from tests.effects.faults import follow, over, start
 
@@ -173,3 +176,13 @@ def test_a_coasting_car_has_no_gear_and_no_supply(name):
 )  # fmt: skip
 def test_a_supply_that_drops_or_holds_is_said_so(ratio, said):
     assert said in effect_class("voltage_sag").sentence({"resistance_ratio": ratio})
+
+
+@pytest.mark.parametrize(("vx", "yaw_rate"), [(2.0, 0.6), (4.0, -0.3), (2.0, 0.0)])
+def test_turned_wheels_brake_by_their_side_force_times_the_tangent_of_their_angle(vx, yaw_rate):
+    # A steady bend: the front axle carries lr / L of m vx r, its wheels stand at L r / vx.
+    car, moving = VehicleDimensions(), torch.tensor([[vx, 0.0, yaw_rate]])
+    motion = Motion(torch.zeros(1, 3), moving, moving, torch.zeros(1, 2), 0.01)
+    share = car.cg_to_rear_axle / car.wheelbase
+    expected = share * vx * yaw_rate * math.tan(car.wheelbase * yaw_rate / vx)
+    assert float(turning_drag(motion, car)) == pytest.approx(expected, rel=1e-3, abs=1e-6)
