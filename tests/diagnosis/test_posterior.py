@@ -17,6 +17,7 @@ from buggy_rl.diagnosis.search.posterior import (
     of_case,
     of_hypotheses,
     posterior,
+    varying,
 )
 from buggy_rl.estimation.evidence import BaselineMisfit
 from tests.diagnosis.observations import case, hypothesis
@@ -194,3 +195,11 @@ def test_no_answer_is_surer_than_the_cases_can_tell():
     assert few.of("viscous_drag") == pytest.approx(0.98 * sure.of("viscous_drag"))
     assert few.unknown == pytest.approx(0.02 + 0.98 * sure.unknown)
     assert sum(few.sets.values()) + few.unknown == pytest.approx(1.0)
+
+
+def test_a_set_that_was_asked_for_can_be_the_answer_and_its_numbers_may_vary():
+    """As `tire_grip`, fitted for a patch that turned out to be the whole floor."""
+    varies = {"wind": Variation("speed", 0.5, 0.5)}
+    asked = replace(OTHER, asked=True, varies=varies)
+    assert varying(case([NOTHING, DRAG, asked]), ("wind",)) == {"wind": "speed"}
+    assert varying(case([NOTHING, DRAG, asked]), ("viscous_drag",)) == {}

@@ -114,7 +114,7 @@ def _steady(case: CaseEvidence, h: HypothesisEvidence) -> float:
 
 def varying(case: CaseEvidence, effects: Effects) -> dict[str, str]:
     """Effect of a fitted set -> condition with which its numbers vary, where they do."""
-    [own] = [h for h in case.fitted if h.effects == effects]
+    [own] = [h for h in case.hypotheses if h.effects == effects]
     most = _steady(case, own)
     return {e: v.condition for e, v in own.varies.items() if v.closes > most}
 
