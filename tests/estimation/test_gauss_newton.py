@@ -100,5 +100,7 @@ def test_a_step_that_its_bounds_lead_uphill_does_not_end_a_fit(late):
     jacobian = alike + 0.1 * torch.randn(*size, count, generator=random).double()
     wrong = jacobian @ (10 * torch.randn(count, generator=random).double())
     begun = Fit(start.effects, start.coordinates, start.vector, wrong, jacobian)
-    assert _steps(problem, begun, DAMPINGS[:1]) == []
     assert len(_steps(problem, begun, DAMPINGS)) == len(DAMPINGS)
+    assert len(_steps(problem, begun, DAMPINGS[:1])) == len(DAMPINGS) - 1  # the damped ones
+    right = replace(begun, whitened=torch.zeros_like(wrong))
+    assert _steps(problem, right, DAMPINGS) == []

@@ -81,13 +81,13 @@ def trained(inputs: Tensor, lacking: Tensor, seed: int) -> ResidualNetwork:
         network.mean.copy_(inputs.flatten(0, 1).mean(0))
         network.scale.copy_(inputs.flatten(0, 1).std(0).clamp_min(1e-3))
         network.bound.copy_(BOUND * lacking.square().mean((0, 1)).sqrt().clamp_min(1e-3))
-        size = [_spans(lacking, span).square().mean((0, 1)).clamp_min(1e-6) for span in SPANS]
+        size = [span_means(lacking, span).square().mean((0, 1)).clamp_min(1e-6) for span in SPANS]
         optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=DECAY)
         for _ in range(STEPS):
             rows = torch.randperm(len(inputs))[:BATCH]
             error = network(inputs[rows]) - lacking[rows]
             parts = [
-                (_spans(error, n).square() / s).mean() for n, s in zip(SPANS, size, strict=True)
+                (span_means(error, n).square() / s).mean() for n, s in zip(SPANS, size, strict=True)
             ]
             optimiser.zero_grad()
             torch.stack(parts).sum().backward()
@@ -95,8 +95,9 @@ def trained(inputs: Tensor, lacking: Tensor, seed: int) -> ResidualNetwork:
     return network.eval().requires_grad_(False)
 
 
-def _spans(signal: Tensor, rows: int) -> Tensor:
-    """Means [N, H // rows, C] of a signal [N, H, C] over spans of rows; the rest is left out."""
+def span_means(signal: Tensor, rows: int) -> Tensor:
+    """Means [N, B, C] of a signal [N, H, C] over spans of rows, at most H; the rest is left out."""
+    rows = min(rows, signal.shape[1])
     count = signal.shape[1] // rows
     return signal[:, : count * rows].unflatten(1, (count, rows)).mean(2)
 

@@ -118,10 +118,7 @@ def fitted(
             going = {i: d for i, d in going.items() if gains[i] > HOPELESS * max(gains)}
         for i, fit in zip(going, linearised(problem, [found[i] for i in going]), strict=True):
             found[i] = fit
-        steps = {
-            i: _steps(problem, found[i], dampings) or _steps(problem, found[i], DAMPINGS[1:])
-            for i, dampings in going.items()
-        }
+        steps = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
         steps = {i: own for i, own in steps.items() if own}
         if not steps:
             break
@@ -157,18 +154,23 @@ def _best(
 def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> list[Hypothesis]:
     """Hypotheses to which damped steps lead; none where none is expected to gain.
 
-    A step that is held by bounds can lead up the parabola, where a damped one leads down.
+    A step that is held by bounds can lead up the parabola, where a damped one leads down: where no
+    step that is asked for is expected to gain, those of the other dampings are taken.
     """
     curvature, score = normal_equations(problem, fit)
     hessian = curvature.sum(0) + torch.diag(fit.prior**-2)
     gradient = score.sum(0) + fit.vector / fit.prior**2
     ends, expected = list[Hypothesis](), list[float]()
-    for damping in dampings:
+    for damping in DAMPINGS:
         damped = hessian + damping * torch.diag(hessian.diagonal())
         ends.append(fit.at(fit.vector + _within(fit, damped, gradient)))
         step = ends[-1].vector - fit.vector
         expected.append(-float(step @ gradient + 0.5 * step @ hessian @ step))
-    return ends if _worth(max(expected), problem.cost(fit)) else []
+    worth = [_worth(gain, problem.cost(fit)) for gain in expected]
+    if not any(worth):
+        return []
+    asked = [DAMPINGS.index(damping) for damping in dampings]
+    return [ends[i] for i in (asked if any(worth[i] for i in asked) else range(1, len(ends)))]
 
 
 def _within(fit: Hypothesis, hessian: Tensor, gradient: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from buggy_rl.core.vehicle import VehicleDimensions, shift_velocity
 from buggy_rl.effects.residual import ResidualAcceleration, lagged_commands
 from buggy_rl.effects.residual_models import MOTION, ResidualProcess
-from buggy_rl.estimation.baseline import BOUND, lacking_acceleration
+from buggy_rl.estimation.baseline import BOUND, lacking_acceleration, span_means
 from buggy_rl.estimation.evidence import closeness
 from buggy_rl.estimation.noise_model import NoiseModel, noise_model
 from buggy_rl.estimation.rollout import (
@@ -121,10 +121,10 @@ class _Learner:
         sizes = []
         for group in range(groups):
             own, wanted = inputs[data.group == group], lacking[data.group == group]
-            model, means = _scaled(own, wanted), _spans(wanted, span)
+            model, means = _scaled(own, wanted), span_means(wanted, span)
             size = means.square().mean((0, 1)).sqrt().clamp_min(1e-3)
             self.plain.append(model)
-            self.steps.append(_regression(_spans(model.features(own), span), means / size))
+            self.steps.append(_regression(span_means(model.features(own), span), means / size))
             sizes.append(size / model.bound)
         self.unit = torch.stack(sizes)  # (G, 3): a weight of 1 is as much as is lacking
         windows, part = data.segments.windows(WINDOW)
@@ -320,13 +320,6 @@ def _scaled(inputs: Tensor, lacking: Tensor) -> ResidualProcess:
     model.high.copy_(flat[:, :MOTION].amax(0))
     model.bound.copy_(BOUND * lacking.square().mean((0, 1)).sqrt().clamp_min(1e-3))
     return model
-
-
-def _spans(signal: Tensor, rows: int) -> Tensor:
-    """Means [N, H // rows, C] of a signal [N, H, C] over spans of rows; the rest is left out."""
-    count = max(1, signal.shape[1] // rows)
-    rows = min(rows, signal.shape[1])
-    return signal[:, : count * rows].unflatten(1, (count, rows)).mean(2)
 
 
 def _regression(features: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
