@@ -1,16 +1,20 @@
 """What a search has tried, and how it is carried over to another noise model."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
 from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.diagnosis.search.result import State, renoised, restarted, restarts, tried_too
 from buggy_rl.effects import effect_class
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.gauss_newton import fitted
+from buggy_rl.estimation.rollout import ALONE
+from buggy_rl.estimation.workers import Workers
 from tests.diagnosis.planted import problem_of
 
 FEW = ["steering_dead_time", "steering_gain", "viscous_drag"]
@@ -85,3 +89,20 @@ def test_the_same_recordings_give_the_same_fit(drives):
     for first, second in zip(firsts, seconds, strict=True):
         assert torch.equal(first.vector, second.vector)
         assert torch.equal(first.whitened, second.whitened)
+
+
+def test_sets_fitted_in_two_processes_are_those_fitted_in_one(drives):
+    problem = problem_of(drives["late"])
+    names = ["steering_dead_time", "steering_gain", "steering_lag", "throttle_gain"]
+    starts = [problem.library.hypothesis((name,)) for name in names]
+    criteria = Criteria(blocks(problem.segments))
+    found = []
+    with Workers(2) as two:
+        for workers in (ALONE, two):
+            simulation = replace(problem.simulation, make=Maker("single_track"), workers=workers)
+            state = State(replace(problem, simulation=simulation), {})
+            state, [null] = tried_too(state, [problem.library.hypothesis(())], criteria)
+            found.append(tried_too(state, starts, criteria, null)[1])
+    assert [c.key for c in found[0]] == [c.key for c in found[1]] == [(name,) for name in names]
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one.fit.vector, other.fit.vector, atol=1e-3, rtol=1e-3)

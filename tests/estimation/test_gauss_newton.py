@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -80,6 +81,18 @@ def test_a_step_beyond_a_bound_goes_along_it_to_the_least_there(late):
     assert step.tolist() == pytest.approx(least.x.tolist(), abs=1e-4)
 
 
+def test_hypotheses_far_behind_another_fit_are_fitted_no_further(drives, monkeypatch):
+    problem = problem_of(drives["two"])
+    slow = problem.library.hypothesis(("tire_grip", "steering_gain"))
+    rolled = []
+    simulation = replace(problem.simulation, rolled=lambda *size: rolled.append(size))
+    for leading in (-1e6, math.inf):
+        fitted(replace(problem, simulation=simulation), [slow], 10, leading=leading)
+        rolled.append(leading)
+    short = rolled.index(-1e6)
+    assert short < len(rolled) - short - 2
+
+
 def test_a_fit_that_begins_at_its_end_rolls_out_no_step(late):
     problem, (right, _) = late
     asked = []
@@ -100,7 +113,7 @@ def test_a_step_that_its_bounds_lead_uphill_does_not_end_a_fit(late):
     jacobian = alike + 0.1 * torch.randn(*size, count, generator=random).double()
     wrong = jacobian @ (10 * torch.randn(count, generator=random).double())
     begun = Fit(start.effects, start.coordinates, start.vector, wrong, jacobian)
-    assert len(_steps(problem, begun, DAMPINGS)) == len(DAMPINGS)
-    assert len(_steps(problem, begun, DAMPINGS[:1])) == len(DAMPINGS) - 1  # the damped ones
+    assert len(_steps(problem, begun, DAMPINGS).ends) == len(DAMPINGS)
+    assert len(_steps(problem, begun, DAMPINGS[:1]).ends) == len(DAMPINGS) - 1  # the damped ones
     right = replace(begun, whitened=torch.zeros_like(wrong))
-    assert _steps(problem, right, DAMPINGS) == []
+    assert _steps(problem, right, DAMPINGS).ends == []

@@ -2,8 +2,14 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tensordict import TensorDict
 
-from buggy_rl.estimation.rollout import ParameterSets, Simulation, _commands
+from buggy_rl.core.longitudinal import ONE_WAY
+from buggy_rl.core.stepping import trajectory
+from buggy_rl.effects import offered
+from buggy_rl.estimation.bare import bare_trajectory
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.rollout import ParameterSets, Simulation, _commands, sensed
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.simulators import make_engine
 from buggy_rl.task.augment import augmented, effects_of
@@ -54,6 +60,39 @@ def test_each_parameter_set_rolls_out_as_if_it_were_alone(quiet):
     for index, (gain, mass) in enumerate(((0.8, 1.5), (1.2, 2.0))):
         alone = simulation.residuals(quiet[0], settings([gain], [mass]))
         torch.testing.assert_close(both[index], alone[0], atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ["single_track", "reference"])
+def test_without_tensordicts_a_rollout_is_the_same_to_the_last_bit(engine):
+    names = offered(ONE_WAY)
+    library = Library(names)
+    trials = [library.hypothesis((n,), [0.5] * len(library.hypothesis((n,)).vector)) for n in names]
+    settings = library.settings([(h, h.bounded(h.vector)) for h in trials])
+    sets = len(trials)
+    env, stack = augmented(make_engine(engine, sets), settings.effects, {})
+    motion = {"pose": torch.zeros(sets, 3), "velocity": torch.tensor([[1.5, 0.1, 0.4]] * sets)}
+    state = env.reset(TensorDict(motion, [sets]))
+    commands = torch.rand(30, sets, 2, generator=torch.Generator().manual_seed(1)) - 0.3
+
+    def act(row, now):
+        return now.set("action", commands[row])
+
+    whole = trajectory(env, state.clone(), act, 30)
+    bare = bare_trajectory(env.base_env, stack, state.clone(), act, 30)
+    for one, other in zip(whole, bare, strict=True):
+        for key in ("pose", "velocity", *(effect.memory for effect in stack)):
+            if key in other:
+                assert torch.equal(one[key], other[key]), key
+        assert torch.equal(sensed(one), sensed(other))
+
+
+def test_an_engine_with_a_step_of_its_own_is_stepped_by_it(quiet):
+    class Stuck(type(make_engine("single_track", 1))):
+        def _step(self, tensordict):
+            raise ValueError("stuck")
+
+    with pytest.raises(ValueError, match="stuck"):
+        Simulation(lambda count: Stuck(count)).residuals(quiet[0])
 
 
 def test_a_batch_too_large_for_the_memory_is_rolled_out_in_parts(quiet, monkeypatch):

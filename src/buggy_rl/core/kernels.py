@@ -98,10 +98,7 @@ class Kernel:
         return [next(i for i, n in enumerate(a) if n != b[i]) for a, b in shapes]
 
     def _batch_last(self, arguments: Sequence[Tensor]) -> list[Tensor]:
-        return [
-            (a if dim is None or dim == a.dim() - 1 else a.movedim(dim, -1)).contiguous()
-            for a, dim in zip(arguments, self.batch, strict=True)
-        ]
+        return [_last(a, dim).contiguous() for a, dim in zip(arguments, self.batch, strict=True)]
 
     def file(self, folder: Path) -> Path:
         """File of the compiled kernel."""
@@ -149,6 +146,14 @@ class Kernel:
             program = torch.export.export(_Module(self), tuple(arguments), dynamic_shapes=(shapes,))
             torch._inductor.aoti_compile_and_package(program, package_path=str(written))
         os.replace(written, self.file(folder))
+
+
+def _last(argument: Tensor, dim: int | None) -> Tensor:
+    """An argument with its batch, dimension `dim`, as the last one."""
+    rank = argument.dim()
+    if dim is None or dim == rank - 1:
+        return argument
+    return argument.T if rank == 2 else argument.movedim(dim, -1)
 
 
 def _twice(argument: Tensor, dim: int | None, alone: bool) -> Tensor:

@@ -1,6 +1,7 @@
 """Damped Gauss-Newton on whitened residuals, of many hypotheses in one batch of rollouts."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -14,7 +15,9 @@ from buggy_rl.estimation.segments import Segments
 STEP = 0.02  # [prior scales] finite difference
 LONGEST = 2.0  # [prior scales] step of an iteration, in each coordinate
 TRIED = 2  # iterations with all dampings; then hypotheses that gain little are no longer fitted:
-HOPELESS = 0.3  # [-] less than this share of what the best one has gained
+HOPELESS = 0.3  # [-] less than this share of what the best one has gained, or
+BEHIND = 30.0  # [nats] farther behind the best one after so many times its expected gain:
+AHEAD = 3.0  # chosen
 SMALL = 1000  # [environments] of a batch that takes hardly longer than one of a few; chosen
 DAMPINGS = (1e-6, 0.1, 10.0)  # [-] of the curvature's diagonal; the first follows a ridge
 CONVERGED = (1e-3, 0.5)  # [-] relative, [nats] absolute decrease below both of which a fit ends
@@ -96,12 +99,14 @@ def fitted(
     hypotheses: Sequence[Hypothesis],
     iterations: int = 5,
     reference: float | None = None,
+    groups: Sequence[int] = (),
+    leading: float = math.inf,
 ) -> list[Fit]:
     """Minimises the cost of each hypothesis; all get their derivatives.
 
     z <- z - (H + lambda diag H)^-1 g, with the best lambda of `DAMPINGS` by rollouts; after `TRIED`
     iterations with the first, and with the others where that one is no better. A fit ends where no
-    step is expected to gain.
+    step is expected to gain, or where it stays `BEHIND` the best one.
 
     Args:
         problem: What they are fitted to.
@@ -109,17 +114,29 @@ def fitted(
         iterations: At most.
         reference: Cost of none of them [nats]. Given one, hypotheses that gain little on it after
             `TRIED` iterations are fitted no further.
+        groups: Number of the group of each within which they are compared; none for a single one.
+        leading: Cost of another fit that they are compared with [nats].
     """
+    groups = groups or [0] * len(hypotheses)
     found = problem.rolled_out([h.at(h.vector) for h in hypotheses], linear=True)
     going = dict.fromkeys(range(len(found)), DAMPINGS)
     for iteration in range(iterations):
         if reference is not None and iteration >= TRIED:
             gains = [reference - problem.cost(f) for f in found]
-            going = {i: d for i, d in going.items() if gains[i] > HOPELESS * max(gains)}
+            most = _by_group(max, gains, groups)
+            going = {i: d for i, d in going.items() if gains[i] > HOPELESS * most[groups[i]]}
         for i, fit in zip(going, linearised(problem, [found[i] for i in going]), strict=True):
             found[i] = fit
-        steps = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
-        steps = {i: own for i, own in steps.items() if own}
+        ways = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
+        costs = [problem.cost(f) for f in found]
+        best = _by_group(min, costs, groups)
+        steps = {
+            i: own.ends
+            for i, own in ways.items()
+            if iteration < TRIED
+            or costs[i] - AHEAD * own.expected < min(leading, best[groups[i]]) + BEHIND
+        }
+        steps = {i: ends for i, ends in steps.items() if ends}
         if not steps:
             break
         before, going = {i: found[i] for i in steps}, {}
@@ -130,6 +147,13 @@ def fitted(
             elif fit is before[i] and len(steps[i]) == 1:
                 going[i] = DAMPINGS[1:]
     return linearised(problem, found)
+
+
+def _by_group(
+    of: Callable[[Iterable[float]], float], values: Sequence[float], groups: Sequence[int]
+) -> dict[int, float]:
+    """The largest or least value of each group."""
+    return {g: of(v for v, own in zip(values, groups, strict=True) if own == g) for g in groups}
 
 
 def _best(
@@ -151,8 +175,18 @@ def _best(
     return best
 
 
-def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> list[Hypothesis]:
-    """Hypotheses to which damped steps lead; none where none is expected to gain.
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Damped steps from a fit."""
+
+    ends: list[Hypothesis]
+    """Where they lead; none where none is expected to gain."""
+    expected: float = 0.0
+    """[nats] that the best of them is expected to gain."""
+
+
+def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> _Steps:
+    """Steps from a fit, with its derivatives.
 
     A step that is held by bounds can lead up the parabola, where a damped one leads down: where no
     step that is asked for is expected to gain, those of the other dampings are taken.
@@ -168,9 +202,10 @@ def _steps(problem: Problem, fit: Fit, dampings: Sequence[float]) -> list[Hypoth
         expected.append(-float(step @ gradient + 0.5 * step @ hessian @ step))
     worth = [_worth(gain, problem.cost(fit)) for gain in expected]
     if not any(worth):
-        return []
+        return _Steps([])
     asked = [DAMPINGS.index(damping) for damping in dampings]
-    return [ends[i] for i in (asked if any(worth[i] for i in asked) else range(1, len(ends)))]
+    taken = asked if any(worth[i] for i in asked) else range(1, len(ends))
+    return _Steps([ends[i] for i in taken], max(expected))
 
 
 def _within(fit: Hypothesis, hessian: Tensor, gradient: Tensor) -> Tensor:

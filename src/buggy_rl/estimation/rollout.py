@@ -18,11 +18,14 @@ from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.actuation.supply import ThermalFoldback
 from buggy_rl.effects.base import Effect
+from buggy_rl.estimation.bare import bare_trajectory, reads_mappings
 from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
+from buggy_rl.simulators.base import Engine
 from buggy_rl.task.augment import Options, Values, augmented
 
 MOST_ENVIRONMENTS = 12_000  # stepped at once, to bound memory
+AN_EFFECT = 400  # [environments] that a step takes as long for as for an effect of a few of them
 
 
 @dataclass(frozen=True)
@@ -159,15 +162,16 @@ class Simulation:
         """What the sensor shows at the instants, [C, N, K, 6] pose (world) and velocity."""
         sets = len(settings) if start_error is None else len(start_error)
         settings = settings.map(lambda v: v.expand(sets, *v.shape[1:]))
-        each = [_part(settings, start_error, r) for r in self._shares(sets, len(segments))]
+        shares = self._shares(sets, len(segments), len(settings.effects))
+        each = [_part(settings, start_error, r) for r in shares]
         read = torch.cat(self.workers.results(partial(self.alone._readings, segments), each))
         self.rolled(sets * len(segments), segments.pose.shape[1] - 1)
         return read
 
-    def _shares(self, sets: int, count: int) -> list[slice]:
+    def _shares(self, sets: int, count: int, effects: int) -> list[slice]:
         """Sets that are rolled out together: bounded by memory, and divided among workers."""
         parts = math.ceil(sets * count / MOST_ENVIRONMENTS)
-        busy = self.workers.busy(sets * count)
+        busy = min(sets, self.workers.busy(sets * count + AN_EFFECT * effects))
         parts = busy * math.ceil(parts / busy)
         per = math.ceil(sets / min(parts, sets))
         return [slice(first, first + per) for first in range(0, sets, per)]
@@ -187,7 +191,10 @@ class Simulation:
 
         state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
         wanted = set((self.instants(segments) + segments.start).tolist())
-        states = trajectory(env, state, act, action.shape[1] - 1)
+        steps = action.shape[1] - 1
+        states = trajectory(env, state, act, steps)
+        if isinstance(env.base_env, Engine) and reads_mappings(env.base_env, stack):
+            states = bare_trajectory(env.base_env, stack, state, act, steps)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
         return torch.stack(seen, 1).view(sets, count, len(seen), 6).cpu()
 

@@ -139,12 +139,16 @@ class Engine(EnvBase):
             )
         return given.to(device=self.device, dtype=torch.float32, copy=True)
 
-    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict[keys.ACTION].clamp(-1.0, 1.0)
-        beyond = tensordict.get(keys.BEYOND, None)
+    def moved(self, state: Mapping[str, Tensor] | TensorDictBase) -> dict[str, Tensor]:
+        """State and readings one control period after a state with its action."""
+        action = state[keys.ACTION].clamp(-1.0, 1.0)
+        beyond = state.get(keys.BEYOND, None)
         if beyond is not None:
             action = (action + beyond).clamp(-self.reach, self.reach)
-        result = self._advance(tensordict, action)
+        return self._advance(state, action)  # type: ignore[arg-type]
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        result = self.moved(tensordict)
         done = torch.zeros(self._shape(1), dtype=torch.bool, device=self.device)
         result[keys.REWARD] = torch.zeros(self._shape(1), device=self.device)  # the task's
         result[keys.DONE], result[keys.TERMINATED] = done, done.clone()

@@ -127,8 +127,9 @@ def joint_search(
     found = set(state.tried)
     asked = [p for p in proposed if p.key in map(_sorted, also) and p.key not in found]
     state, _ = tried_too(state, [p.start for p in asked], criteria)
+    promising = {c.key: c for c in _ranked(state)}
     state, _ = tried_too(
-        state, missing_hypotheses(state.tried, problem.segments, problem.library), criteria
+        state, missing_hypotheses(promising, problem.segments, problem.library), criteria
     )
     progress(f"weighing {len(state.tried)} hypotheses")
     weighed = _weighed(state, null, rolled, problem, found)
@@ -223,8 +224,12 @@ def _refitted(state: State, criteria: Criteria, count: int) -> State:
     Those of the first round were fitted while much was left, and stopped where it did not matter.
     """
     state = state.dispersed(state.leading.typical)
-    ranked = sorted(state.tried.values(), key=lambda c: priced(c, state.loss(c)))
-    return tried_too(state, [c.fit for c in ranked[:count]], criteria)[0]
+    return tried_too(state, [c.fit for c in _ranked(state)[:count]], criteria)[0]
+
+
+def _ranked(state: State) -> list[Candidate]:
+    """What was fitted, the most promising first."""
+    return sorted(state.tried.values(), key=lambda c: priced(c, state.loss(c)))
 
 
 def _round(state: State, best: Candidate, criteria: Criteria, budget: Budget) -> _Tried:

@@ -15,6 +15,7 @@ from buggy_rl.diagnosis.search.posterior import NORMAL
 from buggy_rl.estimation.hypothesis import Hypothesis, Library
 from buggy_rl.estimation.segments import Segments
 
+PROMISING = 6  # sets that are fitted in the words of their limit; chosen
 COVERED = 0.95  # [-] share of the driven rows inside a patch from which it is the floor
 
 
@@ -69,7 +70,13 @@ def same_sets(tried: Mapping[Effects, Candidate], segments: Segments) -> dict[Ef
 def missing_hypotheses(
     tried: Mapping[Effects, Candidate], segments: Segments, library: Library
 ) -> list[Hypothesis]:
-    """Sets that others are the same as and that were not fitted, where their fits begin."""
+    """Sets that others are the same as and that were not fitted, where their fits begin.
+
+    Args:
+        tried: What was fitted, the most promising first.
+        segments: Of the recordings.
+        library: What hypotheses are of.
+    """
     starts: dict[Effects, Hypothesis] = {}
     for key, limit, other in _reached(tried, segments):
         if other in tried or other in starts or limit.becomes not in library.effects:
@@ -79,7 +86,7 @@ def missing_hypotheses(
         for p in library.numbers(limit.becomes):
             known[limit.becomes, p.name] = float(p.coordinate(values[limit.numbers[p.name]]))
         starts[other] = library.at(other, known)
-    return list(starts.values())
+    return list(starts.values())[:PROMISING]
 
 
 def words_of(effect: str, same: Mapping[Effects, Effects]) -> str:

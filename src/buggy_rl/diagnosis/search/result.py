@@ -1,7 +1,9 @@
 """The state of a search while it goes on, and what it came to under one noise model."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import torch
 
@@ -13,7 +15,9 @@ from buggy_rl.estimation.evidence import cross_validated, rewhitened
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.noise_model import NoiseModel, noise_model
+from buggy_rl.estimation.rollout import Simulation
 
+HALVES = 2  # groups of hypotheses; the same, whatever the number of processes
 LEADING = 3  # hypotheses, of which each may be the truth
 
 
@@ -134,16 +138,50 @@ def tried_too(
         return state, []
     problem = state.problem
     reference = None if base is None else problem.cost(base.fit)
-    fits = fitted(problem, starts, criteria.rules.iterations, reference)
     tried, results = dict(state.tried), []
-    every = cross_validated(problem, fits, criteria.group, criteria.anew)
-    for fit, known in zip(fits, every, strict=True):
-        candidate = Candidate(fit, known)
+    leading = problem.cost(state.leading.fit) if state.tried else math.inf
+    for candidate in _candidates(problem, starts, criteria, reference, leading):
         before = tried.get(candidate.key)
         if before is None or state.loss(candidate) < state.loss(before):
             tried[candidate.key] = candidate
         results.append(tried[candidate.key])
     return State(problem, tried), results
+
+
+def _candidates(
+    problem: Problem,
+    starts: Sequence[Hypothesis],
+    criteria: Criteria,
+    reference: float | None,
+    leading: float,
+) -> list[Candidate]:
+    """Hypotheses fitted and cross-validated, half of them in another process where there is one.
+
+    A rollout of a few hundred environments takes hardly less than one of twice as many, so halves
+    of the hypotheses are fitted beside each other, and not halves of each rollout.
+    """
+    simulation = problem.simulation
+    groups = [number % HALVES for number in range(len(starts))]
+    apart = HALVES if simulation.workers.count > 1 and len(starts) >= 2 * HALVES else 1
+    tasks = [(starts[n::apart], groups[n::apart]) for n in range(apart)]
+    function = partial(_fitted_part, replace(problem, simulation=simulation.alone))
+    parts = simulation.apart(partial(function, criteria, reference, leading), tasks)
+    return [parts[number % apart][number // apart] for number in range(len(starts))]
+
+
+def _fitted_part(
+    problem: Problem,
+    criteria: Criteria,
+    reference: float | None,
+    leading: float,
+    simulation: Simulation,
+    starts: Sequence[Hypothesis],
+    groups: Sequence[int],
+) -> list[Candidate]:
+    problem = replace(problem, simulation=simulation)
+    fits = fitted(problem, starts, criteria.rules.iterations, reference, groups, leading)
+    every = cross_validated(problem, fits, criteria.group, criteria.anew)
+    return [Candidate(fit, known) for fit, known in zip(fits, every, strict=True)]
 
 
 def renoised(state: State, best: Candidate, criteria: Criteria) -> State:
