@@ -82,7 +82,8 @@ def main() -> None:
     """Runs the jobs one after another, prints the tables and writes the JSON."""
     if sys.argv[1:2] == ["--job"]:
         content = json.loads(sys.argv[2])
-        work(Job(**{**content, "config": Config(**content["config"])}))
+        config = Config(**content.pop("config"))
+        work(Job(**content, config=config))
         return
     config = from_command_line(__doc__, "ppo:Config")
     check(config)

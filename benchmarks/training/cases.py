@@ -108,7 +108,7 @@ class StableBaselines:
         adam: dict[str, Any] | None = None,
     ) -> None:
         ppo, policy = run.ppo, run.policy
-        self.normaliser = None
+        self.normaliser: VecNormalize | None = None
         if policy.scaling == "running":
             if not isinstance(env, VecEnv):
                 raise ValueError("policy.scaling is running: only measured over a VecEnv")
