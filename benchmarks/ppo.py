@@ -100,7 +100,7 @@ def main() -> None:
 def check(config: Config) -> None:
     """Ends with one line where the measurement cannot be made."""
     if importlib.util.find_spec("stable_baselines3") is None:
-        raise SystemExit("error: stable-baselines3 is not installed: pip install -e '.[dev]'")
+        raise SystemExit("error: stable-baselines3 is not installed: pip install -e '.[peers]'")
     unknown = sorted(set(config.cases) - {"original", "batched", "ours"})
     if unknown:
         raise SystemExit(f"error: no case {', '.join(unknown)}; original, batched, ours")

@@ -1,5 +1,8 @@
 """The three trainings that are compared, each behind the same two methods."""
 
+# pyright: reportMissingImports=false
+# stable-baselines3 may not be installed.
+
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
