@@ -35,7 +35,8 @@ def main() -> None:
     """Runs the jobs one after another, prints the tables, writes the JSON and the figure."""
     if sys.argv[1:2] == ["--job"]:
         content = json.loads(sys.argv[2])
-        work(Job(**{**content, "config": Config(**content["config"])}))
+        config = Config(**content.pop("config"))
+        work(Job(**content, config=config))
         return
     config = from_command_line(__doc__, "diagnosing.job:Config")
     check(config)

@@ -11,6 +11,7 @@ import statistics
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from buggy_rl.core.config import from_command_line, run
 
@@ -37,7 +38,7 @@ def main() -> None:
     from buggy_rl.core.kernels import kernels
 
     torch.set_num_threads(1)
-    rows = []
+    rows: list[dict[str, Any]] = []
     with torch.no_grad():
         for kernel, cars in tqdm([(k, n) for k in kernels() for n in config.cars]):
             if not kernel.ready(torch.ones(2)):

@@ -82,7 +82,8 @@ def main() -> None:
     """Runs the jobs one after another, prints the tables and writes the JSON."""
     if sys.argv[1:2] == ["--job"]:
         content = json.loads(sys.argv[2])
-        work(Job(**{**content, "config": Config(**content["config"])}))
+        config = Config(**content.pop("config"))
+        work(Job(**content, config=config))
         return
     config = from_command_line(__doc__, "ppo:Config")
     check(config)
@@ -99,7 +100,7 @@ def main() -> None:
 def check(config: Config) -> None:
     """Ends with one line where the measurement cannot be made."""
     if importlib.util.find_spec("stable_baselines3") is None:
-        raise SystemExit("error: stable-baselines3 is not installed: pip install -e '.[dev]'")
+        raise SystemExit("error: stable-baselines3 is not installed: pip install -e '.[peers]'")
     unknown = sorted(set(config.cases) - {"original", "batched", "ours"})
     if unknown:
         raise SystemExit(f"error: no case {', '.join(unknown)}; original, batched, ours")

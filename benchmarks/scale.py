@@ -70,7 +70,8 @@ def main() -> None:
     import pandas as pd
 
     folder = Path(config.output)
-    costs = pd.DataFrame([asdict(overhead(config, name)) for name in config.launchers])
+    overheads = [asdict(overhead(config, name)) for name in config.launchers]
+    costs = pd.DataFrame(overheads)
     costs.to_csv(folder / "overheads.csv", index=False)
     print(costs.to_string(index=False), flush=True)
     rows = [
@@ -79,7 +80,7 @@ def main() -> None:
     table = pd.DataFrame(rows)
     table.to_csv(folder / "scale.csv", index=False)
     print(table.to_string(index=False), flush=True)
-    model = pd.DataFrame(modelled(rows, costs.to_dict("records")))
+    model = pd.DataFrame(modelled(rows, overheads))
     model.to_csv(folder / "model.csv", index=False)
     print(f"{model.to_string(index=False)}\nwritten: {folder}/scale.csv, overheads.csv, model.csv")
 

@@ -32,7 +32,8 @@ class _Recording:
 
     def __init__(self, engine: Engine) -> None:
         self._names = list(engine.state_spec.keys())
-        self._advance, self._graph = engine._advance, None
+        self._advance = engine._advance
+        self._graph: torch.cuda.CUDAGraph | None = None
 
     def __call__(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         given = [*(state[name] for name in self._names), action]

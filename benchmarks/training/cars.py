@@ -1,5 +1,8 @@
 """Our batch of cars as stable-baselines3 takes it: a `VecEnv` over the same TorchRL environment."""
 
+# pyright: reportMissingImports=false
+# stable-baselines3 may not be installed.
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,8 @@
 """The three trainings that are compared, each behind the same two methods."""
 
+# pyright: reportMissingImports=false
+# stable-baselines3 may not be installed.
+
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -108,7 +111,7 @@ class StableBaselines:
         adam: dict[str, Any] | None = None,
     ) -> None:
         ppo, policy = run.ppo, run.policy
-        self.normaliser = None
+        self.normaliser: VecNormalize | None = None
         if policy.scaling == "running":
             if not isinstance(env, VecEnv):
                 raise ValueError("policy.scaling is running: only measured over a VecEnv")

@@ -23,12 +23,13 @@ def names(requirements: list[str]) -> set[str]:
     return {re.split(r"[\[<>=]", requirement)[0] for requirement in requirements}
 
 
-def test_the_base_installation_is_small_and_the_developers_has_all_extras():
+def test_the_base_installation_is_small_and_the_developers_has_all_extras_but_large_peers():
     extras = PROJECT["optional-dependencies"]
     assert len(PROJECT["dependencies"]) <= MOST
     assert {"bags", "car", "proof", "scale", "visual"} <= set(extras)
     (every,) = (r for r in extras["dev"] if r.startswith("buggy_rl["))
-    assert set(every[len("buggy_rl[") : -1].split(",")) == set(extras) - {"dev"}
+    assert set(every[len("buggy_rl[") : -1].split(",")) == set(extras) - {"dev", "gpu", "peers"}
+    assert "buggy_rl[gpu]" in extras["peers"]
 
 
 @pytest.mark.parametrize(

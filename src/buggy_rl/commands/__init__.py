@@ -57,7 +57,7 @@ VERBS = {  # subject -> verb -> module of this package, and script of that name
     },
 }
 MODULES = {verb: module for verbs in VERBS.values() for verb, module in verbs.items()}
-HELP = ("-h", "--help")
+HELP: Sequence[str] = ("-h", "--help")
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -9,8 +9,9 @@ import argparse
 import sys
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
-SETTINGS = {"columns": None, "dt": 0.01, "car": ""}
+SETTINGS: dict[str, Any] = {"columns": None, "dt": 0.01, "car": ""}
 
 
 def main() -> int:

@@ -250,7 +250,8 @@ def answered(
         asked = case
         for part, words in section.parts.items():
             if not admits(part):
-                asked = replace(asked, budget=replace(asked.budget, **{part: 0}))
+                nothing: dict[str, Any] = {part: 0}
+                asked = replace(asked, budget=replace(asked.budget, **nothing))
                 left_out.append(words)
         parts |= section.say(asked, found)
     answer = Answer(**parts, left_out=left_out)

@@ -253,7 +253,7 @@ class Simulation:
             if row <= segments.start:
                 _impose(state, pose[:, row], velocity[:, row])
             if row >= segments.start:
-                state = torch.cat([state[:count]] * copies)  # type: ignore[arg-type]
+                state = TensorDict.cat([state[:count]] * copies)  # type: ignore[assignment]
                 state[keys.VELOCITY][count:] += moved.to(state[keys.VELOCITY].dtype)
             return state.set(keys.ACTION, action[:, row])
 
@@ -335,7 +335,7 @@ def _counted(
 ) -> tuple[Result, list[tuple[int, int]]]:
     """The result, and environments and steps of each rollout that it took."""
     rolled: list[tuple[int, int]] = []
-    told = replace(simulation, rolled=lambda *rollout: rolled.append(rollout))
+    told = replace(simulation, rolled=lambda cars, steps: rolled.append((cars, steps)))
     return function(told, *task), rolled
 
 

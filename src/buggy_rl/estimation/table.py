@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from tensordict import TensorDict
@@ -111,7 +112,7 @@ def table_row(name: str, error: OpenLoopError, groups: torch.Tensor) -> dict[str
     return row
 
 
-def markdown(rows: Sequence[Mapping[str, float | str]], windows: int, drives: int) -> str:
+def markdown(rows: Sequence[Mapping[str, Any]], windows: int, drives: int) -> str:
     """The table as Markdown, best first."""
     ordered = sorted(rows, key=lambda row: row["position_mse_1s"])
     lines = [
@@ -142,5 +143,5 @@ def markdown(rows: Sequence[Mapping[str, float | str]], windows: int, drives: in
     return "\n".join(lines) + "\n"
 
 
-def _by_horizon(row: Mapping[str, float | str], what: str) -> str:
+def _by_horizon(row: Mapping[str, Any], what: str) -> str:
     return " / ".join(f"{row[f'{what}_{horizon:g}s']:.3f}" for horizon in HORIZONS)

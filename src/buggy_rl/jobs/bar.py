@@ -32,14 +32,14 @@ class tqdm(std.tqdm):  # noqa: N801 - scripts use it in the place of tqdm's
             keywords["mininterval"] = self._every
         super().__init__(*args, **keywords)
 
-    def display(self, msg: str | None = None, pos: int | None = None) -> bool | None:
+    def display(self, msg: str | None = None, pos: int | None = None) -> None:
         if not self.plain:
-            return super().display(msg, pos)
+            super().display(msg, pos)
+            return
         now = time.perf_counter()
         if now - self._told >= self._every:
             self._told = now
             self._write_line()
-        return None
 
     def clear(self, nolock: bool = False) -> None:
         if not self.plain:  # a plain line stays

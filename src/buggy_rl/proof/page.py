@@ -201,7 +201,7 @@ def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
                 row.name.replace("  ", "– ", 1) if row.name.startswith("  ") else row.name,
                 _target(row),
                 f"**{measured}**" if row.met is False else measured,
-                row.figure.count,
+                str(row.figure.count),
                 *(other.get(row.name, "") for other in others),
             ]
         )
@@ -220,7 +220,7 @@ def _target(row: ScoreRow) -> str:
 def _single(o: ScoredCase) -> list[str]:
     """A case with one effect: the first name, its errors, and how hard the case is."""
     answer, first = o.answer, o.answer.first
-    shares = (first and first.confidence, o.off(), o.off(True), o.closed())
+    shares = (first.confidence if first else None, o.off(), o.off(True), o.closed())
     return [
         o.case.id,
         o.case.truth[0],

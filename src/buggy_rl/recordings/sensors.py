@@ -78,7 +78,7 @@ def sensor_errors(kind: str, changes: Mapping[str, Any] | None = None) -> Sensor
         raise ValueError(f"no sensor {kind!r}; available: {', '.join(SENSORS)}")
     changes = dict(changes or {})
     camera = {**asdict(SENSORS[kind].camera), **changes.pop("camera", {})}
-    changed = {**asdict(SENSORS[kind]), **changes, "camera": camera}
+    changed: dict[str, Any] = {**asdict(SENSORS[kind]), **changes, "camera": camera}
     changed["hole"] = tuple(changed["hole"])
     return from_plain(SensorErrors, changed, f"sensor {kind}")
 

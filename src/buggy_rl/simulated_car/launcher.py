@@ -22,7 +22,7 @@ from buggy_rl.core.config import plain_values
 from buggy_rl.core.files import write_atomically, write_json
 from buggy_rl.simulated_car.config import SimulatedCarConfig
 from buggy_rl.simulated_car.physics import Entry
-from buggy_rl.task.paths.making import PathConfig, make_paths
+from buggy_rl.task.paths.making import Kind, PathConfig, make_paths
 
 SLOWEST_START = 180.0  # [s] PyTorch is imported and, if asked for, the car compiled
 SLOWEST_END = 5.0  # [s] until the processes that PyTorch compiles with are gone
@@ -126,7 +126,7 @@ class SimulatedCar:
         self.close()
 
 
-COURSES = {"lap": "lap", "infinity": "infinity", "random": "tight"}
+COURSES: Mapping[str, Kind] = {"lap": "lap", "infinity": "infinity", "random": "tight"}
 """Name of a course -> kind of path."""
 
 

@@ -120,7 +120,8 @@ class SensorChannel:
     def __init__(self) -> None:
         self._past: deque[Reading] = deque(maxlen=LATE_ROWS + 1)
         self._fault: Callable[[Passage], Reading | None] | None = None
-        self._until, self._passage = -math.inf, None
+        self._until = -math.inf
+        self._passage: Passage | None = None
 
     def spoil(self, kind: str, until: float, size: float = 0.0) -> None:
         """Begins a fault that ends at a time [s].

@@ -44,6 +44,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         picture: How `render` shows it, a `buggy_rl.visual.film.options.PictureConfig`.
     """
 
+    # pyrefly: ignore[bad-override]
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 100}
 
     def __init__(

@@ -216,7 +216,7 @@ def _at_least(
     simple = {
         "before": (nothing, None),
         "retuned": (library.hypothesis(retunable(library)).as_stamped, None),
-        "black_box": (nothing, alone and alone.recipe),
+        "black_box": (nothing, alone.recipe if alone else None),
     }
     best = found
     for name, (start, residual) in simple.items():

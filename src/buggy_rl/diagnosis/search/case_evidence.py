@@ -64,11 +64,13 @@ class HypothesisEvidence:
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "HypothesisEvidence":
         """The hypothesis of a ledger's line."""
-        lists = {
+        lists: dict[str, Any] = {
             name: tuple(content[name])
             for name in ("effects", "z", "sd", "at_bound", "held_out", "channel")
         }
-        later = {name: tuple(content.get(name, ())) for name in ("correlation", "by_condition")}
+        later: dict[str, Any] = {
+            name: tuple(content.get(name, ())) for name in ("correlation", "by_condition")
+        }
         plain = {
             name: content[name]
             for name in ("values", "penalty", "excess", "typical", "unclosed", "on_baseline")

@@ -154,7 +154,7 @@ class FrictionChange:
         use = start / side
         slip = torch.sign(start) * slip_of(use, self.shape)
         slips = slip, self._slip_now(slip, ratio, load)[0]
-        gained = torch.zeros_like(ax)
+        gained, mean_now = torch.zeros_like(ax), mean
         for _ in range(ITERATIONS):
             transfer = self._load(ax + resists + gained) / load
             scaled = self._scaled(start, use, side, transfer * side_now, slips)

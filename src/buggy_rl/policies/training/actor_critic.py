@@ -82,7 +82,7 @@ class Gaussian(Distribution):
         log_sd: Logarithms [n] of the standard deviations, the same in every state.
     """
 
-    arg_constraints: ClassVar[dict[str, Any]] = {}
+    arg_constraints: ClassVar[dict[str, Any]] = {}  # pyrefly: ignore[bad-override]
 
     def __init__(self, loc: Tensor, log_sd: Tensor) -> None:
         self.loc, self.log_sd = loc, log_sd

@@ -254,7 +254,7 @@ class DistributedBatches:
     Not resumable: the environments' state stays in their processes.
     """
 
-    state = None
+    state: None = None
 
     def __init__(self, collector: Any, config: CollectorConfig, processes: int) -> None:
         self._collector, self._config, self._processes = collector, config, processes

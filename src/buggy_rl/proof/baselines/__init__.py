@@ -41,6 +41,7 @@ def compare(store: CaseStore, case: Case) -> int:
     for method in unanswered_methods(store, case):
         answer: Callable[[Path], dict[str, Any]] = load_named(METHODS[method])
         begun = time.monotonic()
+        said: dict[str, Any]
         try:
             said = answer(store.inputs(case.id))
         except (ValueError, ArithmeticError, RuntimeError) as error:

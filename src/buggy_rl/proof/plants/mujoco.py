@@ -241,7 +241,8 @@ class MujocoPlant(MujocoEngine):
         self.values = with_faults(nominal, faults)
         super()._prepare()
         self._mechanics = Mechanics(faults, self.car.timestep, TYPICAL_FORCE)
-        self._forces = FaultyForces(self.car, self._forces.values, faults)
+        self._faulty = FaultyForces(self.car, self._forces.values, faults)
+        self._forces: Forces = self._faulty
         self.values = nominal  # declared are the values without faults
 
     _parameters_changed = _prepare
@@ -272,7 +273,7 @@ class MujocoPlant(MujocoEngine):
             rack = self._mechanics.steering(self._memory, middle[:, 1], lateral)
             throttle = self._mechanics.throttle(self._memory, middle[:, 0])
             duty = self._mechanics.duty(self._memory, self._actuators.drive(throttle))
-            self._mechanics.drained(self._memory, self._forces.motor_force(qvel, duty))
+            self._mechanics.drained(self._memory, self._faulty.motor_force(qvel, duty))
             angle = self._actuators.steering_angle(rack)
             self._forces.apply(qpos, qvel, cars.xfrc_applied, cars.qfrc_applied, angle, duty)
             cars.step()

@@ -1,7 +1,7 @@
 """The answer to a case, and the answer beside the truth."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from buggy_rl.diagnosis.search.posterior import EVEN, Posterior, certainly_missing
@@ -103,10 +103,10 @@ class CaseAnswer:
     def from_dict(cls, content: Mapping[str, Any]) -> "CaseAnswer":
         """The inverse of `dataclasses.asdict`."""
         said = tuple(
-            ScoredEffect(**{**effect, "rivals": tuple(effect["rivals"])})
+            replace(ScoredEffect(**effect), rivals=tuple(effect["rivals"]))
             for effect in content["said"]
         )
-        return cls(**{**content, "said": said, "standing": tuple(content["standing"])})
+        return replace(cls(**content), said=said, standing=tuple(content["standing"]))
 
     @property
     def names(self) -> frozenset[str]:

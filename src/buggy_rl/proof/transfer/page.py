@@ -79,7 +79,8 @@ def _lost(drives: pd.DataFrame) -> list[list[str]]:
         [course, *(f"{mean[course, arm]:.1f} ± {sd[course, arm]:.1f}" for arm in arms)]
         for course in drives.course.unique()
     ]
-    share = means(drives, "arm").eval("100 * lost / own")
+    of_arm = means(drives, "arm")
+    share = 100 * of_arm.lost / of_arm.own
     return [*rows, ["share of what it closed", *(f"{share[arm]:.0f} %" for arm in arms)]]
 
 

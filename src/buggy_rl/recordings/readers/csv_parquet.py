@@ -134,7 +134,7 @@ def _with_points(frame: pd.DataFrame) -> pd.DataFrame:
         pd.api.types.is_float_dtype(values) and (values % 1 > 0).any()
         for _, values in frame.items()
     )
-    changed = {}
+    changed: dict[str, Any] = {}
     for name, values in frame.items():
         if pd.api.types.is_numeric_dtype(values):
             continue
@@ -146,7 +146,7 @@ def _with_points(frame: pd.DataFrame) -> pd.DataFrame:
             continue
         numbers = np.full(len(values), np.nan)
         numbers[known] = [float(cell.replace(",", ".")) for cell in text]
-        changed[name] = numbers
+        changed[str(name)] = numbers
     return frame.assign(**changed) if changed else frame
 
 

@@ -41,7 +41,11 @@ def make_model(config: ModelConfig) -> DynamicsModel:
 
 def save_model(model: DynamicsModel, config: ModelConfig, file: Path, about: dict) -> None:
     """Writes weights, normalisation, envelope and `about`, the metadata of the training."""
-    content = {"model": asdict(config), "weights": model.state_dict(), "about": about}
+    content: dict[str, Any] = {
+        "model": asdict(config),
+        "weights": model.state_dict(),
+        "about": about,
+    }
     if model.command != ONE_WAY:
         content["command"] = model.command.plain
     save_torch(file, content)

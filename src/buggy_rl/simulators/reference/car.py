@@ -70,7 +70,7 @@ class ReferenceCar:
         size, scale, self.command = self.build.parts
         self.values, self.faults, self.substeps = values, faults, substeps
         self._step = _compiled_step() if compiled else ReferenceCar.step
-        self._side_by_side = torch.empty(0)
+        self._side_by_side = torch.empty(0, 0)  # of another shape than of any cars, one alone too
         self.substep = dt / substeps
         self.radio = Radio(faults, dt, substeps)
         self.chassis = Chassis(values, size, faults, scale)

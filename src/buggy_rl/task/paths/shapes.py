@@ -63,7 +63,7 @@ def read_points(file: Path, spacing: float) -> tuple[NDArray, bool]:
     bad = np.flatnonzero(~np.isfinite(numbers).all(1))
     if len(bad):
         row = int(bad[0])
-        given = ", ".join(str(value) for value in table.loc[row, ["x", "y"]])
+        given = ", ".join(str(value) for value in table[["x", "y"]].iloc[row])
         raise ValueError(f"{file}, row {row + 2}: x, y are {given}, not two finite numbers [m]")
     length = float(np.hypot(*np.diff(numbers, axis=0).T).sum())
     if len(numbers) < 3 or length < 2 * spacing:

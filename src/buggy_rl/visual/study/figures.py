@@ -168,7 +168,7 @@ def repair(config: FiguresConfig) -> Figure:
         )
     table = pd.read_csv(file)
     shown = table.loc[table["simulator"].isin(["fitted", "repaired"]).to_numpy()]
-    return repair_figure(shown.to_dict("records"))
+    return repair_figure(shown.to_dict("records"))  # pyrefly: ignore[bad-argument-type]
 
 
 FIGURES: dict[str, Callable[[FiguresConfig], Figure]] = {

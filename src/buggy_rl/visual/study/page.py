@@ -71,7 +71,7 @@ def _recordings(drives: StudyDrives) -> list[dict[str, Any]]:
 def _simulators(folder: Path) -> list[dict[str, Any]]:
     """Rows of table.csv, smallest 1 s error first."""
     table = pd.read_csv(folder / "table.csv").sort_values("position_mse_1s")
-    return table.to_dict("records")
+    return table.to_dict("records")  # pyrefly: ignore[bad-return]
 
 
 def _fitted_parameters(file: Path) -> list[dict[str, Any]]:
@@ -86,7 +86,9 @@ def _fitted_parameters(file: Path) -> list[dict[str, Any]]:
 def _policies(folder: Path) -> list[dict[str, Any]]:
     """Rows of policies.csv; empty if none were trained."""
     file = folder / "policies" / "policies.csv"
-    return pd.read_csv(file).to_dict("records") if file.is_file() else []
+    if not file.is_file():
+        return []
+    return pd.read_csv(file).to_dict("records")  # pyrefly: ignore[bad-return]
 
 
 def _transfer(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
