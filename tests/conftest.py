@@ -1,5 +1,6 @@
 """Fixtures for all tests; one torch thread, because two default ones collapse beside any other."""
 
+import gc
 import math
 import os
 from collections.abc import Iterator
@@ -12,8 +13,16 @@ from buggy_rl.core.kernels import CACHE, FOLDER
 from buggy_rl.diagnosis.repair import layers
 
 torch.set_num_threads(1)
+# Millions of objects of imported packages, which garbage collection would visit again and again.
+gc.set_threshold(200_000, 20, 100)
 # Named, so that no command of a test compiles what `make install` has not.
 os.environ.setdefault(FOLDER, str(CACHE))
+
+
+def pytest_collection_finish() -> None:
+    """Leaves what was imported and collected out of garbage collection."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module")

@@ -180,7 +180,7 @@ class _Steps:
     """Damped steps from a fit."""
 
     ends: list[Hypothesis]
-    """Where they lead; none where none is expected to gain."""
+    """Hypotheses that they lead to; none where none is expected to gain."""
     expected: float = 0.0
     """[nats] that the best of them is expected to gain."""
 
