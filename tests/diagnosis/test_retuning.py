@@ -108,6 +108,7 @@ def test_re_tuned_parameters_are_fitted_anew_without_the_held_out_recordings(cas
     assert misfit(errors["after"].square) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow  # test_pipeline has what a deadline leaves out
 def test_a_small_budget_tells_no_errors_beyond_its_segments(case):
     best = case.problem.library.hypothesis(["steering_gain"], [0.5, 0.0])
     less = replace(FULL, longer=False, iterations=1)

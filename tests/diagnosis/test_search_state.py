@@ -91,6 +91,7 @@ def test_the_same_recordings_give_the_same_fit(drives):
         assert torch.equal(first.whitened, second.whitened)
 
 
+@pytest.mark.slow
 def test_sets_fitted_in_two_processes_are_those_fitted_in_one(drives):
     problem = problem_of(drives["late"])
     names = ["steering_dead_time", "steering_gain", "steering_lag", "throttle_gain"]

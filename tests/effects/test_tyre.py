@@ -102,7 +102,9 @@ def test_less_grip_outside_the_engine_does_what_less_grip_inside_it_does(engine,
     assert closed(engine, "tire_grip", {"grip": GRIP}, less_rollout(engine)) > least
 
 
-@pytest.mark.parametrize(("front", "least"), [(0.5, 0.3), (1.0, 0.0)])
+@pytest.mark.parametrize(
+    ("front", "least"), [pytest.param(0.5, 0.3, marks=pytest.mark.slow), (1.0, 0.0)]
+)
 def test_what_the_front_axle_drives_the_rear_one_has_left_for_the_side(front, least):
     def car(factors, count=DRIVES):
         lone = changed("single_track", factors, count)

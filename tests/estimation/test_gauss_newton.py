@@ -82,12 +82,12 @@ def test_a_step_beyond_a_bound_goes_along_it_to_the_least_there(late):
 
 
 def test_hypotheses_far_behind_another_fit_are_fitted_no_further(drives, monkeypatch):
-    problem = problem_of(drives["two"])
+    problem = problem_of(drives["two"])[torch.arange(3)]
     slow = problem.library.hypothesis(("tire_grip", "steering_gain"))
     rolled = []
     simulation = replace(problem.simulation, rolled=lambda *size: rolled.append(size))
     for leading in (-1e6, math.inf):
-        fitted(replace(problem, simulation=simulation), [slow], 10, leading=leading)
+        fitted(replace(problem, simulation=simulation), [slow], 5, leading=leading)
         rolled.append(leading)
     short = rolled.index(-1e6)
     assert short < len(rolled) - short - 2

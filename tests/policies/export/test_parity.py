@@ -91,7 +91,7 @@ def test_they_agree_to_the_end_of_a_drive(exported):
     assert result["steps"] > 500
 
 
-@pytest.mark.parametrize("activation", ["tanh", "elu"])
+@pytest.mark.parametrize("activation", ["tanh", pytest.param("elu", marks=pytest.mark.slow)])
 def test_so_they_do_with_other_layers_and_without_scaling(exported, activation):
     export, content = exported("the original's", activation=activation, scaling="none")
     assert "mean" not in content.arrays
