@@ -38,9 +38,14 @@ def without_kernels() -> Iterator[None]:
         yield
 
 
-@pytest.fixture
-def no_gradients() -> Iterator[None]:
-    """Kernels run where gradients are not recorded: most drives of a test need none."""
+@pytest.fixture(scope="module")
+def without_gradients() -> Iterator[None]:
+    """Of a whole module, whose own fixtures are made without as well.
+
+    Kernels run where gradients are not recorded, and most drives of a test need none. A kernel is
+    made of the very source that is tested: of a source that was changed since there is none, and
+    PyTorch runs its lines.
+    """
     with torch.no_grad():
         yield
 

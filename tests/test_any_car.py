@@ -17,7 +17,7 @@ from buggy_rl.estimation.table import held_out_segments, rollout_errors
 from buggy_rl.recordings import load_recordings
 from buggy_rl.simulators import make_engine
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
+pytestmark = pytest.mark.usefixtures("without_gradients")
 
 CAR = """
 about: ten times the buggy

@@ -11,7 +11,6 @@ from torchrl.envs import Compose, SerialEnv, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl.core import keys
-from buggy_rl.core.kernels import CACHE, FOLDER
 from buggy_rl.effects import EFFECTS, STACK, effect_class, make_effect, make_effects
 from buggy_rl.effects.base import EffectParameter
 from tests.contracts.test_engines import make
@@ -96,14 +95,6 @@ def seen(states):
 def stacked(rows):
     """All effects, each with a set of values for each car."""
     return [batched(name, [row.get(name, neutral(name)) for row in rows]) for name in EFFECTS]
-
-
-@pytest.fixture
-def compiled(monkeypatch):
-    """Kernels and no gradients, where nothing holds to the last bit."""
-    monkeypatch.setenv(FOLDER, str(CACHE))
-    with torch.no_grad():
-        yield
 
 
 @pytest.fixture(params=[*EFFECTS, *TERMS])
@@ -205,7 +196,6 @@ def test_effects_that_nobody_feels_leave_no_trace():
         assert torch.equal(states[key], bare[key]), key
 
 
-@pytest.mark.usefixtures("compiled")
 def test_cars_with_values_of_their_own_drive_as_they_would_alone(name):
     half = {p: 0.5 * (v + neutral(name)[p]) for p, v in fault(name).items()}
     rows = [half, neutral(name), fault(name)]
@@ -224,7 +214,6 @@ def without():
     return seen(driven(make("single_track")))
 
 
-@pytest.mark.usefixtures("compiled")
 def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(effects):
     env = over(effects(), make("single_track", (4,)))
     state = driven(env)[-1].clone().set(keys.ACTION, torch.full((4, 2), 0.3))
@@ -237,7 +226,6 @@ def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(effects)
         assert torch.equal(first[key], second[key]), key
 
 
-@pytest.mark.usefixtures("compiled")
 def test_a_reset_of_some_cars_leaves_the_others_as_they_are(effects):
     env = over(effects(), make("single_track", (4,)))
     state = driven(env)[-1].exclude(keys.REWARD)
@@ -249,7 +237,6 @@ def test_a_reset_of_some_cars_leaves_the_others_as_they_are(effects):
         assert torch.equal(after[key][mask], fresh[key][mask]), key
 
 
-@pytest.mark.usefixtures("compiled")
 def test_it_stays_finite_at_its_bounds(name):
     cls = effect_class(name)
     rows = [{**fault(name), p.name: bound} for p in cls.declared for bound in (p.lower, p.upper)]
@@ -258,7 +245,6 @@ def test_it_stays_finite_at_its_bounds(name):
         assert value.isfinite().all(), key
 
 
-@pytest.mark.usefixtures("compiled")
 def test_a_little_more_of_it_changes_little(name):
     # Along the whole way from neutral to the fault, in steps of 1 %: no step may be a jump.
     cls = effect_class(name)
@@ -277,7 +263,6 @@ def test_a_little_more_of_it_changes_little(name):
         assert jump <= 0.1 * way + 1e-4, f"{key}: a jump of {jump} on a way of {way}"
 
 
-@pytest.mark.usefixtures("compiled")
 def test_it_drives_alike_inside_a_batch_of_environments(effects):
     lone = over(effects(), make("single_track", (2,)))
     expected = follow(lone, lone.reset(), actions(6))
@@ -304,7 +289,6 @@ def test_a_wrong_value_is_refused_with_what_would_be_right(name):
         make_effect(name, {parameter.name: "much"})
 
 
-@pytest.mark.usefixtures("compiled")
 def test_a_fit_may_step_out_of_the_bounds(name):
     parameter = effect_class(name).declared[0]
     beyond = torch.tensor([parameter.upper * 1.5 + 0.1, parameter.lower * 1.5 - 0.1])

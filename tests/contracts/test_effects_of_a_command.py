@@ -15,8 +15,6 @@ from buggy_rl.effects import EFFECTS, OF_A_COMMAND, STACK, effect_class, make_ef
 from buggy_rl.simulators import make_engine
 from tests.effects.faults import follow, neutral, start
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
-
 COMMANDS = {
     "throttle_brake_reverse": "throttle_brake_reverse",
     "speed": {"kind": "speed", "reverse": True},

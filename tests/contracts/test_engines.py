@@ -17,8 +17,6 @@ from buggy_rl.simulators import ENGINES, make_engine
 from buggy_rl.simulators.learned.factory import ModelConfig, make_model
 from tests.simulators.steps import follow, start, step
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
-
 FLIP = (1.0, -1.0, -1.0)  # left for right, of a pose or a velocity
 
 # Parameters that tell left from right, at values at which they do not.

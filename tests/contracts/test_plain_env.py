@@ -24,6 +24,11 @@ FILE = "tests/plain_env.py"
 SHARED = (keys.POSE, keys.VELOCITY, keys.ACTION, keys.REWARD)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def gradients():
+    """As usual: a policy learns."""
+
+
 @pytest.fixture(autouse=True)
 def at_the_root(monkeypatch, repository):
     """The simulator is named as from the root of the project."""

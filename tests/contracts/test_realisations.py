@@ -37,11 +37,6 @@ ACTUATED = {  # of engines without a plant: effect, number, value
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be: nothing here holds to the last bit."""
-
-
 @cache
 def known(plant):
     """What wrapped effects are told of a plant, or of the single track."""

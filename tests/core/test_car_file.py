@@ -12,7 +12,7 @@ from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.recordings.recording import Limits
 from buggy_rl.simulators import make_engine
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
+pytestmark = pytest.mark.usefixtures("without_gradients")
 
 NAMES = sorted(file.stem for file in PRESETS.glob("*.yaml"))
 SMALL = "dimensions: {mass: 0.1, wheelbase: 0.098}\n"

@@ -22,12 +22,6 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulators import make_engine
 
-
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be, as fits are in use."""
-
-
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "understeer": ("gradient", 0.007, 0.12),
     "cornering_stiffness": ("ratio", 0.65, 0.1),

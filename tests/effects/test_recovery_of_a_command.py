@@ -23,12 +23,6 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
 from buggy_rl.simulators import make_engine
 
-
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be, as fits are in use."""
-
-
 CONCEALED = {  # effect -> parameter, value, share by which the estimate may be off
     "brake_gain": ("gain", 0.7, 0.05),
     "reverse_deadband": ("width", 0.1, 0.05),

@@ -20,12 +20,6 @@ from buggy_rl.recordings import Recording
 from buggy_rl.recordings.camera import Camera
 from buggy_rl.simulators import make_engine
 
-
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be, as fits are in use."""
-
-
 CONCEALED = {  # effect -> numbers, and the share by which the estimate may be off
     "steering_curve": ({"curvature": 0.35}, 0.1),
     "steering_end_stop": ({"left_cut": 0.5, "right_cut": 0.3}, 0.15),

@@ -18,14 +18,6 @@ from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.reference import ReferenceEngine
 from tests.effects.faults import follow, over, start
 
-
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be: nothing here holds to the last bit."""
-    with torch.no_grad():
-        yield
-
-
 DRIVES, STEPS = 32, 100
 KEPT = {"single_track": -0.5, "mujoco": -0.4, "reference": -0.15}  # throttles that keep 2.5 m/s
 GRIP = 0.7

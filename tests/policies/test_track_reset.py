@@ -8,7 +8,7 @@ from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import PathConfig
 from tests.policies.test_closed_loop import STEPS, coasting, environment
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
+pytestmark = pytest.mark.usefixtures("without_gradients")
 
 ENGINES = (
     "single_track",

@@ -1,8 +1,8 @@
-"""Simulators as PyTorch runs them; `tests/core/test_kernels.py` compares kernels with that."""
+"""Simulators by kernels where there are; `tests/core/test_kernels.py` has them beside PyTorch."""
 
 import pytest
 
 
 @pytest.fixture(scope="module", autouse=True)
-def plain(without_kernels):
-    """Without kernels: cars are compared to the last bit, and lines of PyTorch are what is read."""
+def gradients(without_gradients):
+    """None, so that kernels run; what needs some has a fixture of this name of its own."""

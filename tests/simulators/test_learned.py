@@ -10,6 +10,11 @@ from buggy_rl.simulators.learned.training import Training, TrainingConfig
 from tests.drives import toy_drive
 
 
+@pytest.fixture(scope="module", autouse=True)
+def gradients():
+    """As usual: a model is trained."""
+
+
 @pytest.fixture(scope="module")
 def model():
     """A model that has learned the toy car, in a second."""

@@ -13,11 +13,6 @@ from buggy_rl.simulators.reference.state import CHARGE, DUTY, LEAN, SERVO, TYRE_
 from tests.simulators.reference_drives import SYMMETRIC, drive, held, start, varied
 
 
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled: what holds to the last bit here is of cars in the same place of a batch."""
-
-
 @pytest.fixture
 def exact(monkeypatch):
     """By PyTorch alone, where a batch is compared with what has no kernel."""
@@ -246,6 +241,7 @@ def test_each_car_of_a_batch_has_its_own_parameters():
         torch.testing.assert_close(alone[keys.POSE], both[keys.POSE][:, index])
 
 
+@torch.enable_grad()
 def test_a_step_can_be_differentiated_from_rest_and_by_every_parameter():
     names = sorted(ReferenceEngine().declared)
     values = TensorDict(

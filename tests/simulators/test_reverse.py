@@ -19,11 +19,6 @@ ENGINES = ["kinematic", "single_track", "mujoco", "reference"]
 DRIVES = ["rear", "front", "all"]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def plain():
-    """Compiled where it can be: nothing here holds to the last bit."""
-
-
 @torch.no_grad()
 def driven(engine, commands, vx=0.0):
     """Velocities and poses [T, N, 3] after commands of (throttle, steering, steps).

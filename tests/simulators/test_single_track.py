@@ -23,8 +23,6 @@ from buggy_rl.simulators.bicycle.actuation import (
 from buggy_rl.simulators.bicycle.longitudinal import resistance
 from buggy_rl.simulators.bicycle.single_track import SLIP_SPEED, SingleTrackEngine, rolling_speed
 
-pytestmark = pytest.mark.usefixtures("no_gradients")
-
 DIRECT = {"throttle_dead_time": 0, "throttle_lag": 0, "steering_dead_time": 0, "steering_lag": 0}
 FREE = dict.fromkeys(
     (

@@ -1,0 +1,8 @@
+"""Learned models are trained: their gradients are recorded."""
+
+import pytest
+
+
+@pytest.fixture(scope="module", autouse=True)
+def gradients():
+    """As usual."""
