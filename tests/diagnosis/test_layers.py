@@ -22,12 +22,17 @@ from buggy_rl.diagnosis.repair.validation import (
     Validation,
     validated,
 )
-from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.run.case import Criteria, longer_segments
 from buggy_rl.diagnosis.search import terms
 from buggy_rl.effects.terms.grammar import PREFIX
 from buggy_rl.estimation.evidence import blocks
+from buggy_rl.estimation.gauss_newton import Problem
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.residual_process import Recipe
-from tests.diagnosis.planted import planted_drives, problem_of
+from buggy_rl.estimation.rollout import Simulation
+from buggy_rl.estimation.segments import cut_segments
+from tests.diagnosis.planted import planted_drives, problem_of, single_track
 
 ASKED = DiagnosisConfig(
     simulator="single_track",
@@ -109,6 +114,17 @@ def alone(validation):
     """Stacks of which one is a learned residual alone."""
     nothing = [validation.problem.library.hypothesis(()).as_stamped] * len(validation.aside)
     return {"black_box": Stack(nothing, HeldOutResiduals([], Recipe(1.0)))}
+
+
+def test_distances_are_of_the_segments_that_are_fitted_to_however_short_they_are():
+    [drives] = planted_drives([{}], cars=2, seconds=6.0)
+    given, segments = Simulation(single_track), cut_segments(drives, 0.5, 0.5)
+    problem = Problem(given, segments, noise_model(given, segments), Library([]))
+    validation = Validation(problem, longer_segments(drives, 0.5))
+    nothing = [problem.library.hypothesis(()).as_stamped] * len(validation.aside)
+    found = validation.errors({"before": Stack(nothing)})["before"]
+    assert SAID in found.median  # of longer ones, which are fewer
+    assert len(found.distance) == len(found.sensed) == len(segments)
 
 
 @pytest.mark.parametrize("nearest", ["before", "retuned", "black_box"])

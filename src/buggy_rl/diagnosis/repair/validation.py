@@ -63,8 +63,6 @@ class Errors:
                 of_segment = square[:, within].mean(1)
                 self.mean_square[horizon] = float(of_segment.mean())
                 self.median[horizon] = float(of_segment.sqrt().median())
-                if horizon == SAID and not len(self.distance):
-                    self.distance = of_segment.sqrt()
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +178,11 @@ class Validation:
             found = [*next(rolled)] if plain else []
             found += [residual for _ in upon for residual in next(rolled)]
             for name, residual in zip((*plain, *upon), found, strict=True):
-                result[name].add(residual[..., :2].square().sum(-1), instants, part.dt)
+                away = residual[..., :2].square().sum(-1)
+                result[name].add(away, instants, part.dt)
                 if number == 0:  # what is fitted to
+                    within = instants <= round(SAID / part.dt)
+                    result[name].distance = away[:, within].mean(1).sqrt()
                     result[name].square = self._square(residual, self.problem.noise)
                     result[name].sensed = (
                         result[name].square
