@@ -40,7 +40,7 @@ lint: .venv/installed
 types: lint
 	$(BIN)/pyrefly check --summary=none --python-interpreter-path $(BIN)/python
 
-# A second reading, stricter of packages without annotations: a minute and a half.
+# A second reading, stricter of packages without annotations: a minute.
 types-slow: .venv/installed
 	$(BIN)/pyright --pythonpath $(BIN)/python
 

@@ -13,7 +13,7 @@ from buggy_rl.core.kernels import CACHE, FOLDER
 from buggy_rl.diagnosis.repair import layers
 
 torch.set_num_threads(1)
-# Millions of objects of imported packages, which garbage collection would visit again and again.
+# Objects of imported packages are many, and garbage collection would visit them again and again.
 gc.set_threshold(200_000, 20, 100)
 # Named, so that no command of a test compiles what `make install` has not.
 os.environ.setdefault(FOLDER, str(CACHE))

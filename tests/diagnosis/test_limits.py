@@ -6,12 +6,14 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.search.limits import (
+    PROMISING,
     covers_what_was_driven,
     missing_hypotheses,
     same_sets,
     words_of,
 )
 from buggy_rl.diagnosis.search.posterior import Posterior
+from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import Library
 
 LIBRARY = Library(["grip_patch", "tire_grip", "wind"])
@@ -74,6 +76,15 @@ def test_a_floor_that_was_not_fitted_is_fitted_from_the_patchs_grip():
     fitted = {BOTH: candidate(BOTH), ("tire_grip", "wind"): None}
     assert missing_hypotheses(fitted, DRIVEN, LIBRARY) == []
     assert missing_hypotheses({PATCH: candidate(PATCH)}, DRIVEN, Library(["grip_patch"])) == []
+
+
+def test_of_many_such_sets_the_most_promising_are_fitted():
+    others = [tuple(sorted(["grip_patch", name])) for name in EFFECTS if name not in BOTH][:9]
+    starts = missing_hypotheses({key: candidate(key) for key in others}, DRIVEN, Library())
+    assert len(starts) == PROMISING
+    assert [{*start.effects} - {"tire_grip"} for start in starts] == [
+        {*key} - {"grip_patch"} for key in others[:PROMISING]
+    ]
 
 
 def test_it_is_said_wherever_it_was_driven():

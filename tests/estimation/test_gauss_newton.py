@@ -81,7 +81,7 @@ def test_a_step_beyond_a_bound_goes_along_it_to_the_least_there(late):
     assert step.tolist() == pytest.approx(least.x.tolist(), abs=1e-4)
 
 
-def test_hypotheses_far_behind_another_fit_are_fitted_no_further(drives, monkeypatch):
+def test_hypotheses_far_behind_another_fit_are_fitted_no_further(drives):
     problem = problem_of(drives["two"])[torch.arange(3)]
     slow = problem.library.hypothesis(("tire_grip", "steering_gain"))
     rolled = []

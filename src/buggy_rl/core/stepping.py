@@ -1,19 +1,26 @@
 """The loop that steps an environment; every rollout outside a collector runs through it."""
 
 from collections.abc import Callable, Iterator
+from typing import Any, Protocol
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.envs import EnvBase
 
 Act = Callable[[int, TensorDictBase], TensorDictBase]
 """Returns the state to step from: the one it is given, at step 0, 1, ..., with `action` set and,
 where motion is imposed, `pose` and `velocity`."""
 
 
+class Stepped(Protocol):
+    """An `EnvBase`, or what is stepped like one."""
+
+    def step(self, state: Any, /) -> Any:
+        """Returns the next state under `next`."""
+
+
 @torch.no_grad()
 def trajectory(
-    env: EnvBase, state: TensorDictBase, act: Act, steps: int
+    env: Stepped, state: TensorDictBase, act: Act, steps: int
 ) -> Iterator[TensorDictBase]:
     """Yields the state before each step and the last one: `steps + 1` in all.
 

@@ -103,7 +103,6 @@ def run_diagnosis(
     progress("looking at drives and simulator")
     seen = _preflight(config, recordings, baseline)
     with blaming(name), Workers(count) as workers:
-        workers.start()  # it takes seconds, beside what is done here meanwhile
         every = Drives.cut(config, recordings, baseline)
         simulation = partial(Simulation, workers=workers, rolled=meter.rolled)
         opened = open_simulator(config, every, simulation, begun)

@@ -1,7 +1,7 @@
 """Damped Gauss-Newton on whitened residuals, of many hypotheses in one batch of rollouts."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -16,8 +16,8 @@ STEP = 0.02  # [prior scales] finite difference
 LONGEST = 2.0  # [prior scales] step of an iteration, in each coordinate
 TRIED = 2  # iterations with all dampings; then hypotheses that gain little are no longer fitted:
 HOPELESS = 0.3  # [-] less than this share of what the best one has gained, or
-BEHIND = 30.0  # [nats] farther behind the best one after so many times its expected gain:
-AHEAD = 3.0  # chosen
+BEHIND = 30.0  # [nats] this far behind the best one, were its expected gain
+AHEAD = 3.0  # [-] so many times as large; both chosen
 SMALL = 1000  # [environments] of a batch that takes hardly longer than one of a few; chosen
 DAMPINGS = (1e-6, 0.1, 10.0)  # [-] of the curvature's diagonal; the first follows a ridge
 CONVERGED = (1e-3, 0.5)  # [-] relative, [nats] absolute decrease below both of which a fit ends
@@ -121,15 +121,17 @@ def fitted(
     found = problem.rolled_out([h.at(h.vector) for h in hypotheses], linear=True)
     going = dict.fromkeys(range(len(found)), DAMPINGS)
     for iteration in range(iterations):
+        costs = [problem.cost(f) for f in found]
+        best = _by_group(costs, groups)
         if reference is not None and iteration >= TRIED:
-            gains = [reference - problem.cost(f) for f in found]
-            most = _by_group(max, gains, groups)
-            going = {i: d for i, d in going.items() if gains[i] > HOPELESS * most[groups[i]]}
+            going = {
+                i: dampings
+                for i, dampings in going.items()
+                if reference - costs[i] > HOPELESS * (reference - best[groups[i]])
+            }
         for i, fit in zip(going, linearised(problem, [found[i] for i in going]), strict=True):
             found[i] = fit
         ways = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
-        costs = [problem.cost(f) for f in found]
-        best = _by_group(min, costs, groups)
         steps = {
             i: own.ends
             for i, own in ways.items()
@@ -149,11 +151,9 @@ def fitted(
     return linearised(problem, found)
 
 
-def _by_group(
-    of: Callable[[Iterable[float]], float], values: Sequence[float], groups: Sequence[int]
-) -> dict[int, float]:
-    """The largest or least value of each group."""
-    return {g: of(v for v, own in zip(values, groups, strict=True) if own == g) for g in groups}
+def _by_group(costs: Sequence[float], groups: Sequence[int]) -> dict[int, float]:
+    """The least cost of each group."""
+    return {g: min(c for c, own in zip(costs, groups, strict=True) if own == g) for g in groups}
 
 
 def _best(

@@ -18,14 +18,13 @@ from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.actuation.supply import ThermalFoldback
 from buggy_rl.effects.base import Effect
-from buggy_rl.estimation.bare import bare_trajectory, reads_mappings
+from buggy_rl.estimation.bare import BareEnv, Rows
 from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
-from buggy_rl.simulators.base import Engine
 from buggy_rl.task.augment import Options, Values, augmented
 
 MOST_ENVIRONMENTS = 12_000  # stepped at once, to bound memory
-AN_EFFECT = 400  # [environments] that a step takes as long for as for an effect of a few of them
+AN_EFFECT = 400  # [environments] 0.3 ms of an effect over 0.8 us of a reference car
 
 
 @dataclass(frozen=True)
@@ -191,10 +190,10 @@ class Simulation:
 
         state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
         wanted = set((self.instants(segments) + segments.start).tolist())
-        steps = action.shape[1] - 1
-        states = trajectory(env, state, act, steps)
-        if isinstance(env.base_env, Engine) and reads_mappings(env.base_env, stack):
-            states = bare_trajectory(env.base_env, stack, state, act, steps)
+        stepped: tuple[Any, Any] = env, state
+        if BareEnv.stands_for(env.base_env, stack):
+            stepped = BareEnv(env.base_env, stack), Rows(state.items())
+        states = trajectory(*stepped, act, action.shape[1] - 1)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
         return torch.stack(seen, 1).view(sets, count, len(seen), 6).cpu()
 

@@ -164,8 +164,8 @@ def _candidates(
     groups = [number % HALVES for number in range(len(starts))]
     apart = HALVES if simulation.workers.count > 1 and len(starts) >= 2 * HALVES else 1
     tasks = [(starts[n::apart], groups[n::apart]) for n in range(apart)]
-    function = partial(_fitted_part, replace(problem, simulation=simulation.alone))
-    parts = simulation.apart(partial(function, criteria, reference, leading), tasks)
+    alone = replace(problem, simulation=simulation.alone)
+    parts = simulation.apart(partial(_fitted_part, alone, criteria, reference, leading), tasks)
     return [parts[number % apart][number // apart] for number in range(len(starts))]
 
 
