@@ -1,5 +1,6 @@
 """What a search has tried, and how it is carried over to another noise model."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +90,37 @@ def test_the_same_recordings_give_the_same_fit(drives):
     for first, second in zip(firsts, seconds, strict=True):
         assert torch.equal(first.vector, second.vector)
         assert torch.equal(first.whitened, second.whitened)
+
+
+class Sending:
+    """Two processes, of which what is sent to the other one is run here."""
+
+    count = 2
+
+    def busy(self, environments):
+        return 1
+
+    def results(self, function, arguments, seconds):
+        return [pickle.loads(pickle.dumps(function))(*each) for each in arguments]
+
+
+def test_sets_are_fitted_apart_beside_a_baseline_and_a_bar(drives):
+    problem = problem_of(drives["late"])[torch.arange(3)]
+    shown = []
+    simulation = replace(
+        problem.simulation,
+        make=Maker("single_track"),
+        workers=Sending(),
+        rolled=lambda environments, rows: shown.append(environments),
+    )
+    problem = replace(problem, simulation=simulation)
+    criteria = Criteria(blocks(problem.segments), baseline=problem)
+    criteria = replace(criteria, rules=replace(criteria.rules, iterations=1), anew=False)
+    names = ["steering_dead_time", "steering_gain", "steering_lag", "throttle_gain"]
+    starts = [problem.library.hypothesis((name,)) for name in names]
+    _, found = tried_too(State(problem, {}), starts, criteria)
+    assert [c.key for c in found] == [(name,) for name in names]
+    assert shown  # the bar hears of rollouts of the other process
 
 
 @pytest.mark.slow

@@ -165,7 +165,8 @@ def _candidates(
     apart = HALVES if simulation.workers.count > 1 and len(starts) >= 2 * HALVES else 1
     tasks = [(starts[n::apart], groups[n::apart]) for n in range(apart)]
     alone = replace(problem, simulation=simulation.alone)
-    parts = simulation.apart(partial(_fitted_part, alone, criteria, reference, leading), tasks)
+    own = replace(criteria, baseline=None)  # it is not asked, and a simulation may not be sent
+    parts = simulation.apart(partial(_fitted_part, alone, own, reference, leading), tasks)
     return [parts[number % apart][number // apart] for number in range(len(starts))]
 
 
