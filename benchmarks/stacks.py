@@ -145,6 +145,8 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
         "effects": said["effects"],
         "layers": said["layers"],
         "more": said["more_is_missing"],
+        "by_recording": said["by_recording"],
+        "evidence": done.found.observed.rounded.to_dict() if done.found.observed else None,
         "posterior": {k: said["posterior"][k] for k in ("nothing", "unknown")},
         "fit": said["fit"],
         "held_out": {k: of.median.get(SAID) for k, of in _aside(done, aside).items()},

@@ -29,11 +29,13 @@ from buggy_rl.diagnosis.run.maker import (
 from buggy_rl.diagnosis.run.meter import Meter, MeterReading
 from buggy_rl.diagnosis.run.plan import plan_of
 from buggy_rl.diagnosis.run.stages import Stages
+from buggy_rl.diagnosis.search.by_recording import by_recording
 from buggy_rl.diagnosis.search.joint import Admits, Keep, joint_search
 from buggy_rl.diagnosis.search.limits import limits_within, same_sets
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.baseline import Correction, correct
+from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
@@ -125,6 +127,7 @@ def run_diagnosis(
         ]
         options = {**own_options(config), **opened.step.options}
         done = _diagnosed(case, options, stages, "", meter)
+        done = _recordings_apart(done, stages, "", meter)
         done = _retuned_too(config, done, stages, meter, bool(seen.first and config.minutes))
 
     said = done.answer
@@ -261,6 +264,36 @@ def answered(
     )
 
 
+def _recordings_apart(done: Diagnosed, stages: Stages, stage: str, meter: Meter) -> Diagnosed:
+    """Looks again for what recordings share, where most of what is left differs between them.
+
+    Args:
+        done: The answer so far.
+        stages: Of the diagnosis.
+        stage: What the names of this one's stages begin with.
+        meter: Of the diagnosis.
+    """
+    case, found, problem = done.case, done.found, done.case.problem
+    apart = stages.done(
+        f"{stage}by_recording",
+        lambda: by_recording(case.criteria, problem, found.null, found.predictive, case.names),
+    )
+    if apart.covariance is None:
+        return done
+    said = replace(done.answer, by_recording=list(apart.differences))
+    if not meter.admits("retuning"):
+        left_out = [*said.left_out, "searching again for what all recordings share"]
+        return replace(done, answer=replace(said, left_out=left_out))
+    meter.says("looking for what all recordings share")
+    standing = problem.noise.extra
+    extra = apart.covariance if standing is None else apart.covariance + standing
+    noise = noise_model(problem.simulation, problem.segments, extra=extra)
+    problem = replace(problem, noise=noise, dispersion=1.0)
+    shared = replace(case, problem=problem, apart=apart.covariance)
+    again = _diagnosed(shared, done.step, stages, f"{stage}shared_", meter)
+    return replace(again, answer=replace(again.answer, by_recording=said.by_recording))
+
+
 def _retuned_too(
     config: DiagnosisConfig, done: Diagnosed, stages: Stages, meter: Meter, short: bool
 ) -> Diagnosed:
@@ -294,10 +327,20 @@ def _retuned_too(
     make = Maker.of(config, tuned.values, done.step)
     opened = measured_again(config, given, make, case.problem.library)
     second = prepare_case(
-        opened.simulation, case.drives, opened.library, config, budget=case.budget
+        opened.simulation,
+        case.drives,
+        opened.library,
+        config,
+        budget=case.budget,
+        apart=case.apart,
     )
     second = replace(second, retuned_from=given, tuned=tuned)
     again = _diagnosed(second, done.step, stages, "second_", meter)
+    if case.apart is None:
+        again = _recordings_apart(again, stages, "second_", meter)
+    else:
+        known = answer.by_recording
+        again = replace(again, answer=replace(again.answer, by_recording=known))
     return again if again.answer.proof.better_than(answer.proof) else done
 
 

@@ -102,7 +102,7 @@ class NoiseModel:
     sd: Tensor
     """[6] standard deviation of a reading."""
     extra: Tensor | None = None
-    """[D, D] E."""
+    """[D, D] E, or [N, D, D] with one of each segment."""
     about: Tensor | None = None
     """[N, K, 6] residuals about which the effect of a start error was computed."""
 
@@ -110,6 +110,12 @@ class NoiseModel:
     def dimension(self) -> int:
         """Numbers of a segment (D)."""
         return self.whitening.shape[-1]
+
+    @property
+    def standing(self) -> Tensor | None:
+        """[D, D] E, in the mean over segments: what other segments are expected to have."""
+        own = self.extra
+        return own.mean(0) if own is not None and own.dim() == 3 else own
 
     @property
     def of_sensor(self) -> "NoiseModel":
@@ -126,7 +132,10 @@ class NoiseModel:
 
     def __getitem__(self, index: Tensor) -> "NoiseModel":
         about = None if self.about is None else self.about[index]
-        return NoiseModel(self.whitening[index], self.sd, self.extra, about)
+        extra = self.extra
+        if extra is not None and extra.dim() == 3:
+            extra = extra[index]
+        return NoiseModel(self.whitening[index], self.sd, extra, about)
 
     def whiten(self, residuals: Tensor) -> Tensor:
         """W e [C, N, D] of residuals [C, N, K, 6]; what is not finite becomes large."""
@@ -160,7 +169,8 @@ def noise_model(
         simulation: Of the simulator.
         segments: The segments.
         settings: One parameter set about which start errors are propagated.
-        extra: [D, D] covariance of what the simulator gets wrong on its baseline.
+        extra: [D, D] covariance of what the simulator gets wrong on its baseline, or [N, D, D]
+            of what else is no error of it.
         noise_from: Segments that tell how noisy the sensor is; None for `segments` itself.
     """
     seen = segments if noise_from is None else noise_from

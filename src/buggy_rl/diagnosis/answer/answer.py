@@ -14,6 +14,7 @@ from buggy_rl.diagnosis.answer.other_sensors import SensorFinding
 from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.repair.proof import Proof, Repair
 from buggy_rl.diagnosis.residuals import READINGS, Unexplained
+from buggy_rl.diagnosis.search.by_recording import Difference
 from buggy_rl.diagnosis.search.candidate import excess_misfit
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import SearchResult
@@ -100,6 +101,8 @@ class Answer:
     """Probability that more is missing than is named, whatever the probability of the names."""
     terms: list[NamedEffect] = field(default_factory=list)
     """Equations without a name that the car behaves like, of the layer of terms."""
+    by_recording: list[Difference] = field(default_factory=list)
+    """Effects that are others in each recording; they count as noise."""
     left_out: list[str] = field(default_factory=list)
     """Parts for which there was no time, in words; `notes` say it."""
     first: list[str] = field(default_factory=list)
@@ -130,6 +133,7 @@ class Answer:
                 "repair": self.repair.to_dict(),
                 "layers": [layer.to_dict() for layer in self.layers],
                 "more_is_missing": self.more,
+                "by_recording": [d.to_dict() for d in self.by_recording],
                 "excitation": {
                     "weak": self.weak,
                     "suggest": self.suggest,
@@ -141,7 +145,7 @@ class Answer:
 
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
-        result = [*self.first, self._headline()]
+        result = [*self.first, *self._apart(), self._headline()]
         if self.sensors:
             said = "; ".join(s.line() for s in self.sensors)
             result.append(f"Measured without a simulator: {said}.")
@@ -165,6 +169,16 @@ class Answer:
         elif open_ and self.weak:
             result.append(f"Hardly driven: {'; '.join(self.weak)}.")
         return result
+
+    def _apart(self) -> list[str]:
+        """What recordings do not share, in a sentence."""
+        if not self.by_recording:
+            return []
+        each = " and ".join(difference.words() for difference in self.by_recording)
+        return [
+            f"The car differs from recording to recording, as by {each}: that closes "
+            f"{self.by_recording[0].closes:.0%} of what is left, and counts as noise."
+        ]
 
     def _beyond(self) -> list[str]:
         """What lies upon what has a name, how much that is worth, and its equations."""
@@ -227,6 +241,8 @@ class Answer:
             first += f"; {share:.0%} of the residual is unexplained"
         elif self.verdict == "wrong_parameters":
             first += "; no physics is missing"
+        if self.by_recording:
+            first = f"Beside that: {first[:1].lower()}{first[1:]}"
         return f"{first}."
 
 

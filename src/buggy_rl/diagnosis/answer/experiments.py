@@ -131,7 +131,7 @@ def _rolled_out(problem: Problem, truth: Candidate, known: Sequence[Candidate]) 
     segments = cut_segments(recordings, problem.segments.horizon * problem.segments.dt, 1.0)
     settings = problem.library.settings([(truth.fit, truth.fit.vector)])
     noise = noise_model(
-        problem.simulation, segments, settings, problem.noise.extra, problem.segments
+        problem.simulation, segments, settings, problem.noise.standing, problem.segments
     )
     there = replace(problem, segments=segments, noise=noise)
     true, *rolled = there.rolled_out([candidate.fit for candidate in (truth, *known)])

@@ -220,9 +220,9 @@ def rendered(
 
 def _heading(answer: Answer, equivalents: Mapping[str, Equivalents]) -> tuple[str, str]:
     """The finding in words where one is named surely, and the verdict; else the verdict alone."""
-    verdict = answer.lines()[0]
+    verdict, *more = answer.lines()
     if answer.verdict not in NAMED or not answer.effects:
-        return verdict, ""
+        return verdict, more[0] if answer.by_recording else ""
     first = answer.effects[0]
     if first.name in equivalents:
         return equivalents[first.name].line(), verdict

@@ -138,6 +138,8 @@ class DiagnosisCase:
     """The simulator's own parameters, where it has been re-tuned."""
     similarity: Similarity = field(default_factory=Similarity)
     """Ratios of the car to the buggy, by the question's `car`."""
+    apart: Tensor | None = None
+    """[N, D, D] covariance of what recordings do not share, where they were found to differ."""
 
     @property
     def recordings(self) -> Sequence[Recording]:
@@ -207,6 +209,7 @@ def prepare_case(
     config: DiagnosisConfig,
     correction: Correction | None = None,
     budget: Budget = FULL,
+    apart: Tensor | None = None,
 ) -> DiagnosisCase:
     """Linearises the noise model of drives about a simulator.
 
@@ -217,10 +220,12 @@ def prepare_case(
         config: Thresholds, and the car.
         correction: Of what the simulator gets wrong on the drives' baseline.
         budget: How much the search may roll out.
+        apart: [N, D, D] covariance of what recordings do not share.
     """
-    extra = None
+    extra = apart
     if correction is not None:
-        simulation, extra = correction.simulation(simulation), correction.covariance
+        simulation = correction.simulation(simulation)
+        extra = correction.covariance if apart is None else correction.covariance + apart
     noise = noise_model(simulation, drives.segments, extra=extra)
     problem = Problem(simulation, drives.segments, noise, library)
     criteria = Criteria(blocks(drives.segments), rules=config.search)
@@ -233,7 +238,13 @@ def prepare_case(
         )
     similarity = load_car(config.car).similarity if config.car else Similarity()
     return DiagnosisCase(
-        problem, criteria, drives, budget=budget, correction=correction, similarity=similarity
+        problem,
+        criteria,
+        drives,
+        budget=budget,
+        correction=correction,
+        similarity=similarity,
+        apart=apart,
     )
 
 

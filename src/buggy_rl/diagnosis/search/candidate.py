@@ -144,12 +144,12 @@ def variation(
     fit = best.fit
     assert fit.jacobian is not None
     own = [i for i, coordinate in enumerate(fit.coordinates) if coordinate.effect == effect]
-    constant = _held_out(criteria, problem, best, fit.jacobian[..., :0])
+    constant = held_out_square(criteria, problem, best, fit.jacobian[..., :0])
     found = Variation()
     instants = problem.simulation.instants(problem.segments)
     for name, value in conditions(problem.segments, instants).items():
         columns = fit.jacobian[..., own] * value[:, None, None]
-        varied = _held_out(criteria, problem, best, columns)
+        varied = held_out_square(criteria, problem, best, columns)
         lost = [problem.noise.loss(s, problem.dispersion) for s in (constant, varied)]
         nats = float((lost[0] - lost[1]).sum())
         if nats > found.nats:
@@ -159,8 +159,17 @@ def variation(
     return found
 
 
-def _held_out(criteria: Criteria, problem: Problem, best: Candidate, more: Tensor) -> Tensor:
-    """|W e|^2 [N] with further columns [N, D, Q], when a segment's block was held out."""
+def held_out_square(criteria: Criteria, problem: Problem, best: Candidate, more: Tensor) -> Tensor:
+    """|W e|^2 [N] of a fit with further columns, when a segment's block was held out.
+
+    To first order, without a rollout.
+
+    Args:
+        criteria: Blocks and the columns' prior.
+        problem: Of all segments.
+        best: The fit, with its derivatives.
+        more: [N, D, Q] changes of the whitened residuals by one prior scale.
+    """
     fit, dispersion = best.fit, problem.dispersion
     assert fit.jacobian is not None
     columns = torch.cat([fit.jacobian, more], -1)
