@@ -348,3 +348,8 @@ def test_a_second_search_where_unknown_or_unsure_and_parameters_alone_do_better(
     of = {"after": {1.0: 0.05}, "retuned": {1.0: tuned}}
     proof = Proof({1.0: 0.1}, {1.0: 0.01}, {1.0: tuned**2}, {}, {}, 5.0, 1.0, True, of)
     assert left_open(Posterior(sets, unknown), ("payload",), proof) is expected
+
+
+def test_a_manoeuvre_says_between_which_sets_it_decides():
+    rate = DecisionRate("slalom", "a slalom", 0.87, 0.93, (("steering_lag", "wind"), ()))
+    assert "between steering_lag+wind and nothing with a probability of 87%" in rate.line()

@@ -6,7 +6,8 @@ import torch
 from scipy.integrate import cumulative_trapezoid
 from tensordict import TensorDict
 
-from buggy_rl.diagnosis.answer.other_sensors import other_sensors
+from buggy_rl.diagnosis.answer.other_sensors import EARLY, SensorFinding, other_sensors
+from buggy_rl.diagnosis.answer.other_sensors import LATE as LATE_POSE
 from buggy_rl.recordings import Recording
 
 DT, SECONDS = 0.01, 60.0
@@ -109,3 +110,8 @@ def test_a_gyroscope_that_is_stamped_late_is_said_to_be():
 def test_a_line_says_value_and_interval():
     line = findings(recording(0))["pose_lateness"].line()
     assert line.startswith("the pose comes after the gyroscope by 42 ms (4")
+
+
+def test_a_pose_that_comes_early_is_said_with_its_bounds_in_order():
+    early = SensorFinding("pose_lateness", LATE_POSE, "s", -0.03, -0.032, -0.029)
+    assert early.line() == f"{EARLY} 30 ms (29 to 32)"

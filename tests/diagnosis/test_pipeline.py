@@ -1,6 +1,7 @@
 """From recordings to an answer, on short recordings of a single-track car."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -176,3 +177,18 @@ def test_commands_that_do_not_predict_the_motion_get_the_shortest_search_unless_
     with pytest.raises(BudgetedError) as budget:
         run_diagnosis(replace(ONE, minutes=minutes), recordings)
     assert budget.value.args == (expected,)
+
+
+@pytest.mark.parametrize(
+    ("short", "baseline", "parameters"), [(True, None, 1), (False, "drives", 1), (False, None, 0)]
+)
+def test_parameters_are_not_fitted_where_they_were_right_or_are_none(
+    monkeypatch, short, baseline, parameters
+):
+    library = SimpleNamespace(parameters=dict.fromkeys(range(parameters)))
+    problem = SimpleNamespace(library=library)
+    case = SimpleNamespace(drives=SimpleNamespace(baseline=baseline), problem=problem)
+    found = SimpleNamespace(posterior=None, best=SimpleNamespace(effects=()))
+    done = SimpleNamespace(case=case, found=found, answer=SimpleNamespace(proof=None))
+    monkeypatch.setattr(pipeline, "left_open", lambda *_: pytest.fail("it is looked at again"))
+    assert pipeline._retuned_too(None, done, None, None, short) is done

@@ -37,3 +37,10 @@ def test_an_effect_is_screened_both_ways_and_a_vector_in_each_of_its_parts(drive
         [-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [1.0, 0.0]
     ]  # fmt: skip
     assert len(library.trials("grip_patch", segments)) == len(PATCH_GRID) ** 2
+
+
+@pytest.mark.parametrize(("value", "side"), [(0.2, -1), (0.199, -1), (0.1, 1), (0.0, 1)])
+def test_a_parameter_of_the_simulators_own_is_probed_within_its_range(value, side):
+    [own] = Library([], {"p": Parameter("p", value, 0.0, 0.2, "s", "")}).numbers(OWN + "p")
+    assert own.probe * side > 0
+    assert 0.0 <= value + own.probe <= 0.2
