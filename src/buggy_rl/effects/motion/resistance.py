@@ -50,7 +50,10 @@ class AerodynamicDrag(MotionEffect):
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         loss = values["coefficient"] * TYPICAL_SPEED**2
-        return f"the air slows the car by {loss:.3g} m/s a second at {TYPICAL_SPEED:g} m/s"
+        return (
+            f"the air slows the car by {abs(loss):.3g} m/s a second{_less(loss)} at "
+            f"{TYPICAL_SPEED:g} m/s"
+        )
 
     def _change(self, motion: Motion) -> Tensor:
         passed = self._value("coefficient") * motion.speed * self.dt
@@ -81,7 +84,9 @@ class RollingResistance(MotionEffect):
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
-        return f"the car rolls out {values['deceleration']:.3g} m/s a second faster at any speed"
+        loss = values["deceleration"]
+        how = "faster" if loss >= 0 else "slower"
+        return f"the car rolls out {abs(loss):.3g} m/s a second {how} at any speed"
 
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
@@ -113,8 +118,8 @@ class ViscousDrag(MotionEffect):
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:
         return (
-            f"a drag that grows with the speed, as of stiff grease: {values['rate']:.3g} N for "
-            "each m/s and each kilogram of the car"
+            f"{_stiff_grease(values)} {abs(values['rate']):.3g} N for each m/s and each kilogram "
+            "of the car"
         )
 
     @classmethod
@@ -126,8 +131,8 @@ class ViscousDrag(MotionEffect):
     ) -> str:
         del command
         return (
-            "a drag that grows with the speed, as of stiff grease: "
-            f"{values['rate'] * car.mass:.3g} N s/m at a car of {car.mass:.3g} kg"
+            f"{_stiff_grease(values)} {abs(values['rate']) * car.mass:.3g} N s/m at a car of "
+            f"{car.mass:.3g} kg"
         )
 
     def _change(self, motion: Motion) -> Tensor:
@@ -167,8 +172,8 @@ class CorneringDrag(MotionEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         loss = values["coefficient"] * BRISK**2
         return (
-            f"the tyres' slip in turns slows the car: by {loss:.3g} m/s a second at half a g "
-            "sideways, a quarter of it at a quarter of a g"
+            f"the tyres' slip in turns slows the car{_less(loss)}: by {abs(loss):.3g} m/s a second "
+            "at half a g sideways, a quarter of it at a quarter of a g"
         )
 
     def _change(self, motion: Motion) -> Tensor:
@@ -221,8 +226,8 @@ class SteeringDrag(MotionEffect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         loss = values["per_angle"] * math.radians(TURNED)
         return (
-            f"turned front wheels slow the car: by {loss:.3g} m/s a second at {TURNED:g} degrees, "
-            "at any speed"
+            f"turned front wheels slow the car{_less(loss)}: by {abs(loss):.3g} m/s a second at "
+            f"{TURNED:g} degrees, at any speed"
         )
 
     def _change(self, motion: Motion) -> Tensor:
@@ -241,3 +246,14 @@ class SteeringDrag(MotionEffect):
 def _still(motion: Motion) -> Tensor:
     """[n, 1] zeros: the yaw rate is left alone."""
     return torch.zeros_like(motion.after[..., 2:])
+
+
+def _less(loss: float) -> str:
+    """The word for a drag that is smaller than the simulator's."""
+    return "" if loss >= 0 else " less"
+
+
+def _stiff_grease(values: Mapping[str, float]) -> str:
+    if values["rate"] >= 0:
+        return "a drag that grows with the speed, as of stiff grease:"
+    return "less of a drag that grows with the speed, as of bearings that have run in:"
