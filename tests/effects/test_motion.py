@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -318,3 +319,18 @@ def test_a_drag_on_one_side_is_said_to_be_on_the_side_that_it_turns_to(moment, s
     said = effect_class("one_sided_drag").sentence({"yaw_acceleration": moment})
     assert side in said
     assert {"left": "right", "right": "left"}[side] not in said
+
+
+def test_a_controllers_force_follows_what_it_wants_with_its_lag(monkeypatch):
+    effect = make_effect("speed_controller_lag", time_constant=0.1)
+    wanted = torch.zeros(3)
+    monkeypatch.setattr(effect, "_controlled", lambda _: wanted)
+    state, lost = torch.zeros(3, 2), 0.0
+    for _ in range(31):  # the first step makes the force known
+        change, state = effect._change_and_state(SimpleNamespace(state=state))
+        lost = lost + change[:, 0]
+        wanted = torch.tensor([0.0, 1.0, -2.0])
+    held = wanted * (1 - math.exp(-0.3 / 0.1))
+    torch.testing.assert_close(state[:, 0], held)
+    # The force that is not there yet, over the 0.3 s.
+    torch.testing.assert_close(lost, -0.1 * wanted * (1 - math.exp(-0.3 / 0.1)))
