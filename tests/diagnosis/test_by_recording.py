@@ -38,10 +38,10 @@ def test_an_effect_that_differs_is_found_with_its_number_in_each_recording(drive
     _, found = looked_at([low, high])
     [difference] = found.differences
     assert difference.effect == "steering_gain"
-    assert difference.numbers["first"]["gain"] == pytest.approx(1.06, abs=0.01)
-    assert difference.numbers["second"]["gain"] == pytest.approx(0.95, abs=0.01)
+    assert difference.numbers["first"]["gain"] == pytest.approx(1.06, abs=0.002)
+    assert difference.numbers["second"]["gain"] == pytest.approx(0.95, abs=0.002)
     assert difference.closes > 0.8
-    assert difference.words().startswith("steering_gain (gain 1.06 in first, gain 0.9")
+    assert difference.words().startswith("steering_gain (gain 1.06 in first, gain 0.95 in second")
     assert difference.to_dict()["units"] == {"gain": "-"}
 
 

@@ -1,13 +1,13 @@
 """Effects whose numbers are others in each recording: a car that differs from drive to drive.
 
 A servo horn slips, a battery is another one, a floor has been swept. What recordings do not share
-no effect with one number closes. Its numbers are found to first order, and enter the noise model as
-a random effect: what is named then is what all recordings share.
+no effect with one number closes. It enters the noise model as a random effect, so that what is
+named is what all recordings share.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -26,6 +26,7 @@ CLOSES = 0.5  # [-] of what is left that all of them close at least,
 EACH = 0.25  # [-] and each; benchmarks/by_recording.py
 MOST = 3  # effects
 CHOICE = 4.0  # [nats] of one among some fifty
+LEAST = 0.01  # [prior scales] deviation from which a rollout tells its secant
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Difference:
 
     effect: str
     numbers: Mapping[str, Mapping[str, float]]
-    """Recording -> number -> value in its unit, to first order."""
+    """Recording -> number -> value in its unit."""
     units: Mapping[str, str]
     """Number -> unit."""
     closes: float
@@ -104,7 +105,9 @@ def by_recording(
         return ByRecording()
     chosen = min(closing, key=lambda f: f.priced.loss)
     fit, nats = chosen.base.fit, least.loss - chosen.priced.loss
-    deviations = _estimated(problem, fit, chosen.ways, recording)
+    first = _estimated(problem, fit, chosen.ways, recording)
+    ways = _at_size(problem, fit, chosen.ways, first, recording)
+    deviations = _estimated(problem, fit, ways, recording)
     library, closes = problem.library, 1 - chosen.priced.left / least.left
     differences = tuple(
         Difference(
@@ -117,9 +120,9 @@ def by_recording(
             closes,
             nats,
         )
-        for way, own in zip(chosen.ways, deviations, strict=True)
+        for way, own in zip(ways, deviations, strict=True)
     )
-    return ByRecording(differences, _covariance(problem, chosen.ways, deviations, recording))
+    return ByRecording(differences, _covariance(problem, ways, deviations, recording))
 
 
 @dataclass(frozen=True)
@@ -221,6 +224,37 @@ def _estimated(
         own.view(len(way.directions), -1)
         for way, own in zip(ways, solution.split(sizes), strict=True)
     ]
+
+
+def _at_size(
+    problem: Problem,
+    base: Fit,
+    ways: Sequence[_Way],
+    deviations: Sequence[Tensor],
+    recording: Tensor,
+) -> list[_Way]:
+    """Effects with secants from rollouts at their own deviation in each recording."""
+    rows = []
+    for way, own in zip(ways, deviations, strict=True):
+        names = base.effects if way.effect in base.effects else (*base.effects, way.effect)
+        about = problem.library.at(names, base.named())
+        place = [i for i, c in enumerate(about.coordinates) if c.effect == way.effect]
+        for direction, by_recording in zip(way.directions, own, strict=True):
+            moved = about.vector.repeat(len(recording), 1)
+            step = torch.tensor(direction, dtype=moved.dtype)
+            moved[:, place] += by_recording[recording].unsqueeze(1) * step
+            rows.append((about, about.bounded(moved)))
+    rolled = iter(problem.whitened(rows))
+    result = []
+    for way, own in zip(ways, deviations, strict=True):
+        columns = [
+            torch.where(size.abs() > LEAST, (next(rolled) - base.whitened) / size, column)
+            for size, column in zip(
+                own[:, recording].unsqueeze(-1), way.columns.unbind(-1), strict=True
+            )
+        ]
+        result.append(replace(way, columns=torch.stack(columns, -1)))
+    return result
 
 
 def _values(library: Library, base: Fit, way: _Way, deviation: Sequence[float]) -> dict[str, float]:
