@@ -1,6 +1,6 @@
 # make demo    from recordings to two simulators, the table that compares them, a policy from each,
 #              and a blind test: about five minutes on 2 free cores, beside downloads
-# make test    lint, types and tests: about nine minutes on 2 free cores from a fresh clone
+# make test    lint, types and tests: about eight minutes on 2 free cores from a fresh clone
 # Each alone takes a fresh clone to the end: it makes .venv and installs into it what it needs.
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
