@@ -11,6 +11,7 @@ said to differ, and the share of what was left that it closes; rows are written 
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 from buggy_rl.core.config import from_command_line, run
 
@@ -69,7 +70,9 @@ def main() -> None:
         of = RecordConfig(output="", drives=1, seed=config.seed + number, faults=faults)
         engine = make_simulator(of.simulator, 1, **of.of_engine)
         rows = recorded_steps(engine, make_driver(of, engine), round(100 * config.seconds))
-        data = Camera(of.camera, of.seed).recorded(TensorDict.stack([*rows], 1)[0])
+        data = Camera(of.camera, of.seed).recorded(
+            cast(TensorDict, TensorDict.stack([*rows], 1))[0]
+        )
         return Recording(f"drive_{number}", data, CONTROL_PERIOD)
 
     output = Path(config.output)

@@ -80,8 +80,9 @@ def test_without_tensordicts_a_rollout_is_the_same_to_the_last_bit(engine):
         return now.set("action", commands[row])
 
     whole = trajectory(env, state.clone(), act, 30)
-    assert BareEnv.stands_for(env.base_env, stack)
-    bare = trajectory(BareEnv(env.base_env, stack), Rows(state.items()), act, 30)
+    alone = BareEnv.of(env.base_env, stack)
+    assert alone is not None
+    bare = trajectory(alone, Rows(state.items()), act, 30)
     for one, other in zip(whole, bare, strict=True):
         memories = [effect.memory for effect in stack if effect.memory in one.keys()]  # noqa: SIM118
         assert len(memories) > 10

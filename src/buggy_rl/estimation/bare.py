@@ -34,11 +34,16 @@ class BareEnv:
         self._engine = engine
         self._acting = [effect for effect in stack if effect.active]
 
-    @staticmethod
-    def stands_for(engine: EnvBase, stack: Sequence[Effect]) -> bool:
-        """Whether all are the package's; a user's own may call what a TensorDict alone has."""
+    @classmethod
+    def of(cls, engine: EnvBase, stack: Sequence[Effect]) -> "BareEnv | None":
+        """What stands for an engine of ours under effects of ours.
+
+        None where one is a user's own, which may call what a TensorDict alone has.
+        """
         own = all(type(part).__module__.startswith("buggy_rl.") for part in (engine, *stack))
-        return own and isinstance(engine, Engine) and type(engine)._step is Engine._step
+        if own and isinstance(engine, Engine) and type(engine)._step is Engine._step:
+            return cls(engine, stack)
+        return None
 
     def step(self, state: Rows) -> dict[str, Rows]:
         """Returns the next state under `next`."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -190,10 +190,9 @@ class Simulation:
 
         state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
         wanted = set((self.instants(segments) + segments.start).tolist())
-        stepped: tuple[Any, Any] = env, state
-        if BareEnv.stands_for(env.base_env, stack):
-            stepped = BareEnv(env.base_env, stack), Rows(state.items())
-        states = trajectory(*stepped, act, action.shape[1] - 1)
+        bare = BareEnv.of(env.base_env, stack)
+        begin = cast(Any, state if bare is None else Rows(state.items()))
+        states = trajectory(env if bare is None else bare, begin, act, action.shape[1] - 1)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
         return torch.stack(seen, 1).view(sets, count, len(seen), 6).cpu()
 
