@@ -59,8 +59,8 @@ def test_a_short_time_is_kept_by_rolling_out_less_and_the_answer_says_what_was_l
     assert done.answer.effects[0].name == "throttle_gain"
     assert readings[0].left > 0  # before anything was rolled out
     first, last = readings[0], readings[-1]
-    # In steps, since this machine's clock may stall; but for parts for which time was up.
-    assert last.planned - last.done < 0.2 * first.planned or done.answer.left_out
+    # In steps, since clocks may stall; parts for which time was up are not rolled out.
+    assert last.done <= last.planned < 1.2 * first.planned
     counts = [reading.done for reading in readings]
     assert counts == sorted(counts)
 

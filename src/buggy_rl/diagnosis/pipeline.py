@@ -29,13 +29,12 @@ from buggy_rl.diagnosis.run.maker import (
 from buggy_rl.diagnosis.run.meter import Meter, MeterReading
 from buggy_rl.diagnosis.run.plan import plan_of
 from buggy_rl.diagnosis.run.stages import Stages
-from buggy_rl.diagnosis.search.by_recording import by_recording
+from buggy_rl.diagnosis.search.by_recording import ByRecording, Difference, by_recording
 from buggy_rl.diagnosis.search.joint import Admits, Keep, joint_search
 from buggy_rl.diagnosis.search.limits import limits_within, same_sets
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.baseline import Correction, correct
-from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.workers import Workers
 from buggy_rl.recordings import Recording
@@ -127,7 +126,6 @@ def run_diagnosis(
         ]
         options = {**own_options(config), **opened.step.options}
         done = _diagnosed(case, options, stages, "", meter)
-        done = _recordings_apart(done, stages, "", meter)
         done = _retuned_too(config, done, stages, meter, bool(seen.first and config.minutes))
 
     said = done.answer
@@ -172,19 +170,55 @@ def _corrected(
 
 
 def _diagnosed(
-    case: DiagnosisCase, options: dict[str, Any], stages: Stages, stage: str, meter: Meter
+    case: DiagnosisCase,
+    options: dict[str, Any],
+    stages: Stages,
+    stage: str,
+    meter: Meter,
+    differences: Sequence[Difference] = (),
 ) -> Diagnosed:
-    """Searches and answers, or takes what was kept under the stage's name."""
+    """Searches and answers, or takes what was kept under the stage's name.
+
+    Where most of what is left differs between recordings, what they share is searched for anew.
+
+    Args:
+        case: The question.
+        options: Of the simulator, with which it integrates finely enough.
+        stages: Of the diagnosis.
+        stage: What the names of this one's stages begin with.
+        meter: Of the diagnosis.
+        differences: Between recordings, that the case's noise model has already.
+    """
     meter.stage("search")
 
     def kept(name: str, compute: Callable[[], Any]) -> Any:
         return stages.done(f"{stage}{name}", compute)
 
     found = kept("search", lambda: _searched(case, meter, kept))
+    if case.apart is None:
+        apart = kept("by_recording", lambda: _by_recording(case, found))
+        differences = apart.differences
+        if differences and meter.admits("retuning"):
+            meter.says("looking for what all recordings share")
+            case = case.with_apart(apart.covariance)
+            found = kept("shared", lambda: _searched(case, meter, partial(_keeping, kept)))
+        elif differences:
+            left_out = (*found.left_out, "searching for what all recordings share")
+            found = replace(found, left_out=left_out)
     case = replace(case, problem=found.problem(case.problem))
     meter.stage("answer")
     said = kept("answer", lambda: answered(case, found, meter.says, meter.admits))
-    return Diagnosed(case, found, said, options)
+    return Diagnosed(case, found, replace(said, by_recording=list(differences)), options)
+
+
+def _by_recording(case: DiagnosisCase, found: SearchResult) -> ByRecording:
+    problem = found.problem(case.problem)
+    return by_recording(case.criteria, problem, found.null, found.predictive, case.names)
+
+
+def _keeping(kept: Keep, name: str, compute: Callable[[], Any]) -> Any:
+    """Keeps parts of a second search under names of their own."""
+    return kept(f"shared_{name}", compute)
 
 
 def _searched(case: DiagnosisCase, meter: Meter, kept: Keep) -> SearchResult:
@@ -264,36 +298,6 @@ def answered(
     )
 
 
-def _recordings_apart(done: Diagnosed, stages: Stages, stage: str, meter: Meter) -> Diagnosed:
-    """Looks again for what recordings share, where most of what is left differs between them.
-
-    Args:
-        done: The answer so far.
-        stages: Of the diagnosis.
-        stage: What the names of this one's stages begin with.
-        meter: Of the diagnosis.
-    """
-    case, found, problem = done.case, done.found, done.case.problem
-    apart = stages.done(
-        f"{stage}by_recording",
-        lambda: by_recording(case.criteria, problem, found.null, found.predictive, case.names),
-    )
-    if apart.covariance is None:
-        return done
-    said = replace(done.answer, by_recording=list(apart.differences))
-    if not meter.admits("retuning"):
-        left_out = [*said.left_out, "searching again for what all recordings share"]
-        return replace(done, answer=replace(said, left_out=left_out))
-    meter.says("looking for what all recordings share")
-    standing = problem.noise.extra
-    extra = apart.covariance if standing is None else apart.covariance + standing
-    noise = noise_model(problem.simulation, problem.segments, extra=extra)
-    problem = replace(problem, noise=noise, dispersion=1.0)
-    shared = replace(case, problem=problem, apart=apart.covariance)
-    again = _diagnosed(shared, done.step, stages, f"{stage}shared_", meter)
-    return replace(again, answer=replace(again.answer, by_recording=said.by_recording))
-
-
 def _retuned_too(
     config: DiagnosisConfig, done: Diagnosed, stages: Stages, meter: Meter, short: bool
 ) -> Diagnosed:
@@ -335,12 +339,7 @@ def _retuned_too(
         apart=case.apart,
     )
     second = replace(second, retuned_from=given, tuned=tuned)
-    again = _diagnosed(second, done.step, stages, "second_", meter)
-    if case.apart is None:
-        again = _recordings_apart(again, stages, "second_", meter)
-    else:
-        known = answer.by_recording
-        again = replace(again, answer=replace(again.answer, by_recording=known))
+    again = _diagnosed(second, done.step, stages, "second_", meter, answer.by_recording)
     return again if again.answer.proof.better_than(answer.proof) else done
 
 

@@ -141,6 +141,13 @@ class DiagnosisCase:
     apart: Tensor | None = None
     """[N, D, D] covariance of what recordings do not share, where they were found to differ."""
 
+    def with_apart(self, apart: Tensor) -> "DiagnosisCase":
+        """The case with the covariance of what recordings do not share in its noise model."""
+        problem, standing = self.problem, self.problem.noise.extra
+        extra = apart if standing is None else apart + standing
+        noise = noise_model(problem.simulation, problem.segments, extra=extra)
+        return replace(self, problem=replace(problem, noise=noise), apart=apart)
+
     @property
     def recordings(self) -> Sequence[Recording]:
         """What the simulator should have predicted."""

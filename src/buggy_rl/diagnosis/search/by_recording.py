@@ -15,6 +15,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate, held_out_square
+from buggy_rl.diagnosis.search.joint import unit_changes
 from buggy_rl.estimation.evidence import NOTHING, misfit
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Library
@@ -23,9 +24,8 @@ from buggy_rl.estimation.sparse import trials
 SIZE = (0.4,)  # [prior scales] of the trials whose secants stand for derivatives
 DIRECTIONS = 2  # of an effect at most: more are places on the floor, which recordings share
 CLOSES = 0.5  # [-] of what is left that all of them close at least,
-EACH = 0.25  # [-] and each; benchmarks/by_recording.py
+EACH = 0.25  # [-] and each; chosen, and held to by benchmarks/by_recording.py
 MOST = 3  # effects
-CHOICE = 4.0  # [nats] of one among some fifty
 LEAST = 0.01  # [prior scales] deviation from which a rollout tells its secant
 
 
@@ -94,11 +94,13 @@ def by_recording(
         names: Of the recordings.
     """
     known, recording = problem.segments.recording.unique(return_inverse=True)
+    if len(known) < 2:
+        return ByRecording()
     looked = _Look(criteria, problem, null, recording)
     bases = {c.key: c for c in (null, best)}
     plain = {key: looked.priced(base) for key, base in bases.items()}
     least = min(plain.values(), key=lambda p: p.loss)
-    if len(known) < 2 or least.left <= NOTHING:
+    if least.left <= NOTHING:
         return ByRecording()
     found = [looked.about(base, plain[key], least) for key, base in bases.items()]
     if not (closing := [f for f in found if f.priced.left <= (1 - CLOSES) * least.left]):
@@ -179,21 +181,18 @@ class _Look:
         square = held_out_square(self.criteria, problem, base, more)
         loss = float(problem.noise.loss(square, problem.dispersion).sum() + base.fit.penalty())
         excess = misfit(square / problem.noise.dimension, self.null.held_out) - 1
-        price = PRICE * (len(base.effects) + more.shape[-1]) + CHOICE * len(ways)
+        chosen = math.log(len(problem.library.names)) * len(ways)  # [nats] each one of so many
+        price = PRICE * (len(base.effects) + more.shape[-1]) + chosen
         return _Priced(loss + price, self.criteria.usual.beyond(excess))
 
 
 def _ways(problem: Problem, base: Fit) -> list[_Way]:
     """Effects with few directions: those that a base lacks by trials, its own by derivatives."""
     assert base.jacobian is not None
+    ways, changes = unit_changes(base, problem.rolled_out(trials(problem, base, SIZE)))
     found: dict[str, dict[tuple[float, ...], Tensor]] = {}
-    for trial in problem.rolled_out(trials(problem, base, SIZE)):
-        name = trial.effects[-1]
-        own = [i for i, c in enumerate(trial.coordinates) if c.effect == name]
-        vector = trial.vector[own]
-        size = math.copysign(float(vector.norm()), next(z for z in vector.tolist() if z))
-        direction = tuple(round(z, 6) for z in (vector / size).tolist())  # both ways are one
-        found.setdefault(name, {}).setdefault(direction, (trial.whitened - base.whitened) / size)
+    for (name, direction), column in zip(ways, changes.unbind(-1), strict=True):
+        found.setdefault(name, {})[direction] = column
     for name in base.effects:
         own = [i for i, c in enumerate(base.coordinates) if c.effect == name]
         eye = torch.eye(len(own)).tolist()

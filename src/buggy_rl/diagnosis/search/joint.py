@@ -278,12 +278,12 @@ def _weighed(
         replace(fit, whitened=torch.einsum("nij,nj->ni", change, fit.whitened), jacobian=None)
         for fit in (null.fit, *rolled)
     ]
-    owners, changes = unit_changes(anew[0], anew[1:])
+    ways, changes = unit_changes(anew[0], anew[1:])
     instants = problem.simulation.instants(problem.segments)
     driven = torch.stack(list(conditions(problem.segments, instants).values()), -1)
     weighed = []
     for candidate in state.tried.values():
-        others = [i for i, owner in enumerate(owners) if owner not in candidate.effects]
+        others = [i for i, (name, _) in enumerate(ways) if name not in candidate.effects]
         own = evidence(candidate.fit, changes[..., others], driven)
         weighed.append(Weighed(candidate, own, candidate.key not in found))
     return sorted(weighed, key=lambda w: -w.evidence.log_evidence)
@@ -297,15 +297,17 @@ def _of_size(proposed: Sequence[Proposal], size: int) -> list[Proposal]:
     return [p for p in proposed if len(p.key) == size]
 
 
-def unit_changes(base: Fit, rolled: Sequence[Fit]) -> tuple[list[str], Tensor]:
+def unit_changes(
+    base: Fit, rolled: Sequence[Fit]
+) -> tuple[list[tuple[str, tuple[float, ...]]], Tensor]:
     """Change of the whitened residuals by one prior scale of each way an effect may go.
 
     Of trials in the same direction the smallest counts; each place of a patch is one.
 
     Returns:
-        Effect of each column, and columns [N, D, Q].
+        Effect and direction of each column, and columns [N, D, Q].
     """
-    smallest: dict[tuple, tuple[float, Tensor]] = {}
+    smallest: dict[tuple[str, tuple[float, ...]], tuple[float, Tensor]] = {}
     for trial in rolled:
         own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
         vector = trial.vector[own]
@@ -314,5 +316,7 @@ def unit_changes(base: Fit, rolled: Sequence[Fit]) -> tuple[list[str], Tensor]:
         direction = tuple(round(z / side, 6) for z in vector.tolist())  # both ways are one
         key = trial.effects[-1], direction
         if key not in smallest or size < smallest[key][0]:
-            smallest[key] = size, (trial.whitened - base.whitened) / size
-    return [effect for effect, _ in smallest], torch.stack([c for _, c in smallest.values()], -1)
+            smallest[key] = size, (trial.whitened - base.whitened) / side
+    none = base.whitened.new_zeros(*base.whitened.shape, 0)  # all effects may be the base's
+    columns = [column.unsqueeze(-1) for _, column in smallest.values()]
+    return list(smallest), torch.cat([none, *columns], -1)
