@@ -9,7 +9,6 @@ residual alone. One JSON line a case; run again, cases that are in `output` are 
 """
 
 import json
-import math
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ from buggy_rl.diagnosis.repair.proof import Repair, repair_candidates
 from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation, delivered, retunable
 from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.noise_model import drawn_errors
 from buggy_rl.estimation.residual_process import Recipe
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.jobs.bar import tqdm
@@ -37,10 +37,10 @@ from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.recordings import load_recordings
 
-RAYLEIGH = math.sqrt(2 * math.log(2))  # median of a distance over the deviation of each axis
 SLIGHT = 0.001  # [m] by which one distance must be larger to be called so
 WORTH = 0.02  # [-] likewise, of the smaller one
-SEEN = 2.0  # [noise floors] beyond which there is a mismatch to close
+SURELY = 2.0  # [standard errors] likewise
+SEEN = 1.5  # [-] of what a simulator without fault has, beyond which there is a mismatch to close
 ALONE = ("as_given", "retuned", "residual")
 
 
@@ -140,6 +140,7 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
     if refusals:
         raise ValueError("; ".join(map(str, refusals)))
     aside, said = segments_of(drives, config), done.answer.to_dict()
+    held_out = _aside(done, aside)
     return {
         "verdict": said["verdict"],
         "effects": said["effects"],
@@ -149,8 +150,9 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
         "evidence": done.found.observed.rounded.to_dict() if done.found.observed else None,
         "posterior": {k: said["posterior"][k] for k in ("nothing", "unknown")},
         "fit": said["fit"],
-        "held_out": {k: of.median.get(SAID) for k, of in _aside(done, aside).items()},
-        "floor": RAYLEIGH * float(done.case.problem.noise.sd[:2].mean()),
+        "held_out": {k: of.median.get(SAID) for k, of in held_out.items()},
+        "farther": {k: _farther(held_out["stack"], held_out[k]) for k in ALONE},
+        "floor": _without_fault(done, aside),
         "diagnosis_seconds": round(took, 1),
     }
 
@@ -180,10 +182,26 @@ def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
 
 def _errors(done: Diagnosed, repair: Repair, aside: Segments) -> Errors:
     simulation, settings = repair.simulation(done.case)
-    errors = Errors()
+    errors, instants = Errors(), simulation.instants(aside)
     [found] = simulation.residuals(aside, settings)
-    errors.add(found[..., :2].square().sum(-1), simulation.instants(aside), aside.dt)
+    away = found[..., :2].square().sum(-1)
+    errors.add(away, instants, aside.dt)
+    errors.distance = away[:, instants <= round(SAID / aside.dt)].mean(1).sqrt()
     return errors
+
+
+def _farther(stack: Errors, other: Errors) -> tuple[float, float]:
+    """Mean over segments of the logarithm of one distance over another, and its standard error."""
+    ratio = (stack.distance / other.distance).log().double()
+    return float(ratio.mean()), float(ratio.std() / len(ratio) ** 0.5)
+
+
+def _without_fault(done: Diagnosed, aside: Segments) -> float:
+    """Median distance [m] of a simulator without fault."""
+    simulation, settings = done.answer.repair.simulation(done.case)
+    drawn, errors = drawn_errors(simulation, aside, settings), Errors()
+    errors.add(drawn[..., :2].square().sum(-1), simulation.instants(aside), aside.dt)
+    return errors.median[SAID]
 
 
 def summary(lines: Sequence[Mapping[str, Any]]) -> str:
@@ -217,15 +235,19 @@ def _named(line: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def closed(line: Mapping[str, Any], name: str) -> float:
-    """Share [-] of the distance between as given and the noise floor that is closed."""
+    """Share [-] of the distance between as given and a simulator without fault that is closed."""
     given, now, floor = line["held_out"]["as_given"], line["held_out"][name], line["floor"]
     return (given - now) / (given - floor)
 
 
 def beaten(line: Mapping[str, Any]) -> bool:
-    """Whether something simpler is nearer than the stack."""
-    best = min(line["held_out"][name] for name in ALONE)
-    return line["held_out"]["stack"] > max(best + SLIGHT, (1 + WORTH) * best)
+    """Whether something simpler is nearer than the stack, by the median and surely."""
+    stack = line["held_out"]["stack"]
+    for name in ALONE:
+        other, (more, error) = line["held_out"][name], line["farther"][name]
+        if stack > max(other + SLIGHT, (1 + WORTH) * other) and more > SURELY * error:
+            return True
+    return False
 
 
 if __name__ == "__main__":

@@ -553,6 +553,7 @@ def test_layers_go_down_to_the_noise_beside_what_is_simpler(diagnosis):
         Layer("residual", (), -0.1, 0.1, False, {0.3: 0.003, 1.0: 0.012}),
     ]
     median = {"before": {0.3: 0.008, 1.0: 0.06}, "retuned": {0.3: 0.005, 1.0: 0.03}}
+    median["noise_floor"] = {0.3: 0.001, 1.0: 0.0036}
     shown = replace(said, layers=layers, proof=replace(said.proof, median=median))
     steps = pages.waterfall(shown)
     assert list(steps) == ["0.3 s", "1 s"]
@@ -562,7 +563,7 @@ def test_layers_go_down_to_the_noise_beside_what_is_simpler(diagnosis):
         ("an equation", "kept", "6.4 mm"),
         ("a learned residual", "left", "12 mm"),
         ("re-tuned alone", "compared", "30 mm"),
-        ("sensor noise", "compared", "1.0 mm"),
+        ("a simulator without fault (noise of sensor and start)", "compared", "3.6 mm"),
     ]
     assert steps["1 s"][0][1] == 1.0
     text = text_of(case, found, shown)

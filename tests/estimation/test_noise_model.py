@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from buggy_rl.estimation.noise_model import HEAVY, NoiseModel, noise_model
+from buggy_rl.estimation.noise_model import HEAVY, NoiseModel, drawn_errors, noise_model
 from tests.diagnosis.planted import problem_of
 
 UNIT = NoiseModel(torch.eye(6, dtype=torch.float64).expand(1, 6, 6), torch.ones(6))
@@ -13,6 +13,19 @@ def test_residuals_of_a_right_simulator_are_whitened_to_unit_variance(drives):
     whitened = problem.noise.whiten(problem.simulation.residuals(problem.segments))[0]
     assert whitened.shape == (len(problem.segments), 60)
     assert float(whitened.square().mean()) == pytest.approx(1.0, abs=0.1)
+
+
+def test_drawn_errors_are_as_large_as_those_of_a_right_simulator_and_not_the_sensors_alone(drives):
+    problem = problem_of(drives["nothing"], stride=0.7)
+    exact = problem.simulation.residuals(problem.segments)[0]
+    drawn = drawn_errors(problem.simulation, problem.segments)
+    assert drawn.shape == (50 * len(exact), *exact.shape[1:])
+    far, expected = (
+        e[..., :2].square().sum(-1).mean(1).sqrt().median().item() for e in (exact, drawn)
+    )
+    assert far == pytest.approx(expected, rel=0.15)
+    assert expected > 2 * problem.noise.sd[:2].norm()
+    torch.testing.assert_close(drawn, drawn_errors(problem.simulation, problem.segments))
 
 
 def test_residuals_within_the_extra_covariance_count_for_less(drives):

@@ -162,13 +162,15 @@ class Proof:
     after: dict[float, float]
     retuned: dict[float, float]
     noise_floor: dict[float, float]
+    """Of a simulator without fault: its sensor's noise, and starts that are smoothed readings."""
     black_box: dict[float, float]
     misfit_before: float
     """Root mean square of the standardised residuals of 1 s rollouts."""
     misfit_after: float
     held_out: bool
     median: dict[str, dict[float, float]] = field(default_factory=dict)
-    """before, after, retuned, black_box -> horizon -> median distance [m]; robust to spins."""
+    """before, after, retuned, black_box, noise_floor -> horizon -> median distance [m]; robust to
+    spins."""
 
     def better_than(self, other: "Proof") -> bool:
         """Whether both its misfit and its median distance after the longest rollouts are smaller.
@@ -270,19 +272,19 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
         fit=file.fit,
     )
     errors = {n: e for n, e in errors.items() if n != OTHER} | {"after": done.errors}
+    errors["noise_floor"] = validation.floor(file.fit)
     proof, layers = _proof(problem, errors), list(done.layers)
     return {"proof": proof, "repair": repair, "layers": layers, "more": done.more}
 
 
 def _proof(problem: Problem, errors: dict[str, Errors]) -> Proof:
-    """Errors of rollouts by what they are of, beside the sensor's noise."""
-    floor = 2 * float(problem.noise.sd[:2].square().sum())
+    """Errors of rollouts by what they are of, beside those of a simulator without fault."""
     before, given, none = errors["before"].mean_square, errors["before"].square, Errors()
     return Proof(
         before=before,
         after=errors["after"].mean_square,
         retuned=errors.get("retuned", none).mean_square,
-        noise_floor={h: floor for h in before},
+        noise_floor=errors["noise_floor"].mean_square,
         black_box=errors["black_box"].mean_square,
         median={name: e.median for name, e in errors.items()},
         misfit_before=misfit(given, given),

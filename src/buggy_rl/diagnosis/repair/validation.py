@@ -22,7 +22,7 @@ from buggy_rl.effects.residual_models import Residual, ResidualProcess, Residual
 from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
-from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.noise_model import NoiseModel, drawn_errors
 from buggy_rl.estimation.residual_process import Recipe, Rows, by_row, learned, relearned
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
 from buggy_rl.estimation.segments import HORIZONS, Segments
@@ -190,6 +190,19 @@ class Validation:
                         else self._square(residual, self._sensor)
                     )
         return result
+
+    def floor(self, fit: Hypothesis) -> Errors:
+        """Errors that a simulator without fault has: of its sensor, and of where rollouts start.
+
+        Args:
+            fit: Hypothesis by which errors of a start grow.
+        """
+        settings = self.problem.library.settings([(fit, fit.vector)])
+        simulation, errors = self.problem.simulation, Errors()
+        for part, _ in self.parts:
+            drawn = drawn_errors(simulation, part, settings, self.problem.segments)
+            errors.add(drawn[..., :2].square().sum(-1), simulation.instants(part), part.dt)
+        return errors
 
     @staticmethod
     def _square(residual: Tensor, noise: NoiseModel) -> Tensor:

@@ -91,7 +91,12 @@ PROOF = {  # column of the proof -> its heading
     "retuned": "re-tuned only",
     "after": "repaired",
     "black_box": "black box",
-    "noise_floor": "sensor noise",
+    "noise_floor": "without fault",
+}
+COMPARED = {  # with the layers of a repair
+    "retuned": "re-tuned alone",
+    "black_box": "residual alone",
+    "noise_floor": "a simulator without fault (noise of sensor and start)",
 }
 Drawing = tuple[str, str]  # caption and SVG element
 
@@ -299,7 +304,7 @@ def waterfall(answer: Answer) -> dict[str, list[tuple[Step, float, str]]]:
     """
     if not answer.layers:
         return {}
-    median, floor = answer.proof.median, answer.proof.noise_floor
+    median = answer.proof.median
     steps = [Step("as given", median.get("before", {}), "compared")]
     steps += [
         Step(wording.layer(layer), layer.median, "kept" if layer.kept else "left")
@@ -307,10 +312,9 @@ def waterfall(answer: Answer) -> dict[str, list[tuple[Step, float, str]]]:
     ]
     steps += [
         Step(words, median[name], "compared")
-        for name, words in (("retuned", "re-tuned alone"), ("black_box", "residual alone"))
+        for name, words in COMPARED.items()
         if median.get(name)
     ]
-    steps.append(Step("sensor noise", {h: math.sqrt(v) for h, v in floor.items()}, "compared"))
     result: dict[str, list[tuple[Step, float, str]]] = {}
     for horizon in median.get("before", {}):
         own = [s for s in steps if math.isfinite(s.median.get(horizon, math.nan))]
