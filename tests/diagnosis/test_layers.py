@@ -191,19 +191,17 @@ def test_a_gain_is_probable_by_its_error_over_blocks(mean, error, count, low, hi
 
 
 @pytest.mark.parametrize(
-    ("kind", "gain", "error", "median", "kept"),
+    ("gain", "error", "median", "kept"),
     [
-        ("residual", 0.3, 0.2, 0.8, True),
-        ("residual", 0.3, 0.4, 0.8, False),  # within its standard error
-        ("residual", 0.01, 0.001, 0.8, False),  # sure, and worth nothing
-        ("residual", 0.3, 0.2, 1.1, False),  # nearer where it hardly matters
-        ("terms", 0.3, 0.2, 0.8, False),  # chosen out of hundreds
-        ("terms", 0.5, 0.2, 0.8, True),
+        (0.3, 0.2, 0.8, True),
+        (0.3, 0.4, 0.8, False),  # within its standard error
+        (0.01, 0.001, 0.8, False),  # sure, and worth nothing
+        (0.3, 0.2, 1.1, False),  # nearer where it hardly matters
     ],
 )
-def test_a_layer_is_kept_for_what_it_surely_brings(kind, gain, error, median, kept):
+def test_a_layer_is_kept_for_what_it_surely_brings(gain, error, median, kept):
     without, with_it = Errors({}, {SAID: 1.0}), Errors({}, {SAID: median})
-    assert is_worth(kind, gain, error, without, with_it) is kept
+    assert is_worth(gain, error, without, with_it) is kept
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,10 @@ from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
-from buggy_rl.diagnosis.search.terms import discovered
+from buggy_rl.diagnosis.search.terms import Discovery, discovered
 from buggy_rl.effects.terms.grammar import PREFIX
 from buggy_rl.estimation.evidence import blocks, closeness, mean_of_blocks, misfit
+from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 from buggy_rl.estimation.residual_process import Recipe
 
@@ -29,7 +30,7 @@ Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
 WORTH = 0.02  # [-] gain, or loss of the median distance, that does not count: 2 %; chosen
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
-CHOSEN = 2.0  # [standard errors] likewise where it was chosen out of many; chosen
+SURELY = 2.0  # [standard errors] by which what is simpler must be nearer to be delivered; chosen
 NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
 
 
@@ -123,7 +124,7 @@ def layered(
 
     def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
         gain, error = mean_of_blocks(_closeness(than) - _closeness(with_it), group)
-        kept = is_worth(kind, gain, error, than, with_it)
+        kept = is_worth(gain, error, than, with_it)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
@@ -139,16 +140,14 @@ def layered(
         if tried("parameters", own, now, beside):
             start, now, stack = more.as_stamped, beside, Stack(fits)
     if looked_at and _more_is_wrong(now):
-        base = problem.library.at(start.effects, start.named())
-        _, [candidate] = tried_too(State(problem, {}), [base], criteria)
-        found = discovered(problem, criteria, candidate, looked_at=looked_at)
-        added = [n for n in found.best.effects if n.startswith(PREFIX)]
+        fits = _with_terms(validation, criteria, start, stack.fits, looked_at)
+        added = _terms_of(fits[0].effects)
         if added:
-            more = found.best.fit
-            fits = validation.refitted({"terms": more})["terms"]
             beside = validation.errors({"terms": Stack(fits)})["terms"]
             if tried("terms", added, now, beside):
-                layers[-1] = replace(layers[-1], fitted=found.best, alike=found.alike)
+                found = _discovered(problem, criteria, start, looked_at)
+                chosen = _terms_of(found.best.effects)
+                layers[-1] = replace(layers[-1], names=chosen, fitted=found.best, alike=found.alike)
                 start, now, stack = found.best.fit.as_stamped, beside, Stack(fits)
     residual = None
     if _more_is_wrong(now):
@@ -158,6 +157,46 @@ def layered(
             residual, now = learned.recipe, beside
     found = _at_least(Layered(tuple(layers), start, residual, now), validation, stacks, errors)
     return replace(found, more=_more_missing(alone, found, group))
+
+
+def _with_terms(
+    validation: Validation,
+    criteria: Criteria,
+    start: Hypothesis,
+    fits: Sequence[Hypothesis],
+    looked_at: int,
+) -> list[Hypothesis]:
+    """Hypotheses of the folds with the terms that each one's other recordings call for.
+
+    Terms are chosen out of hundreds: what a choice brings is seen where it was not made. All have
+    the terms of all folds, at nothing where a fold has not chosen them.
+    """
+    problem, chosen = validation.problem, []
+    for aside, fit in zip(validation.aside, fits, strict=True):
+        rest = validation.rest(aside)
+        own = replace(criteria, group=criteria.group[rest])
+        begun = problem.library.at(start.effects, fit.named())
+        found = _discovered(problem[rest], own, begun, looked_at)
+        chosen.append(found.best.fit.as_stamped)
+    terms = dict.fromkeys(name for one in chosen for name in _terms_of(one.effects))
+    if not terms:
+        return list(fits)
+    starts = {str(fold): one for fold, one in enumerate(chosen)}
+    refits = validation.refitted(starts)
+    ends = [refits[name][fold].named() for fold, name in enumerate(starts)]
+    return [problem.library.at((*start.effects, *terms), end).as_stamped for end in ends]
+
+
+def _discovered(
+    problem: Problem, criteria: Criteria, start: Hypothesis, looked_at: int
+) -> Discovery:
+    base = problem.library.at(start.effects, start.named())
+    _, [candidate] = tried_too(State(problem, {}), [base], criteria)
+    return discovered(problem, criteria, candidate, looked_at=looked_at)
+
+
+def _terms_of(effects: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in effects if name.startswith(PREFIX))
 
 
 def _more_missing(alone: Errors, found: Layered, group: Tensor) -> float:
@@ -183,11 +222,10 @@ def probably_over(least: float, mean: float, error: float, count: int) -> float:
     return float(student_t.cdf((mean - least) / error, count - 1))
 
 
-def is_worth(kind: Kind, gain: float, error: float, than: Errors, with_it: Errors) -> bool:
+def is_worth(gain: float, error: float, than: Errors, with_it: Errors) -> bool:
     """Whether a layer is kept.
 
     Args:
-        kind: Of the layer.
         gain: That it has,
         error: with its standard error.
         than: Errors without it,
@@ -195,7 +233,7 @@ def is_worth(kind: Kind, gain: float, error: float, than: Errors, with_it: Error
     """
     if with_it.median.get(SAID, 0.0) > (1 + WORTH) * than.median.get(SAID, math.inf):
         return False
-    return gain > max((CHOSEN if kind == "terms" else SURE) * error, WORTH)
+    return gain > max(SURE * error, WORTH)
 
 
 def _more_is_wrong(errors: Errors) -> bool:
@@ -241,13 +279,13 @@ def _is_nearer(errors: Errors, than: Errors, group: Tensor) -> bool:
     if not errors.median.get(SAID, 0.0) < than.median.get(SAID, 0.0):
         return False
     gain, error = mean_of_blocks(_closeness(than) - _closeness(errors), group)
-    if gain > max(CHOSEN * error, WORTH):
+    if gain > max(SURELY * error, WORTH):
         return True
     if not len(errors.distance) or gain < -error:
         return False
     ratio = than.distance.clamp_min(NEAR).log() - errors.distance.clamp_min(NEAR).log()
     gain, error = mean_of_blocks(ratio, group)
-    return gain > max(CHOSEN * error, WORTH)
+    return gain > max(SURELY * error, WORTH)
 
 
 def _closeness(errors: Errors) -> Tensor:

@@ -143,6 +143,10 @@ class Validation:
         found = learned(problem.simulation, data, len(fits), held_out, noise)
         return HeldOutResiduals(*found)
 
+    def rest(self, aside: Tensor) -> Tensor:
+        """Rows that are not set aside; of a single block, which proves nothing, all."""
+        return _rest(self.problem.segments, aside)
+
     def _rows(self, index: Tensor, group: Tensor, fits: Sequence[Hypothesis]) -> Rows:
         vectors = torch.stack([fit.vector for fit in fits])[group]
         settings = self.problem.library.settings([(fits[0], vectors)])
