@@ -16,7 +16,7 @@ from buggy_rl.core.files import save_torch
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.collecting import Episodes
-from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig, minibatch_sizes
 from buggy_rl.policies.training.run import PolicyRunConfig
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
@@ -289,6 +289,24 @@ def test_one_seed_is_one_curve_and_another_is_another():
         curves.append(curve(PPO(point(), Policy(1), config(steps=256)).run()))
     assert curves[0] == curves[1]
     assert curves[0] != curves[2]
+
+
+@pytest.mark.parametrize(
+    ("rows", "largest", "sizes"),
+    [(9, 4, [3, 3, 3]), (10, 4, [4, 3, 3]), (3, 2, [2, 1]), (8, 4, [4, 4]), (3, 9, [3])],
+)
+def test_minibatches_hold_every_row_once_and_none_is_a_small_remainder(rows, largest, sizes):
+    assert minibatch_sizes(rows, largest) == sizes
+
+
+@pytest.mark.parametrize("minibatch", [1, 2, 4])
+def test_minibatches_of_one_row_are_finite(minibatch):
+    torch.manual_seed(0)
+    tiny = PPOConfig(cars=3, batch_steps=3, minibatch=minibatch, steps=9)
+    policy = Policy(1)
+    (row,) = PPO(point(cars=3), policy, tiny).run()
+    assert math.isfinite(row["loss_objective"])
+    assert all(tensor.isfinite().all() for tensor in policy.state_dict().values())
 
 
 class Fault(Transform):

@@ -55,7 +55,7 @@ class PPOConfig:
     epochs: int = 5
     """Passes over a batch in an update."""
     minibatch: int = 2048
-    """Steps in a gradient step."""
+    """Most steps in a gradient step; a batch is divided into as few equal parts as that allows."""
     learning_rate: float = 3e-3
     """Adam's, at the start."""
     schedule: Literal["linear", "constant"] = "linear"
@@ -176,6 +176,8 @@ class ClippedLoss(ClipPPOLoss):
 
 
 def _standardised(advantage: Tensor) -> Tensor:
+    if advantage.numel() == 1:  # has no standard deviation; TorchRL leaves it as it is, too
+        return advantage
     sd, mean = torch.std_mean(advantage)
     return (advantage - mean) / sd.clamp_min(SMALLEST_SD)
 
@@ -349,14 +351,12 @@ class PPO:
         with torch.no_grad():
             self.estimate(batch)
         rows = batch.select(*LEARNED_FROM).reshape(-1)
-        reports = []
+        reports, sizes = [], minibatch_sizes(len(rows), self.config.minibatch)
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
-            reports += [
-                self._descend(part)
-                for part in rows[order.to(self.env.device or "cpu")].split(self.config.minibatch)
-            ]
+            mixed = rows[order.to(self.env.device or "cpu")]
+            reports += [self._descend(part) for part in mixed.split(sizes)]
         self.policy.observe(rows[keys.OBSERVATION])
         means = torch.stack(reports).mean(0).tolist()
         return dict(zip(REPORTED, means, strict=True))
@@ -379,6 +379,12 @@ class PPO:
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
         self.optimiser.step()
         return torch.stack([losses[name].detach() for name in REPORTED])
+
+
+def minibatch_sizes(rows: int, largest: int) -> list[int]:
+    """Sizes of the fewest minibatches that hold all rows; they differ by one at most."""
+    count = math.ceil(rows / largest)
+    return [len(part) for part in torch.arange(rows).tensor_split(count)]
 
 
 def _last(episodes: dict[str, Any]) -> dict[str, Any]:
