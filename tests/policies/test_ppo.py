@@ -331,6 +331,11 @@ def test_a_loss_that_is_no_number_stops_the_run_and_hands_over_the_batch():
         next(batches)
     assert isinstance(caught.value, FloatingPointError)
     assert caught.value.batch["value_target"].isnan().any()
+    told = caught.value.metrics
+    assert told["steps"] == 256
+    assert math.isnan(told["reward"])
+    assert math.isnan(told["loss_critic"])
+    assert told["learning_rate"] == pytest.approx(0.75 * 3e-3)
     for name, tensor in run.policy.state_dict().items():
         assert torch.equal(tensor, before[name]), name
 

@@ -14,6 +14,7 @@ from buggy_rl.core.files import load_torch, save_torch
 from buggy_rl.core.question import refuse_another, schema
 from buggy_rl.core.run_log import RunLog
 from buggy_rl.estimation.fit_study import ModelRunConfig
+from buggy_rl.policies.training.ppo import NonFiniteLossError
 from buggy_rl.policies.training.run import PolicyRun, PolicyRunConfig
 from buggy_rl.recordings import Recording
 from buggy_rl.simulators.learned import training as model_training
@@ -189,6 +190,9 @@ def policy_metrics(
     Args:
         run: The training.
         draw: Draws the policy that was just validated.
+
+    Raises:
+        NonFiniteLossError: A loss is not finite; the row of its batch is in the log.
     """
     config, folder = run.config, run.folder
     about = {**made_by(), **plain_values(config)}
@@ -197,10 +201,15 @@ def policy_metrics(
     if not (folder / "best.pt").exists():  # else it is written with the first policy
         save_run(config, folder)
     with closing(run), closing(log):
-        for metrics in run.metrics():
-            validated = "validation_waypoints" in metrics
-            log.add(metrics, draw(folder, metrics) if draw and validated else None)
-            if run.checkpoint_is_due:
-                log.write()  # just before the checkpoint, so that a resumed log repeats none
-                run.checkpoint()
-            yield metrics
+        try:
+            for metrics in run.metrics():
+                validated = "validation_waypoints" in metrics
+                log.add(metrics, draw(folder, metrics) if draw and validated else None)
+                if run.checkpoint_is_due:
+                    log.write()  # just before the checkpoint, so that a resumed log repeats none
+                    run.checkpoint()
+                yield metrics
+        except NonFiniteLossError as error:
+            log.add(error.metrics)
+            log.write()
+            raise

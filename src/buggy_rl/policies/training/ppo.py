@@ -96,11 +96,20 @@ def compiles(config: PPOConfig) -> bool:
 
 
 class NonFiniteLossError(FloatingPointError):
-    """The loss is not a number any more; `batch` is what it was computed from."""
+    """The loss is not a number any more.
 
-    def __init__(self, message: str, batch: TensorDictBase) -> None:
+    Args:
+        message: What is wrong.
+        batch: Rows that the loss was computed from.
+        metrics: Row of the log of the batch that holds them; the means are over the minibatches up
+            to the failed one.
+    """
+
+    def __init__(
+        self, message: str, batch: TensorDictBase, metrics: dict[str, float] | None = None
+    ) -> None:
         super().__init__(message)
-        self.batch = batch
+        self.batch, self.metrics = batch, metrics or {}
 
 
 class ClippedLoss(ClipPPOLoss):
@@ -250,29 +259,42 @@ class PPO:
             `seconds_left`.
 
         Raises:
-            NonFiniteLossError: A loss is not finite.
+            NonFiniteLossError: A loss is not finite; it holds the metrics of that batch.
         """
         begun, first = time.perf_counter(), self.steps
         batches = iter(self.collector)
         while self.steps < self.config.steps:
             rate = self._set_learning_rate()
             batch = next(batches)
-            update = self._update(batch)
+            reports: list[Tensor] = []
+            failure: NonFiniteLossError | None = None
+            try:
+                self._update(batch, reports)
+            except NonFiniteLossError as error:
+                failure = error
             self.steps += batch.numel()
-            self.episodes.take(batch)
+            metrics = self._metrics(batch, reports)
             speed = (self.steps - first) / (time.perf_counter() - begun)
-            throttle, steering = self.policy.log_sd.exp().tolist()
-            yield {
-                "steps": self.steps,
-                "reward": batch["next", keys.REWARD].mean().item(),
-                **self.episodes.means(),
-                **update,
-                "sd_throttle": throttle,
-                "sd_steering": steering,
-                "learning_rate": rate,
-                "speed": speed,
-                "seconds_left": (self.config.steps - self.steps) / speed,
-            }
+            left = (self.config.steps - self.steps) / speed
+            metrics |= {"learning_rate": rate, "speed": speed, "seconds_left": left}
+            if failure is not None:
+                failure.metrics = metrics
+                raise failure
+            yield metrics
+
+    def _metrics(self, batch: TensorDictBase, reports: list[Tensor]) -> dict[str, float]:
+        """What is told of a batch and of the gradient steps that were made with it."""
+        self.episodes.take(batch)
+        means = torch.stack(reports).mean(0).tolist()
+        throttle, steering = self.policy.log_sd.exp().tolist()
+        return {
+            "steps": self.steps,
+            "reward": batch["next", keys.REWARD].mean().item(),
+            **self.episodes.means(),
+            **dict(zip(REPORTED, means, strict=True)),
+            "sd_throttle": throttle,
+            "sd_steering": steering,
+        }
 
     def estimate(self, batch: TensorDictBase) -> None:
         """Writes values, `advantage` and `value_target` of a batch [cars, time].
@@ -346,27 +368,27 @@ class PPO:
             group["lr"] = share * self.config.learning_rate
         return share * self.config.learning_rate
 
-    def _update(self, batch: TensorDictBase) -> dict[str, float]:
-        """Learns from a batch [cars, time]."""
+    def _update(self, batch: TensorDictBase, reports: list[Tensor]) -> None:
+        """Learns from a batch [cars, time]; adds a report [4] of each gradient step."""
         with torch.no_grad():
             self.estimate(batch)
         rows = batch.select(*LEARNED_FROM).reshape(-1)
-        reports, sizes = [], minibatch_sizes(len(rows), self.config.minibatch)
+        sizes = minibatch_sizes(len(rows), self.config.minibatch)
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
             mixed = rows[order.to(self.env.device or "cpu")]
-            reports += [self._descend(part) for part in mixed.split(sizes)]
+            for part in mixed.split(sizes):
+                self._descend(part, reports)
         self.policy.observe(rows[keys.OBSERVATION])
-        means = torch.stack(reports).mean(0).tolist()
-        return dict(zip(REPORTED, means, strict=True))
 
-    def _descend(self, rows: TensorDictBase) -> Tensor:
-        """One gradient step; what is reported of it [4]."""
+    def _descend(self, rows: TensorDictBase, reports: list[Tensor]) -> None:
+        """One gradient step, whose report [4] is added."""
         losses = self.loss(rows)
         total = losses["loss_objective"] + losses["loss_critic"]
         if self.config.entropy_weight:
             total = total + losses["loss_entropy"]
+        reports.append(torch.stack([losses[name].detach() for name in REPORTED]))
         if not math.isfinite(total.item()):
             raise NonFiniteLossError(
                 f"the loss is {total.item()} after {self.steps} steps: look for what is not "
@@ -378,7 +400,6 @@ class PPO:
         total.backward()
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
         self.optimiser.step()
-        return torch.stack([losses[name].detach() for name in REPORTED])
 
 
 def minibatch_sizes(rows: int, largest: int) -> list[int]:
