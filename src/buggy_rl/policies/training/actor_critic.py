@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase
 from torch import Tensor, nn
 from torch.distributions import Distribution
 from torchrl.envs.utils import ExplorationType, exploration_type
-from torchrl.modules import ValueOperator
+from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 
 from buggy_rl.core import keys
 from buggy_rl.core.files import load_torch, save_torch
@@ -141,6 +141,18 @@ class Actor(TensorDictModuleBase):
         return tensordict.set("action_log_prob", drawn.log_prob(action))
 
 
+class _Spread(nn.Module):
+    """Observations [*, size] to means and standard deviations [*, n]."""
+
+    def __init__(self, mean: nn.Module, log_sd: nn.Parameter) -> None:
+        super().__init__()
+        self.mean, self.log_sd = mean, log_sd
+
+    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        loc = self.mean(observation)
+        return loc, self.log_sd.exp().expand_as(loc)
+
+
 class Policy(nn.Module):
     """An actor, a critic, and the deterministic actor (`driver`) for evaluation.
 
@@ -162,6 +174,16 @@ class Policy(nn.Module):
     def actor(self) -> Actor:
         """Draws `action` [*, 2] for `observation` [*, size], with `action_log_prob` [*]."""
         return Actor(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
+
+    def torchrl_actor(self) -> ProbabilisticActor:
+        """TorchRL's actor with the same weights and distribution, for losses that ask for one."""
+        spread = _Spread(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
+        return ProbabilisticActor(
+            TensorDictModule(spread, [keys.OBSERVATION], ["loc", "scale"]),
+            in_keys=["loc", "scale"],
+            distribution_class=IndependentNormal,
+            return_log_prob=True,
+        )
 
     def critic(self) -> ValueOperator:
         """Writes `state_value` [*, 1] of `observation` [*, size]."""

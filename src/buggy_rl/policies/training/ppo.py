@@ -1,23 +1,19 @@
-"""Proximal policy optimisation in many environments at once: its loss and its update.
+"""Proximal policy optimisation in many environments at once: batches, advantages and updates.
 
-Advantages are TorchRL's `GAE`, the loss is its `ClipPPOLoss` without what is not logged.
+Advantages are TorchRL's `GAE`, losses are those of `losses`.
 
 Source: Schulman et al., Proximal policy optimization algorithms, 2017.
 """
 
 import math
-import os
-import shutil
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Iterator
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, StepCounter
-from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from buggy_rl.core import keys
@@ -33,66 +29,12 @@ from buggy_rl.policies.training.collecting import (
     ResumableCollector,
     in_process,
 )
+from buggy_rl.policies.training.losses import LOSSES, make_loss
+from buggy_rl.policies.training.ppo_config import PPOConfig
 
 STATE_VALUE = "state_value"  # the critic's output
 ADAM_EPSILON = 1e-5
-LONG = 1_000_000  # steps from which a compiled update saves more time than compiling it takes
-SMALLEST_SD = 1e-4  # of an advantage, as in TorchRL
-LEARNED_FROM = (keys.OBSERVATION, keys.ACTION, "action_log_prob", "advantage", "value_target")
-REPORTED = ("loss_objective", "loss_critic", "kl_approx", "clip_fraction")
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """How a policy is trained; `configs/ppo_original.yaml` holds the original study's settings."""
-
-    steps: int = 3_000_000
-    """Steps of all environments together."""
-    cars: int = 256
-    """Environments stepped at once."""
-    batch_steps: int = 32
-    """Steps of each environment between two updates."""
-    epochs: int = 5
-    """Passes over a batch in an update."""
-    minibatch: int = 2048
-    """Most steps in a gradient step; a batch is divided into as few equal parts as that allows."""
-    learning_rate: float = 3e-3
-    """Adam's, at the start."""
-    schedule: Literal["linear", "constant"] = "linear"
-    """Schedule of the learning rate: down to nothing over the training, or as it is."""
-    discount: float = 0.98
-    """Discount of the reward, a step (gamma)."""
-    trace: float = 0.95
-    """Decay of the advantage estimate, a step (lambda)."""
-    clip: float = 0.2
-    """Clipping of the likelihood ratio, either way."""
-    value_weight: float = 0.5
-    """Weight of the critic's loss."""
-    entropy_weight: float = 0.0
-    """Weight of the entropy bonus; 0 leaves it out."""
-    gradient_norm: float = 1.0
-    """Longest gradient."""
-    stagger: bool = True
-    """Starts the first episodes at random ages, so that resets spread over time."""
-    seed: int = 0
-    """Seed of the order of minibatches."""
-    compiled: Literal["auto", "always", "never"] = "auto"
-    """Whether PyTorch compiles loss and gradient; auto: where a C++ compiler is at hand and the
-    training has a million steps. The numbers are the same to rounding."""
-
-
-def compiles(config: PPOConfig) -> bool:
-    """Whether a training compiles its update.
-
-    Raises:
-        ValueError: It shall, and there is no C++ compiler.
-    """
-    if config.compiled == "never" or (config.compiled == "auto" and config.steps < LONG):
-        return False
-    compiler = shutil.which(os.environ.get("CXX", "g++")) or shutil.which("clang++")
-    if config.compiled == "always" and not compiler:
-        raise ValueError("ppo.compiled=always needs a C++ compiler: install g++, or leave it out")
-    return bool(compiler)
+LEARNED_FROM = ("advantage", "value_target")  # beside what actor and critic read and write
 
 
 class NonFiniteLossError(FloatingPointError):
@@ -112,83 +54,8 @@ class NonFiniteLossError(FloatingPointError):
         self.batch, self.metrics = batch, metrics or {}
 
 
-class ClippedLoss(ClipPPOLoss):
-    """L = -mean min(r A, clip(r, 1 - eps, 1 + eps) A) + c_v mean (V - R)^2 - c_e mean H.
-
-    r = pi(a|s) / pi_old(a|s), A the advantages of the minibatch less their mean and over their
-    standard deviation. The same numbers and gradients as `ClipPPOLoss` with `functional=False`,
-    `loss_critic_type="l2"` and `normalize_advantage=True`, which are fixed. Left out are effective
-    sample size, extremes of r, and copies of TensorDicts.
-
-    Args:
-        args, options: As for `ClipPPOLoss`.
-        compiled: Whether PyTorch compiles loss and gradient, which takes a C++ compiler and some
-            ten seconds, and makes them twice as fast. The numbers are the same to rounding.
-    """
-
-    clip_epsilon: Tensor
-    critic_coeff: Tensor
-    entropy_coeff: Tensor
-
-    def __init__(self, *args: Any, compiled: bool = False, **options: Any) -> None:
-        super().__init__(*args, **options)
-        epsilon = float(self.clip_epsilon)
-        self._bounds = math.log1p(-epsilon), math.log1p(epsilon)
-        self._weights = (
-            float(self.critic_coeff),
-            float(self.entropy_coeff) if self.entropy_bonus else 0.0,
-        )
-        parts: Callable[..., tuple[Tensor, ...]] = self._parts
-        self._of_rows = torch.compile(parts, dynamic=False, fullgraph=True) if compiled else parts
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Losses and what is reported of them, for rows [N] with their advantages."""
-        parts = self._of_rows(*(tensordict.get(key) for key in LEARNED_FROM))
-        names = (*REPORTED, "loss_entropy")  # the last with an entropy bonus only
-        return TensorDict(dict(zip(names, parts, strict=False)))
-
-    def _parts(
-        self,
-        observation: Tensor,
-        action: Tensor,
-        sampled: Tensor,
-        advantage: Tensor,
-        target: Tensor,
-    ) -> tuple[Tensor, ...]:
-        """Values of `REPORTED` and, with an entropy bonus, its loss.
-
-        Args:
-            observation: [N, size]
-            action: [N, 2]
-            sampled: [N] log density of the action when it was drawn.
-            advantage: [N, 1]
-            target: [N, 1] of the value.
-        """
-        actor: Any = self.actor_network
-        drawn = actor.distribution(observation)
-        log_ratio = (drawn.log_prob(action) - sampled).unsqueeze(-1)  # (N, 1)
-        clipped = log_ratio.clamp(*self._bounds)
-        scaled = _standardised(advantage)
-        gain = torch.minimum(log_ratio.exp() * scaled, clipped.exp() * scaled)
-        critic: Any = self.critic_network
-        miss = torch.nn.functional.mse_loss(critic.module(observation), target)
-        of_critic, of_entropy = self._weights
-        found = (
-            -gain.mean(),
-            of_critic * miss,
-            -log_ratio.detach().mean(),
-            (clipped.detach() != log_ratio.detach()).float().mean(),
-        )
-        if self.entropy_bonus:
-            found = (*found, -of_entropy * drawn.entropy().mean())
-        return found
-
-
-def _standardised(advantage: Tensor) -> Tensor:
-    if advantage.numel() == 1:  # has no standard deviation; TorchRL leaves it as it is, too
-        return advantage
-    sd, mean = torch.std_mean(advantage)
-    return (advantage - mean) / sd.clamp_min(SMALLEST_SD)
+Report = dict[str, Tensor]
+"""Scalars that a loss reports, by name."""
 
 
 class PPO:
@@ -226,20 +93,11 @@ class PPO:
         self.env, self.policy, self.config = env, policy, config
         self.actor, self.critic = policy.actor(), policy.critic()
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
-        self.loss = ClippedLoss(
-            self.actor,  # pyright: ignore[reportArgumentType]  # all it needs is get_dist
-            self.critic,
-            clip_epsilon=config.clip,
-            loss_critic_type="l2",
-            critic_coeff=config.value_weight,
-            normalize_advantage=True,
-            entropy_bonus=config.entropy_weight > 0,
-            entropy_coeff=config.entropy_weight or None,
-            functional=False,  # it has no target networks, for which it would swap weights
-            compiled=compiles(config),
-        )
+        self.loss = make_loss(policy, config)
+        # The policy's, and those of a loss of one's own.
+        self.weights = list(dict.fromkeys([*policy.parameters(), *self.loss.parameters()]))
         self.optimiser = torch.optim.Adam(
-            policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
+            self.weights, config.learning_rate, eps=ADAM_EPSILON, fused=True
         )
         self.collector = batches or in_process(env, self.actor, config.cars * config.batch_steps)
         self.generator = torch.Generator().manual_seed(config.seed)
@@ -253,10 +111,10 @@ class PPO:
 
         Yields:
             `steps`; `reward`, the mean of a step; `episode_length`, `episode_reward` and
-            `waypoints` of the last finished episodes (nan before the first); `loss_objective`,
-            `loss_critic`, `kl_approx`, `clip_fraction`, means over the update; `sd_throttle`,
-            `sd_steering` of the exploration; `learning_rate`; `speed` in steps a second;
-            `seconds_left`.
+            `waypoints` of the last finished episodes (nan before the first); what the loss reports,
+            means over the update: of `clip` `loss_objective`, `loss_critic`, `kl_approx`,
+            `clip_fraction`; `sd_throttle`, `sd_steering` of the exploration; `learning_rate`;
+            `speed` in steps a second; `seconds_left`.
 
         Raises:
             NonFiniteLossError: A loss is not finite; it holds the metrics of that batch.
@@ -266,7 +124,7 @@ class PPO:
         while self.steps < self.config.steps:
             rate = self._set_learning_rate()
             batch = next(batches)
-            reports: list[Tensor] = []
+            reports: list[Report] = []
             failure: NonFiniteLossError | None = None
             try:
                 self._update(batch, reports)
@@ -282,16 +140,16 @@ class PPO:
                 raise failure
             yield metrics
 
-    def _metrics(self, batch: TensorDictBase, reports: list[Tensor]) -> dict[str, float]:
+    def _metrics(self, batch: TensorDictBase, reports: list[Report]) -> dict[str, float]:
         """What is told of a batch and of the gradient steps that were made with it."""
         self.episodes.take(batch)
-        means = torch.stack(reports).mean(0).tolist()
+        told = torch.stack([torch.stack(list(report.values())) for report in reports])
         throttle, steering = self.policy.log_sd.exp().tolist()
         return {
             "steps": self.steps,
             "reward": batch["next", keys.REWARD].mean().item(),
             **self.episodes.means(),
-            **dict(zip(REPORTED, means, strict=True)),
+            **dict(zip(reports[0], told.mean(0).tolist(), strict=True)),
             "sd_throttle": throttle,
             "sd_steering": steering,
         }
@@ -318,6 +176,7 @@ class PPO:
             "steps": self.steps,
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
+            "loss": {name: tensor.clone() for name, tensor in self._of_loss()},
             "cars": {} if cars is None else cars.clone().flatten_keys(".").to_dict(),
             "environment": environment_state(self.env),
             "episodes": self.episodes.state_dict(),
@@ -331,6 +190,9 @@ class PPO:
         self.steps = state["steps"]
         self.policy.load_state_dict(state["policy"])
         self.optimiser.load_state_dict(state["optimiser"])
+        with torch.no_grad():
+            for name, tensor in self._of_loss():
+                tensor.copy_(state["loss"][name] if "loss" in state else tensor)
         if isinstance(self.collector, ResumableCollector):
             self.collector.state = self._cars(self.collector.state, state["cars"])
             self.episodes.load_state_dict(state["episodes"])
@@ -341,6 +203,12 @@ class PPO:
         torch.set_rng_state(state["random"])  # last: whatever is built draws from it
         if state.get("random_device") is not None:
             torch.cuda.set_rng_state(state["random_device"], self.env.device or "cuda")
+
+    def _of_loss(self) -> list[tuple[str, Tensor]]:
+        """Tensors of the loss that are not the policy's, such as the weight of the kl penalty."""
+        known = {id(t) for t in (*self.policy.parameters(), *self.policy.buffers())}
+        tensors = [*self.loss.named_parameters(), *self.loss.named_buffers()]
+        return [(name, tensor) for name, tensor in tensors if id(tensor) not in known]
 
     def _device_random(self) -> Tensor | None:
         """State of the generator that exploration draws from on a GPU; None on the CPU."""
@@ -368,11 +236,11 @@ class PPO:
             group["lr"] = share * self.config.learning_rate
         return share * self.config.learning_rate
 
-    def _update(self, batch: TensorDictBase, reports: list[Tensor]) -> None:
-        """Learns from a batch [cars, time]; adds a report [4] of each gradient step."""
+    def _update(self, batch: TensorDictBase, reports: list[Report]) -> None:
+        """Learns from a batch [cars, time]; adds a report of each gradient step."""
         with torch.no_grad():
             self.estimate(batch)
-        rows = batch.select(*LEARNED_FROM).reshape(-1)
+        rows = self._learned_from(batch).reshape(-1)
         sizes = minibatch_sizes(len(rows), self.config.minibatch)
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
@@ -382,13 +250,19 @@ class PPO:
                 self._descend(part, reports)
         self.policy.observe(rows[keys.OBSERVATION])
 
-    def _descend(self, rows: TensorDictBase, reports: list[Tensor]) -> None:
-        """One gradient step, whose report [4] is added."""
+    def _learned_from(self, batch: TensorDictBase) -> TensorDictBase:
+        """What the loss is given: a loss of one's own may ask for anything that is there."""
+        if self.config.loss not in LOSSES:
+            return batch
+        read = (*self.actor.in_keys, *self.critic.in_keys)
+        return batch.select(*read, *self.actor.out_keys, *LEARNED_FROM)
+
+    def _descend(self, rows: TensorDictBase, reports: list[Report]) -> None:
+        """One gradient step, whose report is added."""
         losses = self.loss(rows)
-        total = losses["loss_objective"] + losses["loss_critic"]
-        if self.config.entropy_weight:
-            total = total + losses["loss_entropy"]
-        reports.append(torch.stack([losses[name].detach() for name in REPORTED]))
+        total = sum(value for name, value in losses.items() if name.startswith("loss_"))
+        reports.append(_report(losses))
+        assert isinstance(total, Tensor)
         if not math.isfinite(total.item()):
             raise NonFiniteLossError(
                 f"the loss is {total.item()} after {self.steps} steps: look for what is not "
@@ -398,8 +272,14 @@ class PPO:
             )
         self.optimiser.zero_grad(set_to_none=True)
         total.backward()
-        nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.gradient_norm)
+        nn.utils.clip_grad_norm_(self.weights, self.config.gradient_norm)
         self.optimiser.step()
+
+
+def _report(losses: TensorDictBase) -> Report:
+    """Means of what a loss reports."""
+    found = {n: v.detach() for n, v in losses.items() if isinstance(v, Tensor)}
+    return {name: value.mean() if value.ndim else value for name, value in found.items()}
 
 
 def minibatch_sizes(rows: int, largest: int) -> list[int]:
