@@ -27,6 +27,7 @@ from torchrl.envs.utils import ExplorationType
 
 from buggy_rl.core import keys
 from buggy_rl.jobs.launching import required
+from buggy_rl.policies.training.own_actor import memory_of
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env, make_simulator
 
@@ -77,7 +78,7 @@ def in_process(env: EnvBase, actor: nn.Module, frames: int) -> ResumableCollecto
         track_traj_ids=False,
         use_buffers=False,
         return_same_td=True,  # nothing of a batch is kept: no copy is needed
-        auto_register_policy_transforms=False,
+        auto_register_policy_transforms=bool(memory_of(actor)),  # `is_init`, and the state itself
     )
 
 

@@ -14,6 +14,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, StepCounter
+from torchrl.modules import set_recurrent_mode
 from torchrl.objectives.value import GAE
 
 from buggy_rl.core import keys
@@ -30,9 +31,9 @@ from buggy_rl.policies.training.collecting import (
     in_process,
 )
 from buggy_rl.policies.training.losses import LOSSES, make_loss
+from buggy_rl.policies.training.own_actor import STATE_VALUE, memory_of
 from buggy_rl.policies.training.ppo_config import PPOConfig
 
-STATE_VALUE = "state_value"  # the critic's output
 ADAM_EPSILON = 1e-5
 LEARNED_FROM = ("advantage", "value_target")  # beside what actor and critic read and write
 
@@ -74,7 +75,8 @@ class PPO:
         batches: Of [cars, time] from elsewhere, by the policy as it is; None steps `env` here.
 
     Raises:
-        ValueError: The batch size of the environment is not `config.cars`.
+        ValueError: The batch size of the environment is not `config.cars`, or a minibatch holds no
+            sequence for a recurrent actor.
     """
 
     def __init__(
@@ -92,6 +94,12 @@ class PPO:
         policy.to(env.device or "cpu")
         self.env, self.policy, self.config = env, policy, config
         self.actor, self.critic = policy.actor(), policy.critic()
+        self.recurrent = bool(memory_of(self.actor))
+        if self.recurrent and config.minibatch < config.batch_steps:
+            raise ValueError(
+                f"ppo.minibatch={config.minibatch} holds no sequence of ppo.batch_steps="
+                f"{config.batch_steps}, by which a recurrent actor learns: raise it"
+            )
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
         self.loss = make_loss(policy, config)
         # The policy's, and those of a loss of one's own.
@@ -144,14 +152,12 @@ class PPO:
         """What is told of a batch and of the gradient steps that were made with it."""
         self.episodes.take(batch)
         told = torch.stack([torch.stack(list(report.values())) for report in reports])
-        throttle, steering = self.policy.log_sd.exp().tolist()
         return {
             "steps": self.steps,
             "reward": batch["next", keys.REWARD].mean().item(),
             **self.episodes.means(),
             **dict(zip(reports[0], told.mean(0).tolist(), strict=True)),
-            "sd_throttle": throttle,
-            "sd_steering": steering,
+            **self.policy.exploration(batch),
         }
 
     def estimate(self, batch: TensorDictBase) -> None:
@@ -165,7 +171,7 @@ class PPO:
         following = value.roll(-1, -2)
         asked = after.get(keys.DONE).squeeze(-1).clone()
         asked[..., -1] = True
-        following[asked] = self.critic(after.select(keys.OBSERVATION)[asked]).get(STATE_VALUE)
+        following[asked] = self.critic(after.select(*self.critic.in_keys)[asked]).get(STATE_VALUE)
         after.set(STATE_VALUE, following)
         self.gae(batch)
 
@@ -240,26 +246,30 @@ class PPO:
         """Learns from a batch [cars, time]; adds a report of each gradient step."""
         with torch.no_grad():
             self.estimate(batch)
-        rows = self._learned_from(batch).reshape(-1)
-        sizes = minibatch_sizes(len(rows), self.config.minibatch)
+        # A recurrent actor learns from the sequences of whole cars.
+        rows = self._learned_from(batch)
+        rows = rows if self.recurrent else rows.reshape(-1)
+        each = rows.batch_size[1:].numel()  # steps
+        sizes = minibatch_sizes(len(rows), self.config.minibatch // each)
         for _ in range(self.config.epochs):
             order = torch.randperm(len(rows), generator=self.generator)
             # Mixed at once: what is split off is then a view, not a copy by index each.
             mixed = rows[order.to(self.env.device or "cpu")]
             for part in mixed.split(sizes):
                 self._descend(part, reports)
-        self.policy.observe(rows[keys.OBSERVATION])
+        self.policy.observe(batch[keys.OBSERVATION])
 
     def _learned_from(self, batch: TensorDictBase) -> TensorDictBase:
         """What the loss is given: a loss of one's own may ask for anything that is there."""
         if self.config.loss not in LOSSES:
             return batch
         read = (*self.actor.in_keys, *self.critic.in_keys)
-        return batch.select(*read, *self.actor.out_keys, *LEARNED_FROM)
+        return batch.select(*read, *self.actor.out_keys, *LEARNED_FROM, strict=False)
 
     def _descend(self, rows: TensorDictBase, reports: list[Report]) -> None:
         """One gradient step, whose report is added."""
-        losses = self.loss(rows)
+        with set_recurrent_mode(self.recurrent):
+            losses = self.loss(rows)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         reports.append(_report(losses))
         assert isinstance(total, Tensor)

@@ -35,6 +35,8 @@ IGNORED = (
     *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
     "checkpoint_batches",
 )
+LATER = {"ppo.loss": "clip", "ppo.loss_options": "{}", "policy.actor": "", "policy.critic": ""}
+"""Settings that earlier checkpoints do not name, and what they meant without them."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ def task_of(about: dict[str, Any], file: Path | str) -> TaskConfig:
 
 def policy_question(config: PolicyRunConfig) -> Question:
     """What the policy of a training depends on."""
-    return question(config, ignoring=IGNORED)
+    asked = question(config, ignoring=IGNORED)
+    return {name: value for name, value in asked.items() if LATER.get(name) != value}
 
 
 def _so_far(asked: Question) -> Question:
@@ -146,11 +149,17 @@ def new_batches(config: PolicyRunConfig, policy: Policy) -> DistributedBatches |
     """Starts the processes that step the environments; None where this one does.
 
     Raises:
-        ValueError: The environments cannot be divided among the processes.
+        ValueError: The environments cannot be divided among the processes, or the actor is of one's
+            own, which is not sent to them.
     """
     count, cars = config.collector.processes, config.ppo.cars
     if config.collector.backend == "in_process":
         return None
+    if config.policy.actor:
+        raise ValueError(
+            f"policy.actor={config.policy.actor} drives in this process only: leave out "
+            f"collector.backend={config.collector.backend}"
+        )
     if count < 1 or cars % count:
         raise ValueError(
             f"collector.processes={count} must divide ppo.cars={cars}: each steps as many"
