@@ -16,8 +16,10 @@ from buggy_rl.core.files import save_torch
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.collecting import Episodes
-from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig, minibatch_sizes
+from buggy_rl.policies.training.ppo import PPO, minibatch_sizes
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.policies.training.run import PolicyRunConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 

@@ -14,8 +14,8 @@ from buggy_rl.core.files import load_torch, save_torch
 from buggy_rl.core.question import refuse_another, schema
 from buggy_rl.core.run_log import RunLog
 from buggy_rl.estimation.fit_study import ModelRunConfig
-from buggy_rl.policies.training.ppo import NonFiniteLossError
 from buggy_rl.policies.training.run import PolicyRun, PolicyRunConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError
 from buggy_rl.recordings import Recording
 from buggy_rl.simulators.learned import training as model_training
 from buggy_rl.simulators.learned.factory import ModelConfig, load_about, make_model, save_model
@@ -196,7 +196,7 @@ def policy_metrics(
     """
     config, folder = run.config, run.folder
     about = {**made_by(), **plain_values(config)}
-    at = run.ppo.steps if config.resume else None
+    at = run.trainer.steps if config.resume else None
     log = RunLog(folder, "steps", about, config.wandb, at)
     if not (folder / "best.pt").exists():  # else it is written with the first policy
         save_run(config, folder)

@@ -33,26 +33,10 @@ from buggy_rl.policies.training.collecting import (
 from buggy_rl.policies.training.losses import LOSSES, make_loss
 from buggy_rl.policies.training.own_actor import STATE_VALUE, memory_of
 from buggy_rl.policies.training.ppo_config import PPOConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError
 
 ADAM_EPSILON = 1e-5
 LEARNED_FROM = ("advantage", "value_target")  # beside what actor and critic read and write
-
-
-class NonFiniteLossError(FloatingPointError):
-    """The loss is not a number any more.
-
-    Args:
-        message: What is wrong.
-        batch: Rows that the loss was computed from.
-        metrics: Row of the log of the batch that holds them; the means are over the minibatches up
-            to the failed one.
-    """
-
-    def __init__(
-        self, message: str, batch: TensorDictBase, metrics: dict[str, float] | None = None
-    ) -> None:
-        super().__init__(message)
-        self.batch, self.metrics = batch, metrics or {}
 
 
 Report = dict[str, Tensor]

@@ -48,3 +48,8 @@ class PPOConfig:
     compiled: Literal["auto", "always", "never"] = "auto"
     """Whether PyTorch compiles loss and gradient; auto: where a C++ compiler is at hand and the
     training has a million steps. The numbers are the same to rounding."""
+
+    @property
+    def batch(self) -> int:
+        """Steps of all environments together between two updates."""
+        return self.cars * self.batch_steps
