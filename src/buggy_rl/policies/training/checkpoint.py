@@ -1,5 +1,7 @@
 """Checkpoint files, and the state of an environment that is not in its TensorDict."""
 
+import hashlib
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -43,9 +45,32 @@ def restore_environment(env: EnvBase, state: dict[str, Any]) -> None:
     refuse_difference(generators, state["generators"])
     refuse_difference(places, state["tensors"])
     for name, generator in generators.items():
-        generator.set_state(state["generators"][name])
+        restore_generator(generator, state["generators"][name], name)
     for name, (module, key) in places.items():
         setattr(module, key, state["tensors"][name].clone().to(getattr(module, key).device))
+
+
+def restore_generator(generator: torch.Generator, state: Tensor, name: str) -> None:
+    """Goes back to a generator's state.
+
+    That of another kind of device, which has another layout, seeds it instead, and a warning says
+    so: the run then goes on with other random numbers.
+
+    Args:
+        generator: On the device of the environment.
+        state: [bytes], of `get_state`, on any device.
+        name: Of the generator, for the warning.
+    """
+    state = state.cpu()
+    if state.shape == generator.get_state().shape:
+        generator.set_state(state)
+        return
+    digest = hashlib.sha256(state.numpy().tobytes()).digest()
+    generator.manual_seed(int.from_bytes(digest[:8], "big", signed=True))
+    warnings.warn(
+        f"the checkpoint was made on another kind of device than {generator.device}: {name} goes "
+        "on with other random numbers"
+    )
 
 
 def refuse_difference(here: Iterable[Any], saved: Iterable[Any]) -> None:

@@ -7,6 +7,7 @@ Source: Schulman et al., Proximal policy optimization algorithms, 2017.
 
 import math
 import time
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -176,7 +177,11 @@ class PPO:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes back to where `state_dict` was taken."""
+        """Goes back to where `state_dict` was taken, on any device.
+
+        On another kind of device than that of the checkpoint it goes on with other random numbers,
+        and warns of it.
+        """
         self.steps = state["steps"]
         self.policy.load_state_dict(state["policy"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -189,10 +194,9 @@ class PPO:
         else:  # episodes begin anew in the processes that step them
             self.episodes.load_state_dict(self.episodes.state_dict() | _last(state["episodes"]))
         restore_environment(self.env, state["environment"])
-        self.generator.set_state(state["minibatches"])
-        torch.set_rng_state(state["random"])  # last: whatever is built draws from it
-        if state.get("random_device") is not None:
-            torch.cuda.set_rng_state(state["random_device"], self.env.device or "cuda")
+        self.generator.set_state(state["minibatches"].cpu())
+        torch.set_rng_state(state["random"].cpu())  # last: whatever is built draws from it
+        self._restore_device_random(state.get("random_device"))
 
     def _of_loss(self) -> list[tuple[str, Tensor]]:
         """Tensors of the loss that are not the policy's, such as the weight of the kl penalty."""
@@ -202,13 +206,29 @@ class PPO:
 
     def _device_random(self) -> Tensor | None:
         """State of the generator that exploration draws from on a GPU; None on the CPU."""
+        device = self._gpu
+        return None if device is None else torch.cuda.get_rng_state(device)
+
+    def _restore_device_random(self, state: Tensor | None) -> None:
+        """Goes back to it where the checkpoint was made on a GPU as well."""
+        device = self._gpu
+        if (device is None) != (state is None):
+            warnings.warn(
+                f"the checkpoint was made on another kind of device than {self.env.device}: "
+                "exploration goes on with other random numbers"
+            )
+        elif device is not None and state is not None:
+            torch.cuda.set_rng_state(state.cpu(), device)
+
+    @property
+    def _gpu(self) -> torch.device | None:
         device = self.env.device
-        on_gpu = device is not None and device.type == "cuda"
-        return torch.cuda.get_rng_state(device) if on_gpu else None
+        return device if device is not None and device.type == "cuda" else None
 
     def _cars(self, here: TensorDictBase, saved: dict[str, Any]) -> TensorDictBase:
         written = self.actor.out_keys  # anew by every step
-        cars = TensorDict(saved, self.env.batch_size, device=self.env.device).exclude(*written)
+        cars = TensorDict(saved, self.env.batch_size).to(self.env.device or "cpu").exclude(*written)
+        cars = cars if self.env.device else cars.clear_device_()
         refuse_difference(here.flatten_keys(".").exclude(*written).keys(), cars.keys())
         return cars.unflatten_keys(".").clone()
 

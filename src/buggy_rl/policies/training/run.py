@@ -126,9 +126,12 @@ def policy_question(config: PolicyRunConfig) -> Question:
 
 
 def _so_far(asked: Question) -> Question:
-    """What must be the same to go on from a checkpoint; a training may be made longer."""
-    longer = ("validations", *(f"{name}.steps" for name in ALGORITHMS))
-    return {name: value for name, value in asked.items() if name not in longer}
+    """What must be the same to go on from a checkpoint.
+
+    A training may be made longer, and go on on another device.
+    """
+    free = {"validations", "engine.options.device", *(f"{name}.steps" for name in ALGORITHMS)}
+    return {n: v for n, v in asked.items() if n not in free and (n, v) != ("engine.options", "{}")}
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
