@@ -3,6 +3,7 @@
 import warnings
 from copy import deepcopy
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -11,7 +12,12 @@ from tensordict import TensorDict
 from buggy_rl.core.config import build
 from buggy_rl.policies.training import run as run_module
 from buggy_rl.policies.training.actor_critic import Policy
-from buggy_rl.policies.training.checkpoint import restore_generator
+from buggy_rl.policies.training.checkpoint import (
+    cars_state,
+    restore_generator,
+    restore_random,
+    restored_cars,
+)
 from buggy_rl.policies.training.ppo import PPO
 from buggy_rl.policies.training.run import PolicyRunConfig, policy_question
 from tests.policies.test_ppo import CARS, Wind, config, curve, point
@@ -80,32 +86,26 @@ def test_a_checkpoint_of_a_gpu_is_resumed_on_the_cpu():
     assert len(list(again.run())) == 4
 
 
-def test_a_checkpoint_of_the_cpu_is_resumed_on_a_gpu(monkeypatch):
-    whole = training()
-    batches = whole.run()
-    next(batches)
-    state, set_states = whole.state_dict(), []
+def test_exploration_of_the_cpu_goes_on_on_a_gpu_with_other_numbers(monkeypatch):
+    gpu, set_states = torch.device("cuda:0"), []
+    state = training().state_dict()
     assert state["random_device"] is None
-    again = training()
-    monkeypatch.setattr(PPO, "_gpu", torch.device("cuda:0"))
     monkeypatch.setattr(torch.cuda, "set_rng_state", lambda *given: set_states.append(given))
     with pytest.warns(UserWarning, match="exploration goes on with other random numbers"):
-        again.load_state_dict(state)
+        restore_random(gpu, state)
     assert set_states == []
-    state["random_device"] = GPU_STATE
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        again.load_state_dict(state)
+        restore_random(gpu, {**state, "random_device": GPU_STATE})
     ((restored, device),) = set_states
     assert (restored == GPU_STATE).all()
     assert device == torch.device("cuda:0")
 
 
 def test_the_state_of_the_cars_goes_to_the_device_of_the_environment():
-    run = training()
-    saved = run.state_dict()["cars"]
-    run.env = SimpleNamespace(batch_size=torch.Size([CARS]), device=torch.device("meta"))  # pyright: ignore
-    moved = run._cars(run.collector.state, saved)
+    cars = training().collector.state
+    env: Any = SimpleNamespace(batch_size=torch.Size([CARS]), device=torch.device("meta"))
+    moved = restored_cars(env, cars, cars_state(cars), [])
     assert isinstance(moved, TensorDict)
     assert {tensor.device.type for tensor in moved.values(True, True)} == {"meta"}
 

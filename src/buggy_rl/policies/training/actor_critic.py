@@ -92,6 +92,7 @@ class Gaussian(Distribution):
         log_sd: Logarithms [n] of the standard deviations, the same in every state.
     """
 
+    has_rsample = True
     arg_constraints: ClassVar[dict[str, Any]] = {}  # pyrefly: ignore[bad-override]
 
     def __init__(self, loc: Tensor, log_sd: Tensor) -> None:
@@ -99,10 +100,13 @@ class Gaussian(Distribution):
         self.scale = log_sd.exp()
         super().__init__(loc.shape[:-1], loc.shape[-1:], validate_args=False)
 
-    @torch.no_grad()
-    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+    def rsample(self, sample_shape: Sequence[int] = ()) -> Tensor:
         noise = torch.randn((*sample_shape, *self.loc.shape), device=self.loc.device)
         return torch.addcmul(self.loc, noise, self.scale)
+
+    @torch.no_grad()
+    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+        return self.rsample(sample_shape)
 
     def log_prob(self, value: Tensor) -> Tensor:
         z = (value - self.loc) / self.scale
@@ -117,6 +121,8 @@ class Gaussian(Distribution):
 
 class Actor(TensorDictModuleBase):
     """Draws commands; with TorchRL's exploration set to deterministic, the mean.
+
+    Where gradients are on, a command passes them to mean and deviation (reparametrised).
 
     Equal to TorchRL's `ProbabilisticActor` with `IndependentNormal`, at a fraction of its fixed
     cost a call, which matters at some hundred environments and minibatches of 2048 rows.
@@ -144,7 +150,7 @@ class Actor(TensorDictModuleBase):
         """Writes `action`, `loc`, `scale` [*, n] and `action_log_prob` [*]."""
         drawn = self.get_dist(tensordict)
         mean_wanted = exploration_type() == ExplorationType.DETERMINISTIC
-        action = drawn.loc if mean_wanted else drawn.sample()
+        action = drawn.loc if mean_wanted else drawn.rsample()
         tensordict.set("loc", drawn.loc)
         tensordict.set("scale", drawn.scale.expand_as(drawn.loc))
         tensordict.set(keys.ACTION, action)

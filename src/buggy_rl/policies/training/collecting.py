@@ -82,6 +82,19 @@ def in_process(env: EnvBase, actor: nn.Module, frames: int) -> ResumableCollecto
     )
 
 
+def longest_episode(env: EnvBase) -> int:
+    """Steps after which the task ends every episode; 0 where nothing does."""
+    limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
+    return min((limit for limit in limits if limit), default=0)
+
+
+def stagger(env: EnvBase, cars: TensorDictBase, generator: torch.Generator) -> None:
+    """Draws the ages of the first episodes uniformly, as after long collection."""
+    if limit := longest_episode(env):
+        age = cars[keys.STEP_COUNT]
+        age.copy_(torch.randint(limit, age.shape, generator=generator))
+
+
 class Episodes:
     """Length, reward and waypoints of the last episodes that were seen from their beginning.
 
@@ -204,8 +217,7 @@ class PartMaker:
             self.simulator, self.cars, parameters=self.parameters, **self.options
         )
         env = make_env(engine, task=self.task)
-        limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
-        limit = min((limit for limit in limits if limit), default=0) if self.stagger else 0
+        limit = longest_episode(env) if self.stagger else 0
         return TransformedEnv(env, PartOfMany(self.number, limit, seed))
 
 

@@ -7,29 +7,32 @@ Source: Schulman et al., Proximal policy optimization algorithms, 2017.
 
 import math
 import time
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor, nn
-from torchrl.envs import EnvBase, StepCounter
+from torchrl.envs import EnvBase
 from torchrl.modules import set_recurrent_mode
 from torchrl.objectives.value import GAE
 
 from buggy_rl.core import keys
 from buggy_rl.policies.training.actor_critic import Policy
 from buggy_rl.policies.training.checkpoint import (
+    cars_state,
     environment_state,
-    refuse_difference,
+    random_state,
     restore_environment,
+    restore_random,
+    restored_cars,
 )
 from buggy_rl.policies.training.collecting import (
     DistributedBatches,
     Episodes,
     ResumableCollector,
     in_process,
+    stagger,
 )
 from buggy_rl.policies.training.losses import LOSSES, make_loss
 from buggy_rl.policies.training.own_actor import STATE_VALUE, memory_of
@@ -97,7 +100,7 @@ class PPO:
         self.episodes = Episodes(env.batch_size, not config.stagger, env.device)
         self.steps = 0
         if config.stagger and isinstance(self.collector, ResumableCollector):
-            self._stagger(self.collector.state)
+            stagger(env, self.collector.state, self.generator)
 
     def run(self) -> Iterator[dict[str, float]]:
         """Trains batch by batch.
@@ -162,18 +165,16 @@ class PPO:
 
     def state_dict(self) -> dict[str, Any]:
         """What a resumed run needs; on one thread in one process it goes on bit for bit."""
-        cars = self.collector.state
         return {
             "steps": self.steps,
             "policy": self.policy.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "loss": {name: tensor.clone() for name, tensor in self._of_loss()},
-            "cars": {} if cars is None else cars.clone().flatten_keys(".").to_dict(),
+            "cars": cars_state(self.collector.state),
             "environment": environment_state(self.env),
             "episodes": self.episodes.state_dict(),
             "minibatches": self.generator.get_state(),
-            "random": torch.get_rng_state(),
-            "random_device": self._device_random(),
+            **random_state(self.env.device),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -189,56 +190,21 @@ class PPO:
             for name, tensor in self._of_loss():
                 tensor.copy_(state["loss"][name] if "loss" in state else tensor)
         if isinstance(self.collector, ResumableCollector):
-            self.collector.state = self._cars(self.collector.state, state["cars"])
+            self.collector.state = restored_cars(
+                self.env, self.collector.state, state["cars"], self.actor.out_keys
+            )
             self.episodes.load_state_dict(state["episodes"])
         else:  # episodes begin anew in the processes that step them
             self.episodes.load_state_dict(self.episodes.state_dict() | _last(state["episodes"]))
         restore_environment(self.env, state["environment"])
         self.generator.set_state(state["minibatches"].cpu())
-        torch.set_rng_state(state["random"].cpu())  # last: whatever is built draws from it
-        self._restore_device_random(state.get("random_device"))
+        restore_random(self.env.device, state)
 
     def _of_loss(self) -> list[tuple[str, Tensor]]:
         """Tensors of the loss that are not the policy's, such as the weight of the kl penalty."""
         known = {id(t) for t in (*self.policy.parameters(), *self.policy.buffers())}
         tensors = [*self.loss.named_parameters(), *self.loss.named_buffers()]
         return [(name, tensor) for name, tensor in tensors if id(tensor) not in known]
-
-    def _device_random(self) -> Tensor | None:
-        """State of the generator that exploration draws from on a GPU; None on the CPU."""
-        device = self._gpu
-        return None if device is None else torch.cuda.get_rng_state(device)
-
-    def _restore_device_random(self, state: Tensor | None) -> None:
-        """Goes back to it where the checkpoint was made on a GPU as well."""
-        device = self._gpu
-        if (device is None) != (state is None):
-            warnings.warn(
-                f"the checkpoint was made on another kind of device than {self.env.device}: "
-                "exploration goes on with other random numbers"
-            )
-        elif device is not None and state is not None:
-            torch.cuda.set_rng_state(state.cpu(), device)
-
-    @property
-    def _gpu(self) -> torch.device | None:
-        device = self.env.device
-        return device if device is not None and device.type == "cuda" else None
-
-    def _cars(self, here: TensorDictBase, saved: dict[str, Any]) -> TensorDictBase:
-        written = self.actor.out_keys  # anew by every step
-        cars = TensorDict(saved, self.env.batch_size).to(self.env.device or "cpu").exclude(*written)
-        cars = cars if self.env.device else cars.clear_device_()
-        refuse_difference(here.flatten_keys(".").exclude(*written).keys(), cars.keys())
-        return cars.unflatten_keys(".").clone()
-
-    def _stagger(self, cars: TensorDictBase) -> None:
-        """Draws the ages of the first episodes uniformly, as after long collection."""
-        limits = [part.max_steps for part in self.env.modules() if isinstance(part, StepCounter)]
-        limit = min((limit for limit in limits if limit), default=0)
-        if limit:
-            age = cars[keys.STEP_COUNT]
-            age.copy_(torch.randint(limit, age.shape, generator=self.generator))
 
     def _set_learning_rate(self) -> float:
         share = 1.0 if self.config.schedule == "constant" else 1 - self.steps / self.config.steps

@@ -24,6 +24,7 @@ from buggy_rl.policies.training.collecting import (
 )
 from buggy_rl.policies.training.ppo import PPO
 from buggy_rl.policies.training.ppo_config import PPOConfig
+from buggy_rl.policies.training.shac import SHAC, SHACConfig
 from buggy_rl.policies.training.trainer import NonFiniteLossError, Trainer, TrainerSettings
 from buggy_rl.task.config import TaskConfig, evaluation_transforms
 from buggy_rl.task.env import make_env, make_simulator
@@ -37,7 +38,7 @@ IGNORED = (
     *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
     "checkpoint_batches",
 )
-ALGORITHMS: dict[str, Callable[..., Trainer]] = {"ppo": PPO}
+ALGORITHMS: dict[str, Callable[..., Trainer]] = {"ppo": PPO, "shac": SHAC}
 """Made of environment, policy, the settings of that name in the config, and batches from elsewhere;
 a further one is a line here, its name at `algorithm`, and its settings beside `ppo`."""
 LATER = {
@@ -68,9 +69,11 @@ class PolicyRunConfig:
     engine: EngineConfig = field(default_factory=EngineConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
-    algorithm: Literal["ppo"] = "ppo"
-    """What trains the policy, by the settings of that name."""
+    algorithm: Literal["ppo", "shac"] = "ppo"
+    """What trains the policy, by the settings of that name: ppo in any simulator, shac by gradients
+    through one that passes them."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
+    shac: SHACConfig = field(default_factory=SHACConfig)
     collector: CollectorConfig = field(default_factory=CollectorConfig)
     validations: int = 6
     """Validations during training, evenly spaced; the best policy is kept."""
