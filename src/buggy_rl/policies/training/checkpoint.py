@@ -78,7 +78,7 @@ def restored_cars(
 
 def random_state(device: torch.device | None) -> dict[str, Any]:
     """States of the generators that exploration draws from: PyTorch's, and that of a GPU."""
-    of_gpu = torch.cuda.get_rng_state(device) if _is_gpu(device) else None
+    of_gpu = torch.cuda.get_rng_state(device or "cuda") if _is_gpu(device) else None
     return {"random": torch.get_rng_state(), "random_device": of_gpu}
 
 

@@ -50,8 +50,8 @@ class Envelope(nn.Module):
         self.occupied.copy_(grown.flatten() > 0)
         self._measure()
 
-    def _load_from_state_dict(self, *args: Any) -> None:
-        super()._load_from_state_dict(*args)
+    def _load_from_state_dict(self, *args: Any, **kwargs: Any) -> None:
+        super()._load_from_state_dict(*args, **kwargs)
         self._measure()
 
     def outside(self, rows: Tensor) -> Tensor:
@@ -81,8 +81,8 @@ class Envelope(nn.Module):
     def _measure(self) -> None:
         """Distances of cells from the nearest one that is not outside, in widths of the range."""
         grids = self.occupied.view(-1, BINS, BINS).cpu().numpy()
-        away = [distance_transform_edt(~grid) / BINS for grid in grids]
-        self.distance.copy_(torch.from_numpy(np.stack(away)).flatten())
+        away = np.stack([np.asarray(distance_transform_edt(~grid)) for grid in grids])
+        self.distance.copy_(torch.from_numpy(away).flatten() / BINS)
 
     def clamp_velocity(self, velocity: Tensor, margin: float) -> Tensor:
         """Clamps a velocity [*, 3] to the training range widened by `margin` of its width."""
