@@ -11,7 +11,8 @@ from tensordict import TensorDictBase
 from buggy_rl.core import keys
 from buggy_rl.core.stepping import trajectory
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
-from buggy_rl.policies.training.ppo import PPO, PPOConfig
+from buggy_rl.policies.training.ppo import PPO
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.task.env import make_env, make_simulator
 from engines import make
 from scaling.graphs import recorded

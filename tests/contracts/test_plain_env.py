@@ -13,7 +13,8 @@ from buggy_rl.effects import EFFECTS, effect_class, make_effect
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.path_tracking import PurePursuit
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
-from buggy_rl.policies.training.ppo import PPO, PPOConfig
+from buggy_rl.policies.training.ppo import PPO
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.serial import SinglePrecision, in_single_precision
 from buggy_rl.task.config import TaskConfig

@@ -14,7 +14,7 @@ import torch
 from buggy_rl.core import keys
 from buggy_rl.policies.training.actor_critic import Policy
 from buggy_rl.policies.training.collecting import PART, CollectorConfig, PartMaker
-from buggy_rl.policies.training.ppo import PPOConfig
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.policies.training.run import EngineConfig, PolicyRunConfig, new_batches
 from buggy_rl.task.config import TaskConfig
 from tests.jobs.counting import command_of, mine, parent

@@ -10,7 +10,8 @@ from torch.testing import assert_close
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.controllers.path_tracking import PurePursuit, PurePursuitConfig
 from buggy_rl.policies.controllers.tuning import TuningConfig, tune
-from buggy_rl.policies.training.ppo import PPO, PPOConfig
+from buggy_rl.policies.training.ppo import PPO
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.policies.training.run import PolicyRunConfig, new_policy, validation_task
 from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths

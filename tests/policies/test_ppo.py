@@ -16,8 +16,10 @@ from buggy_rl.core.files import save_torch
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.collecting import Episodes
-from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.policies.training.ppo import PPO, minibatch_sizes
+from buggy_rl.policies.training.ppo_config import PPOConfig
 from buggy_rl.policies.training.run import PolicyRunConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 
@@ -291,6 +293,24 @@ def test_one_seed_is_one_curve_and_another_is_another():
     assert curves[0] != curves[2]
 
 
+@pytest.mark.parametrize(
+    ("rows", "largest", "sizes"),
+    [(9, 4, [3, 3, 3]), (10, 4, [4, 3, 3]), (3, 2, [2, 1]), (8, 4, [4, 4]), (3, 9, [3])],
+)
+def test_minibatches_hold_every_row_once_and_none_is_a_small_remainder(rows, largest, sizes):
+    assert minibatch_sizes(rows, largest) == sizes
+
+
+@pytest.mark.parametrize("minibatch", [1, 2, 4])
+def test_minibatches_of_one_row_are_finite(minibatch):
+    torch.manual_seed(0)
+    tiny = PPOConfig(cars=3, batch_steps=3, minibatch=minibatch, steps=9)
+    policy = Policy(1)
+    (row,) = PPO(point(cars=3), policy, tiny).run()
+    assert math.isfinite(row["loss_objective"])
+    assert all(tensor.isfinite().all() for tensor in policy.state_dict().values())
+
+
 class Fault(Transform):
     """The reward of one car is no number from the second batch on."""
 
@@ -313,6 +333,11 @@ def test_a_loss_that_is_no_number_stops_the_run_and_hands_over_the_batch():
         next(batches)
     assert isinstance(caught.value, FloatingPointError)
     assert caught.value.batch["value_target"].isnan().any()
+    told = caught.value.metrics
+    assert told["steps"] == 256
+    assert math.isnan(told["reward"])
+    assert math.isnan(told["loss_critic"])
+    assert told["learning_rate"] == pytest.approx(0.75 * 3e-3)
     for name, tensor in run.policy.state_dict().items():
         assert torch.equal(tensor, before[name]), name
 

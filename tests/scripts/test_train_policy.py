@@ -143,6 +143,17 @@ def test_a_loss_that_is_no_number_leaves_its_batch_behind(train, tmp_path):
     assert set(torch.load(tmp_path / "failed_batch.pt")) >= {"observation", "action", "advantage"}
 
 
+def test_the_row_of_the_loss_that_is_no_number_reaches_the_log(train, tmp_path):
+    with pytest.raises(SystemExit, match="loss is nan"):
+        train(f"output={tmp_path}", f"ppo.steps={8 * BATCH}", "ppo.learning_rate=1e38",
+              "checkpoint_batches=100")  # fmt: skip
+    losses = logged(tmp_path, "loss_objective")
+    assert list(losses) == [BATCH * (row + 1) for row in range(len(losses))]
+    assert pd.isna(list(losses.values())[-1])
+    assert list(logged(tmp_path, "reward")) == list(losses)
+    assert not (tmp_path / "checkpoint.pt").exists()
+
+
 def test_weights_and_biases_are_told_on_request(train, tmp_path, monkeypatch):
     monkeypatch.setenv("WANDB_MODE", "disabled")
     train(f"output={tmp_path}", f"ppo.steps={BATCH}", "validations=1", "wandb=true")

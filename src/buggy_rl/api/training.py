@@ -15,6 +15,7 @@ from buggy_rl.core.question import refuse_another, schema
 from buggy_rl.core.run_log import RunLog
 from buggy_rl.estimation.fit_study import ModelRunConfig
 from buggy_rl.policies.training.run import PolicyRun, PolicyRunConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError
 from buggy_rl.recordings import Recording
 from buggy_rl.simulators.learned import training as model_training
 from buggy_rl.simulators.learned.factory import ModelConfig, load_about, make_model, save_model
@@ -189,18 +190,26 @@ def policy_metrics(
     Args:
         run: The training.
         draw: Draws the policy that was just validated.
+
+    Raises:
+        NonFiniteLossError: A loss is not finite; the row of its batch is in the log.
     """
     config, folder = run.config, run.folder
     about = {**made_by(), **plain_values(config)}
-    at = run.ppo.steps if config.resume else None
+    at = run.trainer.steps if config.resume else None
     log = RunLog(folder, "steps", about, config.wandb, at)
     if not (folder / "best.pt").exists():  # else it is written with the first policy
         save_run(config, folder)
     with closing(run), closing(log):
-        for metrics in run.metrics():
-            validated = "validation_waypoints" in metrics
-            log.add(metrics, draw(folder, metrics) if draw and validated else None)
-            if run.checkpoint_is_due:
-                log.write()  # just before the checkpoint, so that a resumed log repeats none
-                run.checkpoint()
-            yield metrics
+        try:
+            for metrics in run.metrics():
+                validated = "validation_waypoints" in metrics
+                log.add(metrics, draw(folder, metrics) if draw and validated else None)
+                if run.checkpoint_is_due:
+                    log.write()  # just before the checkpoint, so that a resumed log repeats none
+                    run.checkpoint()
+                yield metrics
+        except NonFiniteLossError as error:
+            log.add(error.metrics)
+            log.write()
+            raise

@@ -29,16 +29,16 @@ def main() -> None:
 
     from buggy_rl.api.training import policy_metrics
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.training.ppo import NonFiniteLossError
     from buggy_rl.policies.training.run import PolicyRun
+    from buggy_rl.policies.training.trainer import NonFiniteLossError
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)
     training = PolicyRun(config)
     if training.note:
         print(training.note)
-    bar = tqdm(total=config.ppo.steps, initial=training.ppo.steps, unit="step", unit_scale=True,
-               desc=folder.name)  # fmt: skip
+    bar = tqdm(total=config.settings.steps, initial=training.trainer.steps, unit="step",
+               unit_scale=True, desc=folder.name)  # fmt: skip
     batches = policy_metrics(training, media if config.media else None)
     try:
         with closing(batches), bar:

@@ -10,6 +10,7 @@ ACTION = "action"  # [2] throttle (-1 is no drive), steering (+1 is full left)
 
 HISTORY = "history"  # [K, 5] velocity and action of the last K steps, a learned engine's memory
 OUT_OF_RANGE = "out_of_range"  # [1] bool, a learned engine's input is outside its training range
+RANGE_EXCESS = "range_excess"  # [1] how far it is beyond that range, in widths of it
 
 TIME = "t"  # [1] s, of a recording's row
 SEGMENT = "segment"  # int, stretch of a recording without a gap; windows never cross segments

@@ -192,6 +192,11 @@ class Export:
     def __init__(self, config: ExportConfig) -> None:
         self.config, file = config, Path(config.policy)
         self.policy, about = load_policy(file)
+        if self.policy.config.actor:
+            raise ValueError(
+                f"{file} has an actor of its own, {self.policy.config.actor}: the car's runtime "
+                "computes the package's network alone; train with policy.actor left out"
+            )
         run = from_plain(PolicyRunConfig, about["config"], str(file))
         self.run = replace(run, engine=training_engine(about, file), task=task_of(about, file))
         self.courses = [_course(name, self.run.task.paths) for name in config.course]

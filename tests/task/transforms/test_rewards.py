@@ -79,7 +79,7 @@ def test_the_target_speed_is_drawn_at_a_reset_and_kept():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Rewards({"joy": 1.0}), "no term joy; available: deviation, out_of_range"),
+        (lambda: Rewards({"joy": 1.0}), "no term joy; available: command_excess, deviation"),
         (lambda: Rewards({}), "no term at all"),
         (lambda: TargetSpeed(3.0, 1.0), "low 3.0 and high 1.0"),
     ],

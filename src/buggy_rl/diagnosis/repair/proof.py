@@ -162,7 +162,7 @@ class Proof:
     after: dict[float, float]
     retuned: dict[float, float]
     noise_floor: dict[float, float]
-    """Of a simulator without fault: its sensor's noise, and starts that are smoothed readings."""
+    """Errors of a simulator without fault: of its sensor, and of starts that are smoothed."""
     black_box: dict[float, float]
     misfit_before: float
     """Root mean square of the standardised residuals of 1 s rollouts."""

@@ -8,14 +8,19 @@ from typing import Any, ClassVar, Literal
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict.nn import (
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+    TensorDictModuleBase,
+)
 from torch import Tensor, nn
 from torch.distributions import Distribution
 from torchrl.envs.utils import ExplorationType, exploration_type
-from torchrl.modules import ValueOperator
+from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 
-from buggy_rl.core import keys
+from buggy_rl.core import keys, trust
 from buggy_rl.core.files import load_torch, save_torch
+from buggy_rl.policies.training.own_actor import OwnDriver, make_actor, make_critic
 
 ACTIONS = 2  # throttle, steering
 ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh, "elu": nn.ELU}
@@ -36,6 +41,11 @@ class PolicyConfig:
     """Standard deviation of either command when training begins; learned, one in all states."""
     scaling: Literal["running", "none"] = "running"
     """`running` takes observations by their mean and sd over training; `none` as they are."""
+    actor: str = ""
+    """An actor of one's own, file.py:factory or package.module:factory, which is given observation
+    size and this config and returns TorchRL's ProbabilisticActor; empty for the package's."""
+    critic: str = ""
+    """A critic of one's own likewise, a TensorDictModule that writes state_value."""
 
 
 class Scaling(nn.Module):
@@ -82,6 +92,7 @@ class Gaussian(Distribution):
         log_sd: Logarithms [n] of the standard deviations, the same in every state.
     """
 
+    has_rsample = True
     arg_constraints: ClassVar[dict[str, Any]] = {}  # pyrefly: ignore[bad-override]
 
     def __init__(self, loc: Tensor, log_sd: Tensor) -> None:
@@ -89,10 +100,13 @@ class Gaussian(Distribution):
         self.scale = log_sd.exp()
         super().__init__(loc.shape[:-1], loc.shape[-1:], validate_args=False)
 
-    @torch.no_grad()
-    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+    def rsample(self, sample_shape: Sequence[int] = ()) -> Tensor:
         noise = torch.randn((*sample_shape, *self.loc.shape), device=self.loc.device)
         return torch.addcmul(self.loc, noise, self.scale)
+
+    @torch.no_grad()
+    def sample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+        return self.rsample(sample_shape)
 
     def log_prob(self, value: Tensor) -> Tensor:
         z = (value - self.loc) / self.scale
@@ -107,6 +121,8 @@ class Gaussian(Distribution):
 
 class Actor(TensorDictModuleBase):
     """Draws commands; with TorchRL's exploration set to deterministic, the mean.
+
+    Where gradients are on, a command passes them to mean and deviation (reparametrised).
 
     Equal to TorchRL's `ProbabilisticActor` with `IndependentNormal`, at a fraction of its fixed
     cost a call, which matters at some hundred environments and minibatches of 2048 rows.
@@ -134,18 +150,30 @@ class Actor(TensorDictModuleBase):
         """Writes `action`, `loc`, `scale` [*, n] and `action_log_prob` [*]."""
         drawn = self.get_dist(tensordict)
         mean_wanted = exploration_type() == ExplorationType.DETERMINISTIC
-        action = drawn.loc if mean_wanted else drawn.sample()
+        action = drawn.loc if mean_wanted else drawn.rsample()
         tensordict.set("loc", drawn.loc)
         tensordict.set("scale", drawn.scale.expand_as(drawn.loc))
         tensordict.set(keys.ACTION, action)
         return tensordict.set("action_log_prob", drawn.log_prob(action))
 
 
+class _Spread(nn.Module):
+    """Observations [*, size] to means and standard deviations [*, n]."""
+
+    def __init__(self, mean: nn.Module, log_sd: nn.Parameter) -> None:
+        super().__init__()
+        self.mean, self.log_sd = mean, log_sd
+
+    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        loc = self.mean(observation)
+        return loc, self.log_sd.exp().expand_as(loc)
+
+
 class Policy(nn.Module):
     """An actor, a critic, and the deterministic actor (`driver`) for evaluation.
 
-    Commands are not squashed: the simulator clamps them and the data keep the sample, because the
-    density of a squashed command diverges at its limits.
+    Commands of the package's actor are not squashed: the simulator clamps them and the data keep
+    the sample, because the density of a squashed command diverges at its limits.
     """
 
     def __init__(self, observation_size: int, config: PolicyConfig | None = None) -> None:
@@ -155,28 +183,66 @@ class Policy(nn.Module):
         self.scaling = (
             Scaling(observation_size) if self.config.scaling == "running" else nn.Identity()
         )
-        self.mean_layers = _layers(observation_size, ACTIONS, SMALL_GAIN, self.config)
-        self.value_layers = _layers(observation_size, 1, 1.0, self.config)
-        self.log_sd = nn.Parameter(torch.full((ACTIONS,), math.log(self.config.initial_sd)))
+        if self.config.actor:
+            self.own_actor = make_actor(self.config.actor, observation_size, self.config)
+        else:
+            self.mean_layers = _layers(observation_size, ACTIONS, SMALL_GAIN, self.config)
+        if self.config.critic:
+            self.own_critic = make_critic(self.config.critic, observation_size, self.config)
+        else:
+            self.value_layers = _layers(observation_size, 1, 1.0, self.config)
+        if not self.config.actor:
+            initial = math.log(self.config.initial_sd)
+            self.log_sd = nn.Parameter(torch.full((ACTIONS,), initial))
 
-    def actor(self) -> Actor:
+    def actor(self) -> Actor | ProbabilisticTensorDictSequential:
         """Draws `action` [*, 2] for `observation` [*, size], with `action_log_prob` [*]."""
+        if self.config.actor:
+            return self.own_actor
         return Actor(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
 
-    def critic(self) -> ValueOperator:
+    def torchrl_actor(self) -> ProbabilisticTensorDictSequential:
+        """TorchRL's actor with the same weights and distribution, for losses that ask for one."""
+        if self.config.actor:
+            return self.own_actor
+        spread = _Spread(nn.Sequential(self.scaling, self.mean_layers), self.log_sd)
+        return ProbabilisticActor(
+            TensorDictModule(spread, [keys.OBSERVATION], ["loc", "scale"]),
+            in_keys=["loc", "scale"],
+            distribution_class=IndependentNormal,
+            return_log_prob=True,
+        )
+
+    def critic(self) -> TensorDictModuleBase:
         """Writes `state_value` [*, 1] of `observation` [*, size]."""
+        if self.config.critic:
+            return self.own_critic
         return ValueOperator(nn.Sequential(self.scaling, self.value_layers), [keys.OBSERVATION])
 
-    def driver(self) -> TensorDictModule:
+    def driver(self) -> TensorDictModuleBase:
         """Writes the mean `action` [*, 2]; deterministic, for evaluation."""
+        if self.config.actor:
+            return OwnDriver(self.own_actor)
         mean = nn.Sequential(self.scaling, self.mean_layers)
         return TensorDictModule(mean, [keys.OBSERVATION], [keys.ACTION])
 
     @torch.no_grad()
     def observe(self, observation: Tensor) -> None:
-        """Includes observations [*, size] in the scaling, if there is one."""
-        if isinstance(self.scaling, Scaling):
-            self.scaling.update(observation)
+        """Includes observations [*, size] in every `Scaling`, also in those of one's own actor."""
+        for part in self.modules():
+            if isinstance(part, Scaling):
+                part.update(observation)
+
+    @torch.no_grad()
+    def exploration(self, batch: TensorDictBase) -> dict[str, float]:
+        """`sd_throttle` and `sd_steering`; of one's own actor the mean of its `scale`, if any."""
+        if not self.config.actor:
+            scale = self.log_sd.exp()
+        elif "scale" in batch:
+            scale = batch.get("scale").reshape(-1, ACTIONS).mean(0)
+        else:
+            return {}
+        return dict(zip(("sd_throttle", "sd_steering"), scale.tolist(), strict=True))
 
 
 def _layers(size: int, out: int, gain: float, config: PolicyConfig) -> nn.Sequential:
@@ -210,7 +276,8 @@ def load_policy(file: Path | str) -> tuple[Policy, dict[str, Any]]:
     """Reads a policy, without gradients, and the record of its training.
 
     Raises:
-        ValueError: There is no such file, or it is not a policy's.
+        ValueError: There is no such file, it is not a policy's, or it names code that is not to be
+            run (`trust`).
     """
     if not Path(file).is_file():
         raise ValueError(f"there is no policy file {file}: train one with scripts/train_policy.py")
@@ -218,6 +285,9 @@ def load_policy(file: Path | str) -> tuple[Policy, dict[str, Any]]:
     needed = {"policy", "observation_size", "weights", "about"}
     if not isinstance(content, dict) or not needed <= set(content):
         raise ValueError(f"{file} was not written by scripts/train_policy.py")
-    policy = Policy(content["observation_size"], PolicyConfig(**content["policy"]))
+    config = PolicyConfig(**content["policy"])
+    for name in (config.actor, config.critic):
+        trust.refuse_foreign(name, file)
+    policy = Policy(content["observation_size"], config)
     policy.load_state_dict(content["weights"])
     return policy.eval().requires_grad_(False), content["about"]

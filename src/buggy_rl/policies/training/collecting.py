@@ -27,6 +27,7 @@ from torchrl.envs.utils import ExplorationType
 
 from buggy_rl.core import keys
 from buggy_rl.jobs.launching import required
+from buggy_rl.policies.training.own_actor import memory_of
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env, make_simulator
 
@@ -77,8 +78,21 @@ def in_process(env: EnvBase, actor: nn.Module, frames: int) -> ResumableCollecto
         track_traj_ids=False,
         use_buffers=False,
         return_same_td=True,  # nothing of a batch is kept: no copy is needed
-        auto_register_policy_transforms=False,
+        auto_register_policy_transforms=bool(memory_of(actor)),  # `is_init`, and the state itself
     )
+
+
+def longest_episode(env: EnvBase) -> int:
+    """Steps after which the task ends every episode; 0 where nothing does."""
+    limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
+    return min((limit for limit in limits if limit), default=0)
+
+
+def stagger(env: EnvBase, cars: TensorDictBase, generator: torch.Generator) -> None:
+    """Draws the ages of the first episodes uniformly, as after long collection."""
+    if limit := longest_episode(env):
+        age = cars[keys.STEP_COUNT]
+        age.copy_(torch.randint(limit, age.shape, generator=generator))
 
 
 class Episodes:
@@ -203,8 +217,7 @@ class PartMaker:
             self.simulator, self.cars, parameters=self.parameters, **self.options
         )
         env = make_env(engine, task=self.task)
-        limits = [part.max_steps for part in env.modules() if isinstance(part, StepCounter)]
-        limit = min((limit for limit in limits if limit), default=0) if self.stagger else 0
+        limit = longest_episode(env) if self.stagger else 0
         return TransformedEnv(env, PartOfMany(self.number, limit, seed))
 
 

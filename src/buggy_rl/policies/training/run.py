@@ -1,9 +1,9 @@
 """A run of policy training: simulator, task, policy, validation and checkpoint."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from omegaconf import MISSING
@@ -22,7 +22,10 @@ from buggy_rl.policies.training.collecting import (
     PartMaker,
     make_collector,
 )
-from buggy_rl.policies.training.ppo import PPO, NonFiniteLossError, PPOConfig
+from buggy_rl.policies.training.ppo import PPO
+from buggy_rl.policies.training.ppo_config import PPOConfig
+from buggy_rl.policies.training.shac import SHAC, SHACConfig
+from buggy_rl.policies.training.trainer import NonFiniteLossError, Trainer, TrainerSettings
 from buggy_rl.task.config import TaskConfig, evaluation_transforms
 from buggy_rl.task.env import make_env, make_simulator
 from buggy_rl.task.paths.making import make_paths
@@ -35,6 +38,14 @@ IGNORED = (
     *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
     "checkpoint_batches",
 )
+ALGORITHMS: dict[str, Callable[..., Trainer]] = {"ppo": PPO, "shac": SHAC}
+"""Made of environment, policy, the settings of that name in the config, and batches from elsewhere;
+a further one is a line here, its name at `algorithm`, and its settings beside `ppo`."""
+LATER = {
+    "algorithm": "ppo",
+    **{"ppo.loss": "clip", "ppo.loss_options": "{}", "policy.actor": "", "policy.critic": ""},
+}
+"""Settings that earlier checkpoints do not name, and what they meant without them."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +69,11 @@ class PolicyRunConfig:
     engine: EngineConfig = field(default_factory=EngineConfig)
     task: TaskConfig = field(default_factory=TaskConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
+    algorithm: Literal["ppo", "shac"] = "ppo"
+    """What trains the policy, by the settings of that name: ppo in any simulator, shac by gradients
+    through one that passes them."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
+    shac: SHACConfig = field(default_factory=SHACConfig)
     collector: CollectorConfig = field(default_factory=CollectorConfig)
     validations: int = 6
     """Validations during training, evenly spaced; the best policy is kept."""
@@ -76,6 +91,11 @@ class PolicyRunConfig:
     """Logs to Weights & Biases too, offline unless WANDB_MODE says otherwise."""
     media: bool = False
     """Draws and films the policy after each validation, in OUTPUT/media and in the logs."""
+
+    @property
+    def settings(self) -> TrainerSettings:
+        """The settings of the algorithm."""
+        return getattr(self, self.algorithm)
 
 
 def training_engine(about: dict[str, Any], file: Path | str) -> EngineConfig:
@@ -103,12 +123,18 @@ def task_of(about: dict[str, Any], file: Path | str) -> TaskConfig:
 
 def policy_question(config: PolicyRunConfig) -> Question:
     """What the policy of a training depends on."""
-    return question(config, ignoring=IGNORED)
+    others = [name for name in ALGORITHMS if name != config.algorithm]
+    asked = question(config, ignoring=(*IGNORED, *others))
+    return {name: value for name, value in asked.items() if LATER.get(name) != value}
 
 
 def _so_far(asked: Question) -> Question:
-    """What must be the same to go on from a checkpoint; a training may be made longer."""
-    return {n: value for n, value in asked.items() if n not in ("validations", "ppo.steps")}
+    """What must be the same to go on from a checkpoint.
+
+    A training may be made longer, and go on on another device.
+    """
+    free = {"validations", "engine.options.device", *(f"{name}.steps" for name in ALGORITHMS)}
+    return {n: v for n, v in asked.items() if n not in free and (n, v) != ("engine.options", "{}")}
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
@@ -146,11 +172,17 @@ def new_batches(config: PolicyRunConfig, policy: Policy) -> DistributedBatches |
     """Starts the processes that step the environments; None where this one does.
 
     Raises:
-        ValueError: The environments cannot be divided among the processes.
+        ValueError: The environments cannot be divided among the processes, or the actor is of one's
+            own, which is not sent to them.
     """
     count, cars = config.collector.processes, config.ppo.cars
     if config.collector.backend == "in_process":
         return None
+    if config.policy.actor:
+        raise ValueError(
+            f"policy.actor={config.policy.actor} drives in this process only: leave out "
+            f"collector.backend={config.collector.backend}"
+        )
     if count < 1 or cars % count:
         raise ValueError(
             f"collector.processes={count} must divide ppo.cars={cars}: each steps as many"
@@ -176,17 +208,18 @@ class PolicyRun:
         state = self._kept() if config.resume else None
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(config.seed)
-        env = make_env(new_engine(config.engine, config.ppo.cars), task=config.task)
+        env = make_env(new_engine(config.engine, config.settings.cars), task=config.task)
         self.validation = validation_environment(config)
         self.policy = new_policy(env, config.policy)
         self._batches = new_batches(config, self.policy)
-        self.ppo = PPO(env, self.policy, config.ppo, self._batches)
-        self.batch = config.ppo.cars * config.ppo.batch_steps
+        make = ALGORITHMS[config.algorithm]
+        self.trainer = make(env, self.policy, config.settings, self._batches)
+        self.batch = config.settings.batch
         self.best = -1.0  # waypoints on the validation paths
         self._saved = False
         if state is not None:
             self.best = state.pop("best")
-            self.ppo.load_state_dict(state)
+            self.trainer.load_state_dict(state)
 
     def _kept(self) -> dict[str, Any]:
         """The state in the checkpoint, which must be of the same question."""
@@ -195,10 +228,11 @@ class PolicyRun:
         remedy = "resume with the settings of the first run, or start without resume=true"
         kept = state.pop("question", None)
         refuse_another(kept and _so_far(kept), _so_far(self._asked), str(file), remedy)
-        was, now = kept["ppo.steps"], self.config.ppo.steps
-        if was != now and self.config.ppo.schedule == "linear":
+        name, settings = f"{self.config.algorithm}.steps", self.config.settings
+        was, now = kept[name], settings.steps
+        if was != now and getattr(settings, "schedule", "") == "linear":
             self.note = (
-                f"note: begun with ppo.steps={was}, now {now}: so far the learning rate fell as "
+                f"note: begun with {name}={was}, now {now}: so far the learning rate fell as "
                 f"for {was} steps, so this is not the policy of one training of {now}"
             )
         return state
@@ -214,13 +248,13 @@ class PolicyRun:
         The config is written with the first of them.
 
         Yields:
-            What `PPO.run` does, after a validation also `validation_waypoints` and so on.
+            What the trainer's `run` does, after a validation also `validation_waypoints` and so on.
 
         Raises:
             NonFiniteLossError: A loss is not finite; the batch is in failed_batch.pt.
         """
         try:
-            for metrics in self.ppo.run():
+            for metrics in self.trainer.run():
                 if self._validation_is_due():
                     metrics |= validate(self.validation, self.policy, self.config.validation_steps)
                     self._save_policies(metrics)
@@ -232,23 +266,23 @@ class PolicyRun:
     @property
     def finished(self) -> bool:
         """Whether all steps are done."""
-        return self.ppo.steps >= self.config.ppo.steps
+        return self.trainer.steps >= self.config.settings.steps
 
     @property
     def checkpoint_is_due(self) -> bool:
         """Whether it is time to write the log out and call `checkpoint`."""
-        batches = self.ppo.steps // self.batch
+        batches = self.trainer.steps // self.batch
         return self.finished or batches % self.config.checkpoint_batches == 0
 
     def checkpoint(self) -> None:
         """Writes checkpoint.pt, from which a resumed run goes on bit for bit."""
-        state = {**self.ppo.state_dict(), "best": self.best, "question": self._asked}
+        state = {**self.trainer.state_dict(), "best": self.best, "question": self._asked}
         save_torch(self.folder / "checkpoint.pt", state)
 
     def _validation_is_due(self) -> bool:
-        share = self.config.validations / self.config.ppo.steps
-        before = self.ppo.steps - self.batch
-        return self.finished or int(self.ppo.steps * share) > int(before * share)
+        share = self.config.validations / self.config.settings.steps
+        before = self.trainer.steps - self.batch
+        return self.finished or int(self.trainer.steps * share) > int(before * share)
 
     def _save_policies(self, metrics: dict[str, float]) -> None:
         told = {name: value for name, value in metrics.items() if name not in CLOCKED}

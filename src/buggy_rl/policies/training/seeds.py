@@ -29,8 +29,8 @@ class PolicyTrainingConfig(PolicyRunConfig, Launching):
     """A policy, or one for each seed."""
 
     seeds: list[int] = field(default_factory=list)
-    """Trains one policy for each in OUTPUT/seed_N, `seed` and `ppo.seed` replaced; empty for one
-    policy in OUTPUT."""
+    """Trains one policy for each in OUTPUT/seed_N, `seed` and that of the algorithm replaced; empty
+    for one policy in OUTPUT."""
     workers: int = 2
     """Seeds at a time."""
 
@@ -58,17 +58,19 @@ def seed_jobs(config: PolicyTrainingConfig, script: Path) -> list[Job]:
 def _training(file: Path, seed: int, config: PolicyTrainingConfig, script: Path) -> Job:
     """The job of one seed; `file` is the config that all share, written when one begins."""
     folder, shared = file.parent / f"seed_{seed}", replace(config.single, resume=False)
-    own = replace(shared, seed=seed, ppo=replace(shared.ppo, seed=seed))
-    options = (f"seed={seed}", f"ppo.seed={seed}", f"output={folder}")
+    settings: Any = shared.settings
+    changed: dict[str, Any] = {shared.algorithm: replace(settings, seed=seed)}
+    own = replace(shared, seed=seed, **changed)
+    options = (f"seed={seed}", f"{shared.algorithm}.seed={seed}", f"output={folder}")
     return Job(
         f"seed {seed}",
         folder,
         (str(script), str(file), *options),
         question=policy_question(own),
         texts={file: yaml.safe_dump(plain_values(shared), sort_keys=False)},
-        work=config.ppo.steps,
+        work=config.settings.steps,
         checkpoint=CHECKPOINT,
-        share=partial(share_trained, folder, config.ppo.steps),
+        share=partial(share_trained, folder, config.settings.steps),
     )
 
 

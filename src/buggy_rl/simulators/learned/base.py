@@ -3,8 +3,11 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
+import numpy as np
 import torch
+from scipy.ndimage import distance_transform_edt
 from torch import Tensor, nn
 
 from buggy_rl.core.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
@@ -28,6 +31,7 @@ class Envelope(nn.Module):
         pairs = list(combinations(range(5), 2))
         self.occupied = nn.Buffer(torch.ones(len(pairs) * BINS * BINS, dtype=torch.bool))
         first, second = torch.tensor(pairs).T
+        self.distance = nn.Buffer(torch.zeros(len(self.occupied)), persistent=False)
         self.first = nn.Buffer(first, persistent=False)
         self.second = nn.Buffer(second, persistent=False)
         self.offset = nn.Buffer(torch.arange(len(pairs)) * BINS * BINS, persistent=False)
@@ -44,12 +48,41 @@ class Envelope(nn.Module):
         grid = (counts > 0).float().view(-1, 1, BINS, BINS)
         grown = nn.functional.max_pool2d(grid, 3, stride=1, padding=1)  # neighbouring cells
         self.occupied.copy_(grown.flatten() > 0)
+        self._measure()
+
+    def _load_from_state_dict(self, *args: Any, **kwargs: Any) -> None:
+        super()._load_from_state_dict(*args, **kwargs)
+        self._measure()
 
     def outside(self, rows: Tensor) -> Tensor:
         """Whether inputs [*, 5] lie outside the training data; bool [*, 1]."""
         beyond = ((rows < self.low) | (rows > self.high)).any(-1)
         unseen = ~self.occupied[self._cells(rows)].all(-1)
         return (beyond | unseen).unsqueeze(-1)
+
+    def excess(self, rows: Tensor) -> Tensor:
+        """How far inputs [*, 5] are from the training data, in widths of its range; [*, 1].
+
+        The sum over inputs of the distance from their range, and over pairs of that from the
+        nearest cell that is not outside: linear between the centres of cells, so with a slope.
+        """
+        width = (self.high - self.low).clamp_min(1e-6)
+        share = (rows - self.low) / width
+        beyond = (-share).clamp_min(0.0) + (share - 1.0).clamp_min(0.0)
+        place = (share * BINS - 0.5).clamp(0.0, BINS - 1.0)
+        cell = place.detach().floor().clamp_max(BINS - 2)
+        part, index = place - cell, cell.long()
+        corner = self.offset + index[..., self.first] * BINS + index[..., self.second]
+        x, y = part[..., self.first], part[..., self.second]
+        near = torch.lerp(self.distance[corner], self.distance[corner + 1], y)
+        far = torch.lerp(self.distance[corner + BINS], self.distance[corner + BINS + 1], y)
+        return (beyond.sum(-1) + torch.lerp(near, far, x).sum(-1)).unsqueeze(-1)
+
+    def _measure(self) -> None:
+        """Distances of cells from the nearest one that is not outside, in widths of the range."""
+        grids = self.occupied.view(-1, BINS, BINS).cpu().numpy()
+        away = np.stack([np.asarray(distance_transform_edt(~grid)) for grid in grids])
+        self.distance.copy_(torch.from_numpy(away).flatten() / BINS)
 
     def clamp_velocity(self, velocity: Tensor, margin: float) -> Tensor:
         """Clamps a velocity [*, 3] to the training range widened by `margin` of its width."""
@@ -123,16 +156,21 @@ class DynamicsModel(nn.Module):
         velocity = history[..., -1, :3]
         following = self.envelope.clamp_velocity(velocity + self.change(history), MARGIN)
         vx, vy, yaw_rate = velocity.unbind(-1)
-        speed = torch.hypot(vx, vy)
+        speed = _length(vx, vy)
         highest_throttle = one_way_throttle(history[..., 3], self.command.rest).amax(-1)
         # Without drive: v' shrinks to at most |v| - loss, and yaw rate with it.
         limit = (speed - self.coast_loss).clamp_min(0.0)
-        shrink = limit / torch.hypot(following[..., 0], following[..., 1]).clamp_min(1e-6)
+        shrink = limit / _length(following[..., 0], following[..., 1]).clamp_min(1e-6)
         coasting = (highest_throttle <= NO_DRIVE) & (speed < CREEP_SPEED)
         shrink = torch.where(coasting, shrink.clamp_max(1.0), 1.0)
         slow = (speed < REST_SPEED) & (yaw_rate.abs() < REST_YAW_RATE)
         standing = slow & (highest_throttle <= self.rest_throttle)
         return torch.where(standing, 0.0, shrink).unsqueeze(-1) * following
+
+
+def _length(x: Tensor, y: Tensor) -> Tensor:
+    """sqrt(x^2 + y^2); at rest its gradient is 0, where that of `hypot` is not a number."""
+    return torch.linalg.vector_norm(torch.stack([x, y]), dim=0)
 
 
 class Ensemble(DynamicsModel):

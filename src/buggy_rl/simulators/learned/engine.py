@@ -19,7 +19,8 @@ class LearnedEngine(Engine):
     """Steps a `DynamicsModel`, whose history is part of the state.
 
     `history` [rows - 1, 5] holds velocity and action of the steps before this one, oldest first.
-    `out_of_range` [1]: the input is outside the model's training range.
+    `out_of_range` [1]: the input is outside the model's training range; `range_excess` [1]: how
+    far.
 
     Args:
         model: A model, or the file of one.
@@ -43,9 +44,8 @@ class LearnedEngine(Engine):
         return self._number_specs({keys.HISTORY: (self.model.rows - 1, INPUTS)})
 
     def _reading_specs(self) -> dict[str, TensorSpec]:
-        return {
-            keys.OUT_OF_RANGE: Binary(1, shape=self._shape(1), dtype=torch.bool, device=self.device)
-        }
+        flag = Binary(1, shape=self._shape(1), dtype=torch.bool, device=self.device)
+        return {keys.OUT_OF_RANGE: flag, **self._number_specs({keys.RANGE_EXCESS: (1,)})}
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         # The past is unknown: the same velocity, without drive and steering.
@@ -64,6 +64,7 @@ class LearnedEngine(Engine):
             keys.VELOCITY: following,
             keys.HISTORY: history[..., 1:, :].clone(),
             keys.OUT_OF_RANGE: self.model.envelope.outside(row),
+            keys.RANGE_EXCESS: self.model.envelope.excess(row),
         }
 
     def _options(self) -> dict[str, Any]:

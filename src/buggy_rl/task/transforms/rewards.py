@@ -51,6 +51,19 @@ def out_of_range(before: TensorDictBase, after: TensorDictBase) -> Tensor:
     return torch.zeros_like(after.get(keys.REWARD)) if flag is None else -flag.float()
 
 
+def range_excess(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-how far beyond its training range a learned simulator is asked, in widths of that range.
+
+    `out_of_range` with a slope, for policies that follow the gradient of the reward.
+    """
+    return -after.get(keys.RANGE_EXCESS, torch.zeros_like(after.get(keys.REWARD)))
+
+
+def command_excess(before: TensorDictBase, after: TensorDictBase) -> Tensor:
+    """-(|u| - 1)^2 of commands beyond their limits, where the simulator feels no change of them."""
+    return -(before.get(keys.ACTION).abs() - 1.0).clamp_min(0.0).square().sum(-1, keepdim=True)
+
+
 Term = Callable[[TensorDictBase, TensorDictBase], Tensor]
 TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each reads
     "waypoints_closed": (waypoints_closed, (keys.WAYPOINTS_CLOSED,)),
@@ -60,6 +73,8 @@ TERMS: dict[str, tuple[Term, tuple[str, ...]]] = {  # and the keys that each rea
     "speed_error": (speed_error, (keys.TARGET_SPEED,)),
     "terminated": (terminated, ()),
     "out_of_range": (out_of_range, ()),
+    "range_excess": (range_excess, ()),
+    "command_excess": (command_excess, ()),
 }
 
 
