@@ -105,3 +105,26 @@ def test_ppo_is_the_algorithm_unless_another_is_named(tmp_path):
     assert run.batch == 16
     with pytest.raises(ValueError, match="algorithm"):
         build(PolicyRunConfig, ["output=x", "algorithm=sac"])
+
+
+def test_a_training_begins_with_the_weights_of_a_policy_file(two, tmp_path):
+    first = build(two, [*SMALL, f"output={tmp_path / 'first'}", "algorithm=count"])
+    list(policy_metrics(PolicyRun(first)))
+    file = tmp_path / "first" / "last.pt"
+    more = build(two, [*SMALL, f"output={tmp_path / 'more'}", "algorithm=count", f"start={file}"])
+    run = PolicyRun(more)
+    assert all(weight.requires_grad for weight in run.policy.parameters())
+    list(policy_metrics(run))
+    assert first_weight(tmp_path / "more" / "last.pt") == first_weight(file) + 4
+    asked = policy_question(more)
+    assert asked["start"] == "last.pt"
+    assert "start" not in policy_question(first)
+
+
+def test_a_policy_of_another_observation_is_no_start(two, tmp_path):
+    first = build(two, [*SMALL, f"output={tmp_path / 'first'}", "algorithm=count"])
+    list(policy_metrics(PolicyRun(first)))
+    other = [*SMALL, "task.transforms.history.name=history", f"output={tmp_path / 'more'}"]
+    more = build(two, [*other, f"start={tmp_path / 'first' / 'last.pt'}"])
+    with pytest.raises(ValueError, match="takes observations of 23 numbers, the task has 92"):
+        PolicyRun(more)

@@ -1,11 +1,13 @@
-"""Trains a policy by PPO to drive along waypoints in any simulator.
+"""Trains a policy to drive along waypoints: by PPO in any simulator, or by gradients through one.
 
     python scripts/train_policy.py configs/ppo.yaml engine.simulator=mujoco output=runs/mujoco
+    python scripts/train_policy.py configs/shac.yaml engine.simulator=runs/models/MLP.pt
     python scripts/train_policy.py configs/ppo_original.yaml engine.simulator=runs/models/MLP.pt
 
 Writes OUTPUT/best.pt (by the validation paths), last.pt, checkpoint.pt, the resolved config, and
 logs as CSV and for TensorBoard; `wandb=true` tells Weights & Biases, `media=true` adds pictures and
-films. `resume=true` goes on where a run stopped, bit for bit. With `seeds=[0,1,2]` each is a run of
+films. `resume=true` goes on where a run stopped, bit for bit; `start=POLICY.pt` begins with its
+weights. With `seeds=[0,1,2]` each is a run of
 its own in OUTPUT/seed_N, `workers` at a time on any `launcher` (docs/policies.md), OUTPUT/seeds.csv
 compares them; started again, it goes on from their checkpoints by itself.
 """

@@ -14,7 +14,12 @@ from buggy_rl.core.config import belongs_to, from_plain, plain_values, save_run
 from buggy_rl.core.files import save_torch
 from buggy_rl.core.question import Question, question, refuse_another, schema
 from buggy_rl.policies.closed_loop import drive
-from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig, save_policy
+from buggy_rl.policies.training.actor_critic import (
+    Policy,
+    PolicyConfig,
+    load_policy,
+    save_policy,
+)
 from buggy_rl.policies.training.checkpoint import load_checkpoint
 from buggy_rl.policies.training.collecting import (
     CollectorConfig,
@@ -43,6 +48,7 @@ ALGORITHMS: dict[str, Callable[..., Trainer]] = {"ppo": PPO, "shac": SHAC}
 a further one is a line here, its name at `algorithm`, and its settings beside `ppo`."""
 LATER = {
     "algorithm": "ppo",
+    "start": "",
     **{"ppo.loss": "clip", "ppo.loss_options": "{}", "policy.actor": "", "policy.critic": ""},
 }
 """Settings that earlier checkpoints do not name, and what they meant without them."""
@@ -81,6 +87,9 @@ class PolicyRunConfig:
     """Steps of an episode in validation."""
     checkpoint_batches: int = 10
     """Batches between two checkpoints."""
+    start: str = ""
+    """Policy file whose layers and weights the training begins with, such as one that was trained
+    before the simulator was repaired; empty for new ones by `policy`."""
     seed: int = 0
     """Fixes starts, exploration and weights; ppo.seed the order of minibatches."""
     threads: int = 1
@@ -155,6 +164,24 @@ def new_policy(env: TransformedEnv, config: PolicyConfig) -> Policy:
     return Policy(env.observation_spec[keys.OBSERVATION].shape[-1], config)
 
 
+def started(env: TransformedEnv, file: str) -> Policy | None:
+    """The policy of a file, to be trained on; None without a file.
+
+    Raises:
+        ValueError: It takes another observation.
+    """
+    if not file:
+        return None
+    policy, _ = load_policy(file)
+    size = env.observation_spec[keys.OBSERVATION].shape[-1]
+    if policy.observation_size != size:
+        raise ValueError(
+            f"start={file} takes observations of {policy.observation_size} numbers, the task has "
+            f"{size}: train for the task that it was trained for"
+        )
+    return policy.train().requires_grad_(True)
+
+
 def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float]:
     """Means over the validation paths, without exploration and without touching random states."""
     with torch.random.fork_rng():
@@ -210,7 +237,7 @@ class PolicyRun:
         torch.manual_seed(config.seed)
         env = make_env(new_engine(config.engine, config.settings.cars), task=config.task)
         self.validation = validation_environment(config)
-        self.policy = new_policy(env, config.policy)
+        self.policy = started(env, config.start) or new_policy(env, config.policy)
         self._batches = new_batches(config, self.policy)
         make = ALGORITHMS[config.algorithm]
         self.trainer = make(env, self.policy, config.settings, self._batches)
