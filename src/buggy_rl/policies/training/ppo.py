@@ -89,7 +89,7 @@ class PPO:
                 f"{config.batch_steps}, by which a recurrent actor learns: raise it"
             )
         self.gae = GAE(gamma=config.discount, lmbda=config.trace, value_network=None)
-        self.loss = make_loss(policy, config)
+        self.loss = make_loss(policy, config).to(env.device or "cpu")
         # The policy's, and those of a loss of one's own.
         self.weights = list(dict.fromkeys([*policy.parameters(), *self.loss.parameters()]))
         self.optimiser = torch.optim.Adam(
