@@ -4,6 +4,7 @@ Names are imported when they are first used, so that `import buggy_rl` costs no 
 shows each.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -79,3 +80,32 @@ def __getattr__(name: str) -> Any:
 
 def __dir__():  # without `list[str]`, which the car's Python 3.6 evaluates and refuses
     return sorted({*globals(), *_PLACES})
+
+
+class _Registration:
+    """Registers the environment when Gymnasium is imported; importing it here would cost 0.1 s."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name != "gymnasium":
+            return None
+        others = (f.find_spec(name, path, target) for f in sys.meta_path if f is not self)
+        spec = next(filter(None, others), None)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module):
+                execute(module)
+                _register()
+
+            spec.loader.exec_module = execute_and_register
+        return spec
+
+
+def _register():
+    import_module(__name__ + ".task.registration").register()
+
+
+if "gymnasium" in sys.modules:
+    _register()
+else:
+    sys.meta_path.insert(0, _Registration())

@@ -219,6 +219,15 @@ class Engine(EnvBase):
     def _parameters_changed(self) -> None:
         """Called after `values` were replaced, for engines that keep something derived."""
 
+    def to(self, device: torch.device | str | int) -> Self:
+        """Moves the engine with its parameter values and what is derived of them."""
+        before = self.device
+        super().to(device)
+        if self.device != before:
+            self.values = {name: value.to(self.device) for name, value in self.values.items()}
+            self._parameters_changed()
+        return self
+
     def _refuse_unknown(self, names) -> None:
         unknown = sorted(set(names) - set(self.declared))
         if unknown:

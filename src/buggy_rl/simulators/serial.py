@@ -1,7 +1,7 @@
 """A user's single environment as a batch, and in single precision."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -63,6 +63,12 @@ class SerialBatch(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         self.simulator.set_seed(seed)
 
+    def to(self, device: torch.device | str | int) -> Self:
+        """Moves the simulator too."""
+        self.simulator.to(device)
+        super().to(device)
+        return self
+
 
 def in_batch(simulator: EnvBase, batch_size: int | Sequence[int]) -> EnvBase:
     """A simulator of that many environments: itself, or `SerialBatch` of one that has only one."""
@@ -116,6 +122,12 @@ class SinglePrecision(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         self.simulator.set_seed(seed)
+
+    def to(self, device: torch.device | str | int) -> Self:
+        """Moves the simulator too."""
+        self.simulator.to(device)
+        super().to(device)
+        return self
 
     def _own(self, tensordict: TensorDictBase) -> TensorDictBase:
         """A shallow copy with the shared numbers in the simulator's types."""

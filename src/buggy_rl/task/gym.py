@@ -1,9 +1,9 @@
 """The same environment for users of Gymnasium: one car, NumPy in and out.
 
-    import gymnasium, buggy_rl.task.gym
+    import gymnasium, buggy_rl
     env = gymnasium.make("buggy_rl/Waypoints-v0", engine="mujoco")
 
-Many cars at once are what the environment underneath is for: `buggy_rl.task.env.make_env`.
+Many cars are stepped as one batch by `gymnasium.make_vec`, see `buggy_rl.task.gym_vector`.
 """
 
 from collections.abc import Sequence
@@ -15,21 +15,31 @@ import numpy as np
 import torch
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, Transform
 
 from buggy_rl.core import keys
 from buggy_rl.core.config import load_named
+from buggy_rl.simulators import Factory
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
+from buggy_rl.task.gym_interface import (
+    TOLD,
+    Seeded,
+    array,
+    ends,
+    observation_space,
+    refuse_keywords,
+    start_of,
+)
 from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.registration import NAME
 
-NAME = "buggy_rl/Waypoints-v0"
 RENDERER = "buggy_rl.visual.film.film:Pixels"  # by name: no task needs to know how it is drawn
-TOLD = (keys.PATH, keys.WAYPOINTS_CLOSED, keys.LATERAL_ERROR, keys.HEADING_ERROR, keys.COMPLETED)
+KEYWORDS = ("engine", "effects", "task", "paths", "render_mode", "picture")
 
 
-class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class WaypointsEnv(Seeded, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One car on a path of waypoints.
 
     Observations are the task's `observation`, actions (throttle, steering) in [-1, 1]; the info
@@ -42,6 +52,10 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         paths: To follow instead of `task.paths`.
         render_mode: `rgb_array` for `render`, or None.
         picture: How `render` shows it, a `buggy_rl.visual.film.options.PictureConfig`.
+
+    Raises:
+        TypeError: A keyword is unknown.
+        ValueError: The engine has a batch of cars, or the task or the render mode is wrong.
     """
 
     # pyrefly: ignore[bad-override]
@@ -49,13 +63,15 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(
         self,
-        engine: EnvBase | str | Path = "mujoco",
+        engine: EnvBase | str | Path | Factory = "mujoco",
         effects: Sequence[Transform] = (),
         task: TaskConfig | None = None,
         paths: PathSet | None = None,
         render_mode: str | None = None,
         picture: Any = None,
+        **unknown: Any,
     ) -> None:
+        refuse_keywords(unknown, KEYWORDS, NAME)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode={render_mode!r}: must be rgb_array or None")
         self.render_mode, self._picture, self._pixels = render_mode, picture, None
@@ -63,44 +79,49 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._env.batch_size:
             raise ValueError(
                 f"{NAME} drives one car, the engine has a batch of {tuple(self._env.batch_size)}: "
-                "make it with batch_size=(), or use buggy_rl.task.env.make_env"
+                "make it with batch_size=(), or use gymnasium.make_vec"
             )
-        size = self._env.observation_spec[keys.OBSERVATION].shape
-        self.observation_space = Box(-np.inf, np.inf, tuple(size), np.float32)
+        self.observation_space = observation_space(self._env)
         self.action_space = Box(-1.0, 1.0, (2,), np.float32)
         self._state: TensorDictBase | None = None
 
+    @torch.no_grad()
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Puts the car at the start of a path; `options={"path": i}` says of which."""
+        """Puts the car at the start of a path; `options={"path": i}` says of which.
+
+        Raises:
+            ValueError: An option is unknown, or there is no such path.
+        """
+        start = start_of(options, self._env)
         super().reset(seed=seed)
-        start = None
-        if options and keys.PATH in options:
-            start = TensorDict({keys.PATH: torch.tensor([int(options[keys.PATH])])})
-        self._env.set_seed(int(self.np_random.integers(2**63 - 1)))
+        self._env.set_seed(self._drawn_seed(seed))
         self._state = self._env.reset(start)
         if self.render_mode is not None:
             self._pixels = self._pixels or load_named(RENDERER)(self._env, self._picture)
             self._pixels.forget()
             self._pixels.record(self._state)
-        return self._shown(self._state)
+        return array(self._state, keys.OBSERVATION), _info(self._state)
 
+    @torch.no_grad()
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drives on for one control period."""
+        """Drives on for one control period.
+
+        Raises:
+            RuntimeError: There was no reset yet.
+        """
         if self._state is None:
             raise RuntimeError("step before reset: call reset first")
-        self._state.set(keys.ACTION, torch.as_tensor(action, dtype=torch.float32))
-        after = self._env.step(self._state)["next"]
-        self._state = after
+        given = torch.as_tensor(action, dtype=torch.float32, device=self._env.device)
+        after = self._state = self._env.step(self._state.set(keys.ACTION, given))["next"]
         if self._pixels is not None:
             self._pixels.record(after)
-        observation, info = self._shown(after)
-        truncated = after.get(keys.TRUNCATED, None)  # a task may have no end but failure
-        reward, terminated = float(after[keys.REWARD]), bool(after[keys.TERMINATED])
-        return observation, reward, terminated, bool(truncated), info
+        terminated, truncated = map(bool, ends(after))
+        reward, observation = float(after[keys.REWARD]), array(after, keys.OBSERVATION)
+        return observation, reward, terminated, truncated, _info(after)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Pixels [H, W, 3] of the car on its path; None without `render_mode="rgb_array"`.
@@ -121,10 +142,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._env.is_closed:
             self._env.close()
 
-    def _shown(self, state: TensorDictBase) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        info = {key: state[key].item() for key in TOLD}
-        info |= {key: np.array(state[key].numpy()) for key in (keys.POSE, keys.VELOCITY)}
-        return np.array(state[keys.OBSERVATION].numpy(), np.float32), info
 
-
-gymnasium.register(NAME, entry_point="buggy_rl.task.gym:WaypointsEnv")
+def _info(state: TensorDictBase) -> dict[str, Any]:
+    info = {key: state[key].item() for key in TOLD if key in state}
+    return info | {key: array(state, key) for key in (keys.POSE, keys.VELOCITY)}

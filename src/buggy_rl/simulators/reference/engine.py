@@ -128,6 +128,7 @@ class ReferenceEngine(Engine):
         return engine
 
     def _parameters_changed(self) -> None:
+        self._fault_values = {n: v.to(self.device) for n, v in self._fault_values.items()}
         values = self._spread_out(self.values)
         faults = Faults(self._spread_out(self._fault_values), values["mass"])
         refuse_of_another_command(faults, self.command.kind)
