@@ -30,6 +30,7 @@ from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.config import TaskConfig, TransformConfig, transforms_in_order
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.stack import StackedEnv
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.observation import TRAINED_HIGH, TRAINED_LOW
@@ -82,7 +83,7 @@ def _weights(weights: Mapping[str, float], scale: Similarity) -> dict[str, float
     }
 
 
-class TaskEnv(TransformedEnv):
+class TaskEnv(StackedEnv):
     """An engine, missing physics and a task; `set_seed` reaches the task's random transforms."""
 
     def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
@@ -114,8 +115,10 @@ def make_simulator(
     """Builds an engine, or an engine with effects (`effects:` of a .yaml file), as `make_engine`.
 
     Raises:
-        ValueError: A name is unknown; the message lists the known ones.
+        ValueError: A name is unknown, the message lists the known ones; or there is no environment.
     """
+    if 0 in ((batch_size,) if isinstance(batch_size, int) else batch_size):
+        raise ValueError(f"batch_size is {batch_size}: at least one environment is needed")
     if callable(simulator) or not str(simulator).endswith((".yaml", ".yml")):
         return make_engine(simulator, batch_size, device, parameters, **options)
     content = read_simulator(Path(simulator))
@@ -133,7 +136,7 @@ def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:
     if not effects:
         return engine
     base, beneath = _parts(engine)
-    env = TransformedEnv(base, Compose([]))
+    env = StackedEnv(base, Compose([]))
     for effect in (*beneath, *effects):
         env.append_transform(effect)
     return env

@@ -79,7 +79,7 @@ class WaypointsEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if options and keys.PATH in options:
             start = TensorDict({keys.PATH: torch.tensor([int(options[keys.PATH])])})
         self._env.set_seed(int(self.np_random.integers(2**63 - 1)))
-        self._state = self._env.reset(start)
+        self._state = self._env.reset(start, set_state=start is not None)
         if self.render_mode is not None:
             self._pixels = self._pixels or load_named(RENDERER)(self._env, self._picture)
             self._pixels.forget()

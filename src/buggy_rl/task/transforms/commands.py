@@ -31,6 +31,7 @@ class CommandFilter(TaskTransform):
         super().__init__()
         self.rest = rest
         self.writes = {self.memory: unbounded_spec(2)}
+        self.remembers = (self.memory,)
 
     @abstractmethod
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:

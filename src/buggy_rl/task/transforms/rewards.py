@@ -139,7 +139,9 @@ class PathEnd(TaskTransform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         completed = next_tensordict.get(keys.COMPLETED)
-        next_tensordict.set(keys.TRUNCATED, completed)
+        truncated = next_tensordict.get(keys.TRUNCATED, None)  # by the simulator itself
+        truncated = completed if truncated is None else truncated | completed
+        next_tensordict.set(keys.TRUNCATED, truncated)
         return next_tensordict.set(keys.DONE, next_tensordict.get(keys.DONE) | completed)
 
     def transform_done_spec(self, done_spec: Composite) -> Composite:
