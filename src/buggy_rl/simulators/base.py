@@ -132,7 +132,7 @@ class Engine(ResettableEnv):
         zero = torch.zeros((*shape, 3), device=self.device)
         pose, velocity = (known.pop(key, zero).clone() for key in (keys.POSE, keys.VELOCITY))
         state = {keys.POSE: pose, keys.VELOCITY: velocity}
-        if len(known) < len(self.state_spec) - 2:
+        if not known or len(known) < len(self.state_spec) - 2:
             state |= self._rest(pose, velocity, rows)
         for key, spec in self._readings.items():
             state[key] = torch.zeros(

@@ -10,6 +10,7 @@ One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
     print(env.rollout(100)["next", "reward"].sum())
 """
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from buggy_rl.core.longitudinal import declared_by
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.effects import make_effects
 from buggy_rl.simulators import Factory, make_engine, read_simulator
+from buggy_rl.simulators.base import Engine
 from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.config import TaskConfig, TransformConfig, transforms_in_order
 from buggy_rl.task.paths.making import make_paths
@@ -34,7 +36,7 @@ from buggy_rl.task.stack import StackedEnv
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.observation import TRAINED_HIGH, TRAINED_LOW
-from buggy_rl.task.transforms.rewards import Rewards
+from buggy_rl.task.transforms.rewards import Endings, Rewards
 
 VELOCITY = ("m/s", "m/s", "rad/s")
 UNITS: dict[str, dict[str, tuple[Any, Any]]] = {
@@ -185,7 +187,8 @@ def make_env(
     stack = [
         make_transform(c.name, c.options, **context) for c in transforms_in_order(task.transforms)
     ]
-    for transform in (*beneath, *effects):
+    endings = [] if isinstance(base, Engine) else [Endings()]  # an engine itself ends nothing
+    for transform in (*endings, *beneath, *effects):
         env.append_transform(transform)
     for index, transform in enumerate(stack):
         if isinstance(transform, TaskTransform):
@@ -193,6 +196,7 @@ def make_env(
         else:
             _append_foreign(env, transform, behind=stack[index + 1 :])
     _ = env.output_spec  # a transform of ours that stands in a wrong place says so here
+    _refuse_lost_reward(env, stack)
     return env
 
 
@@ -220,6 +224,30 @@ def _append_foreign(env: TaskEnv, transform: Transform, behind: Sequence[Transfo
         raise ValueError(f"{name} cannot stand here: {one_line(error)}") from error
     if lost:
         raise ValueError(f"{name} takes away {', '.join(lost)}, which the next step needs")
+
+
+def _refuse_lost_reward(env: TaskEnv, stack: Sequence[Transform]) -> None:
+    """Tries each transform of a user's own that stands before `Rewards` in one step.
+
+    Raises:
+        ValueError: It writes the reward, which `Rewards` would replace.
+    """
+    place = next((i for i, other in enumerate(stack) if isinstance(other, Rewards)), 0)
+    known = ("buggy_rl.", "torchrl.")  # ours leave it alone; TorchRL's say so by their in_keys
+    own = [part for part in stack[:place] if not type(part).__module__.startswith(known)]
+    for transform in own:
+        state = env.fake_tensordict()
+        after = state.pop("next")
+        reward = after.get(keys.REWARD)
+        version = reward._version
+        with contextlib.suppress(Exception):  # what fails here fails in the first step, in full
+            tried = transform.clone()
+            tried._step(tried._inv_call(state), after)
+        if after.get(keys.REWARD) is not reward or reward._version != version:
+            raise ValueError(
+                f"{type(transform).__name__} changes the reward before Rewards writes it: put it "
+                "behind rewards"
+            )
 
 
 def _written(env: EnvBase) -> set[NestedKey]:

@@ -154,7 +154,7 @@ class FunctionsEngine(RowsEngine):
         for name, value in rows.items():
             kind = np.float32 if name in MOTION else self._latent[name].dtype
             tensor = torch.as_tensor(np.ascontiguousarray(value, kind))
-            result[name] = tensor.reshape(*shape, *value.shape[1:]).to(self.device)
+            result[name] = tensor.reshape((*shape, *value.shape[1:])).to(self.device)
         return result
 
     def _options(self) -> dict[str, Any]:

@@ -254,7 +254,8 @@ class History(TaskTransform):
     def transform_state_spec(self, state_spec: Composite) -> Composite:
         before = self.parent
         assert before is not None
-        size = before.full_observation_spec[keys.OBSERVATION].shape[-1]
-        rows = batched(unbounded_spec(self.rows, size), state_spec)
-        state_spec[keys.OBSERVATION_ROWS] = rows
+        observed = before.full_observation_spec.get(keys.OBSERVATION, None)
+        if observed is not None:  # else `transform_observation_spec` says so
+            rows = batched(unbounded_spec(self.rows, observed.shape[-1]), state_spec)
+            state_spec[keys.OBSERVATION_ROWS] = rows
         return state_spec

@@ -21,9 +21,6 @@ from buggy_rl.task.transforms.base import (
 ENDLESS = 2**40  # waypoints of a closed path; more than a car can close
 
 
-ELSEWHERE = 1e-3  # [m, rad] of rounding in a simulator of its own
-
-
 class Waypoints(RandomTransform):
     """Shows the next waypoints and closes those that the car passes.
 
@@ -163,7 +160,7 @@ class Waypoints(RandomTransform):
         path = tensordict.get(keys.PATH)
         begin = tensordict.get(keys.NEXT_WAYPOINT, None)
         begin = torch.ones_like(path) if begin is None else begin
-        self._refuse_elsewhere(tensordict.get(keys.POSE), tensordict_reset.get(keys.POSE))
+        self._refuse_ignored(tensordict.get(keys.POSE), tensordict_reset.get(keys.POSE))
         return self._write(tensordict_reset, path, begin, torch.zeros_like(begin))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -171,13 +168,12 @@ class Waypoints(RandomTransform):
         closed = self._closed(next_tensordict.get(keys.POSE), path, following)
         return self._write(next_tensordict, path, following + closed, closed)
 
-    def _refuse_elsewhere(self, asked: Tensor, found: Tensor) -> None:
-        off = (found - asked).abs().max() if asked.numel() else 0.0
-        if not off <= ELSEWHERE:
+    def _refuse_ignored(self, asked: Tensor, found: Tensor) -> None:
+        if not found.any() and asked.any():
             raise ValueError(
-                f"waypoints: a reset put a car {float(off):.3g} m or rad off the pose that it was "
-                "given: begin at `pose` in the simulator's _reset, and put the transform over it "
-                "by make_env or TaskEnv"
+                "waypoints: a reset ignored the pose that it was given, and put the cars at the "
+                "origin: begin at `pose` in the simulator's _reset, and put transforms over it by "
+                "make_env or StackedEnv"
             )
 
     def _row(self, path: Tensor, waypoint: Tensor) -> Tensor:
