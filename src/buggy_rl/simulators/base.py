@@ -20,6 +20,8 @@ from buggy_rl.core.parameters import Parameter, Realisations
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity, VehicleDimensions, integrate_pose
 from buggy_rl.simulators.resets import ResettableEnv, held, spread
 
+FLOAT = torch.float32  # of what engines share with others, whatever PyTorch's default is
+
 
 class Engine(ResettableEnv):
     """One kind of physics as a TorchRL environment.
@@ -79,15 +81,15 @@ class Engine(ResettableEnv):
         """Builds the specs; a subclass calls it once it knows its latent state."""
         batch, device = self.batch_size, self.device
         state: dict[str, TensorSpec] = {
-            keys.POSE: Unbounded(self._shape(3), device=device),
-            keys.VELOCITY: Unbounded(self._shape(3), device=device),
+            keys.POSE: Unbounded(self._shape(3), device=device, dtype=FLOAT),
+            keys.VELOCITY: Unbounded(self._shape(3), device=device, dtype=FLOAT),
             **self._latent_specs(),
         }
-        self._readings = self._reading_specs()
+        self._kept, self._readings = state, self._reading_specs()
         self.state_spec = Composite(state, shape=batch, device=device)
         self.observation_spec = Composite({**state, **self._readings}, shape=batch, device=device)
-        self.action_spec = Bounded(-1.0, 1.0, self._shape(2), device=device)
-        self.reward_spec = Unbounded(self._shape(1), device=device)
+        self.action_spec = Bounded(-1.0, 1.0, self._shape(2), device=device, dtype=FLOAT)
+        self.reward_spec = Unbounded(self._shape(1), device=device, dtype=FLOAT)
         flag = Binary(1, shape=self._shape(1), dtype=torch.bool, device=device)
         self.full_done_spec = Composite(
             {keys.DONE: flag, keys.TERMINATED: flag.clone()}, shape=batch, device=device
@@ -125,20 +127,22 @@ class Engine(ResettableEnv):
     def _begin(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
         shape = self.batch_size if rows is None else rows.shape
         known = {
-            key: self._checked(key, given.get(key), spec, shape)
-            for key, spec in self.state_spec.items()
-            if given.get(key, None) is not None
+            key: self._checked(key, value, spec, shape)
+            for key, spec in self._kept.items()
+            if (value := given.get(key, None)) is not None
         }
-        zero = torch.zeros((*shape, 3), device=self.device)
+        zero = torch.zeros((*shape, 3), device=self.device, dtype=FLOAT)
         pose, velocity = (known.pop(key, zero).clone() for key in (keys.POSE, keys.VELOCITY))
         state = {keys.POSE: pose, keys.VELOCITY: velocity}
-        if not known or len(known) < len(self.state_spec) - 2:
+        if not known or len(known) < len(self._kept) - 2:
             state |= self._rest(pose, velocity, rows)
         for key, spec in self._readings.items():
             state[key] = torch.zeros(
                 (*shape, *self._sizes(spec)), dtype=spec.dtype, device=self.device
             )
-        return TensorDict(state | known, batch_size=shape, device=self.device)
+        over = torch.zeros((*shape, 1), dtype=torch.bool, device=self.device)
+        ends = {keys.DONE: over, keys.TERMINATED: over.clone()}
+        return TensorDict(state | known | ends, batch_size=shape, device=self.device)
 
     def _sizes(self, spec: TensorSpec) -> torch.Size:
         """Shape of a spec's value behind the batch."""
@@ -173,7 +177,7 @@ class Engine(ResettableEnv):
 
     def moved(self, state: Mapping[str, Tensor] | TensorDictBase) -> dict[str, Tensor]:
         """State and readings one control period after a state with its action."""
-        action = state[keys.ACTION].clamp(-1.0, 1.0)
+        action = state[keys.ACTION].to(FLOAT).clamp(-1.0, 1.0)
         beyond = state.get(keys.BEYOND, None)
         if beyond is not None:
             action = (action + beyond).clamp(-self.reach, self.reach)
@@ -182,7 +186,9 @@ class Engine(ResettableEnv):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         result = self.moved(tensordict)
         done = torch.zeros(self._shape(1), dtype=torch.bool, device=self.device)
-        result[keys.REWARD] = torch.zeros(self._shape(1), device=self.device)  # the task's
+        result[keys.REWARD] = torch.zeros(
+            self._shape(1), device=self.device, dtype=FLOAT
+        )  # the task's
         result[keys.DONE], result[keys.TERMINATED] = done, done.clone()
         after = TensorDict(result, batch_size=self.batch_size, device=self.device)
         return held(tensordict, after)

@@ -53,12 +53,39 @@ class ResettableEnv(EnvBase):
         given = tensordict.select(*self.state_spec.keys(True, True), strict=False)
         return rows_of(given, rows)
 
+    def reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        *,
+        set_state: bool | None = None,
+        **kwargs: Any,
+    ) -> TensorDictBase:
+        """As TorchRL's, which merges whole batches; here some rows are put into the others."""
+        return super().reset(tensordict, set_state=set_state, alone=True, **kwargs)
+
     def _reset(
-        self, tensordict: TensorDictBase | None = None, set_state: bool | None = None, **_: Any
+        self,
+        tensordict: TensorDictBase | None = None,
+        set_state: bool | None = None,
+        alone: bool = False,
+        **_: Any,
+    ) -> TensorDictBase:
+        """State [*batch], or with `alone` [k] of the rows that are reset."""
+        rows = masked_rows(tensordict)
+        state = self._begin(self._asked(tensordict, set_state, rows), rows)
+        return state if rows is None or alone else spread(state, rows, self.batch_size)
+
+    def _reset_proc_data(
+        self, tensordict: TensorDictBase | None, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         rows = masked_rows(tensordict)
-        begun = self._begin(self._asked(tensordict, set_state, rows), rows)
-        return begun if rows is None else spread(begun, rows, self.batch_size)
+        if rows is None or tensordict is None:
+            return super()._reset_proc_data(tensordict, tensordict_reset)  # type: ignore[misc]
+        over = [key for key in self.done_keys if tensordict_reset.get(key).any()]
+        if over:
+            raise RuntimeError(f"{', '.join(map(str, over))} is true right after a reset")
+        tensordict.pop(RESET)
+        return put(tensordict, tensordict_reset, rows)
 
 
 def masked_rows(tensordict: TensorDictBase | None) -> Tensor | None:
@@ -87,6 +114,22 @@ def spread(part: TensorDictBase, rows: Tensor, shape: Sequence[int]) -> TensorDi
     return part.apply(placed, batch_size=torch.Size(shape))  # type: ignore[return-value]
 
 
+def put(whole: TensorDictBase, part: TensorDictBase, rows: Tensor) -> TensorDictBase:
+    """Writes `part` [k] into rows of a TensorDict, whose tensors stay; it is returned.
+
+    A key that only one of the two has is 0 in the rows, or in the others, as TorchRL has it.
+    """
+    batch = len(whole.batch_size)
+    known = dict(part.items(True, True))
+    for key, value in list(whole.items(True, True)):
+        flat, new = value.reshape(-1, *value.shape[batch:]), known.pop(key, None)
+        flat = flat.index_fill(0, rows, 0) if new is None else flat.index_copy(0, rows, new)
+        whole.set(key, flat.reshape(value.shape))
+    for key, new in known.items():
+        whole.set(key, spread(TensorDict({"new": new}, rows.shape), rows, whole.batch_size)["new"])
+    return whole
+
+
 def begun(env: EnvBase, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
     """State right after a reset of some environments of any simulator; `given` is of them alone.
 
@@ -94,9 +137,7 @@ def begun(env: EnvBase, given: TensorDictBase, rows: Tensor | None) -> TensorDic
     of its state is set here.
     """
     if isinstance(env, ResettableEnv):
-        state = env._begin(given, rows)
-        env._complete_done(env.full_done_spec_unbatched, state)
-        return state
+        return env._begin(given, rows)
     latent = [k for k in env.state_spec.keys(True, True) if k not in (keys.POSE, keys.VELOCITY)]
     given = given.select(keys.POSE, keys.VELOCITY, *latent, strict=False)
     whole = given if rows is None else spread(given, rows, env.batch_size)

@@ -24,7 +24,6 @@ from buggy_rl.simulators.resets import (
     ResettableEnv,
     begun,
     held,
-    masked_rows,
     rows_of,
     spread,
 )
@@ -42,31 +41,21 @@ class StackedEnv(ResettableEnv, TransformedEnv):
     """
 
     def _begin(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
-        return rows_of(self._stacked(given, rows), rows)
-
-    def _reset(
-        self, tensordict: TensorDictBase | None = None, set_state: bool | None = None, **_: Any
-    ) -> TensorDictBase:
-        rows = masked_rows(tensordict)
-        return self._stacked(self._asked(tensordict, set_state, rows), rows)
-
-    def _stacked(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
-        """State [*batch] right after a reset; zero in environments that are not in `rows`."""
         parts = self._parts()
         if rows is None:
             return self._begun(given, parts, None)
         alone = list(takewhile(resets_alone, parts))
         behind = parts[len(alone) :]
         if any(_prepares(part) for part in behind):
-            return self._begun(self._wide(given, rows), parts, None)
-        given = given.copy().set(keys.ENVIRONMENT, rows.unsqueeze(-1))
-        state = spread(self._begun(given, alone, rows), rows, self.batch_size)
-        if not behind:
-            return state
-        wide = self._wide(given, rows)
-        for part in behind:
-            state = part._reset(wide, state)
-        return self._going_on(wide, state)
+            return rows_of(self._begun(self._wide(given, rows), parts, None), rows)
+        given = self._marked(given, rows).set(keys.ENVIRONMENT, rows.unsqueeze(-1))
+        state = self._begun(given, alone, rows)
+        if behind:
+            wide, state = self._wide(given, rows), spread(state, rows, self.batch_size)
+            for part in behind:
+                state = part._reset(wide, state)
+            state = rows_of(self._going_on(wide, state), rows)
+        return state
 
     def _begun(
         self, given: TensorDictBase, parts: Sequence[Transform], rows: Tensor | None
@@ -81,8 +70,17 @@ class StackedEnv(ResettableEnv, TransformedEnv):
 
     def _wide(self, given: TensorDictBase, rows: Tensor) -> TensorDictBase:
         """What `rows` are to begin at, in the shape of the batch, with the mask of the reset."""
+        return spread(self._marked(given, rows), rows, self.batch_size)
+
+    def _marked(self, given: TensorDictBase, rows: Tensor) -> TensorDictBase:
+        """What `rows` [k] are to begin at, with the mask of the reset and their counts of steps."""
         flag = torch.ones((len(rows), 1), dtype=torch.bool, device=rows.device)
-        return spread(given.copy().set(RESET, flag), rows, self.batch_size)
+        given = given.copy().set(RESET, flag)
+        for part in self._parts():  # else it takes a count of the whole batch
+            for key in part.step_count_keys if isinstance(part, StepCounter) else ():
+                if given.get(key, None) is None:
+                    given.set(key, torch.zeros(flag.shape, dtype=torch.int64, device=rows.device))
+        return given
 
     def _going_on(self, given: TensorDictBase, state: TensorDictBase) -> TensorDictBase:
         """A state with the memory of TorchRL's transforms where a reset was given it."""
@@ -120,7 +118,7 @@ class StackedEnv(ResettableEnv, TransformedEnv):
 
 def resets_alone(transform: Transform) -> bool:
     """Whether a transform resets some environments of a batch without the others."""
-    return bool(getattr(transform, "resets_alone", False))
+    return isinstance(transform, StepCounter) or bool(getattr(transform, "resets_alone", False))
 
 
 def _prepares(transform: Transform) -> bool:

@@ -37,7 +37,7 @@ class LearnedEngine(Engine):
                     f"the model was trained at a step of {about['dt']} s, the engine runs at "
                     f"{self.dt} s"
                 )
-        self.model = model.to(self.device).eval().requires_grad_(False)
+        self.model = model.to(self.device, torch.float32).eval().requires_grad_(False)
         self.command = self.model.command
         self._finish()
 
@@ -51,7 +51,7 @@ class LearnedEngine(Engine):
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         # The past is unknown: the same velocity, without drive and steering.
-        idle = torch.tensor([self.command.rest, 0.0], device=self.device)
+        idle = velocity.new_tensor([self.command.rest, 0.0])
         idle = idle.expand(*velocity.shape[:-1], 2)
         row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}

@@ -148,7 +148,7 @@ class MujocoEngine(RowsEngine):
         place(qpos, qvel, poses)
         set_off(self._forces.car, qpos, qvel, velocities)
         state = array_namespace(qpos).concat([qpos, qvel, poses, velocities], axis=-1)
-        resting = torch.tensor([self.command.rest, 0.0], device=self.device)
+        resting = pose.new_tensor([self.command.rest, 0.0])
         return {
             PHYSICS_STATE: torch.as_tensor(state).reshape(*shape, -1).to(self.device),
             COMMANDS: resting.expand(*shape, memory_length(self.dt), 2).clone(),

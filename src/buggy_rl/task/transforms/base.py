@@ -99,7 +99,7 @@ def batched(spec: TensorSpec, of: Composite) -> TensorSpec:
 
 def unbounded_spec(*sizes: int) -> Unbounded:
     """Spec of float32 numbers [*sizes]."""
-    return Unbounded(torch.Size(sizes))
+    return Unbounded(torch.Size(sizes), dtype=torch.float32)
 
 
 def measured_velocity(tensordict: TensorDictBase) -> Tensor:

@@ -53,7 +53,8 @@ class ObservationNoise(RandomTransform):
         for name, value in given.items():
             if value < 0:
                 raise ValueError(f"observation_noise: {name} is {value}: must not be negative")
-        deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
+        row = [position, position, yaw, velocity, velocity, yaw_rate]
+        deviation = torch.tensor(row, dtype=torch.float32)
         self.deviation = nn.Buffer(deviation, persistent=False)
         self.pairs = nn.Buffer(torch.arange(PAIRS), persistent=False)
         measured = {
@@ -93,8 +94,8 @@ def normal(counter: Tensor) -> Tensor:
     bits = (bits ^ _shifted(bits, 27)) * -0x6B2FB644ECCEEE15
     bits = bits ^ _shifted(bits, 31)
     size = 2**24  # resolution of a float32 in [0, 1)
-    radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)) + 0.5) / size))
-    angle = (_shifted(bits, 40) & (size - 1)) * (2 * math.pi / size)
+    radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)).float() + 0.5) / size))
+    angle = (_shifted(bits, 40) & (size - 1)).float() * (2 * math.pi / size)
     return torch.cat([radius * torch.cos(angle), radius * torch.sin(angle)], -1)
 
 

@@ -136,7 +136,8 @@ class Waypoints(RandomTransform):
         start = self.start[path.squeeze(-1)]
         if not (self.start_lateral or self.start_heading):
             return start
-        drawn = torch.rand(2, *path.shape, generator=self.generator, device=start.device)
+        kind = {"dtype": start.dtype, "device": start.device}
+        drawn = torch.rand(2, *path.shape, generator=self.generator, **kind)
         beside, turn = (2 * drawn - 1).unbind(0)
         x, y, yaw = start.split(1, -1)
         beside = self.start_lateral * beside
@@ -261,7 +262,8 @@ class TargetSpeed(RandomTransform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = next_tensordict.get(keys.POSE)
         shape = (*pose.shape[:-1], 1)
-        share = torch.rand(shape, generator=self.generator, device=pose.device)
+        kind = {"dtype": torch.float32, "device": pose.device}
+        share = torch.rand(shape, generator=self.generator, **kind)
         return next_tensordict.set(keys.TARGET_SPEED, self.low + (self.high - self.low) * share)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
