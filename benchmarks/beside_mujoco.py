@@ -62,7 +62,7 @@ def drives(config: Config, tyres: str, device: str, backend: str):
     actions, steps = actions.to(device), round(config.seconds / CONTROL_PERIOD)
     given = TensorDict({keys.VELOCITY: velocity}, [config.cars], device=device)
     engine.step(engine.rand_action(engine.reset()))  # what compiles does so here
-    state, begun = engine.reset(given), time.perf_counter()
+    state, begun = engine.reset(given, set_state=True), time.perf_counter()
     for step in range(steps):
         state[keys.ACTION] = actions[step * len(actions) // steps]
         state = engine.step(state)["next"]

@@ -72,7 +72,7 @@ def driven(plant: str, env: "EnvBase", shown: "Tensor | None" = None, rows: int 
     from benchmarks.gripping.plants import commands
 
     from buggy_rl.core import keys
-    from buggy_rl.core.stepping import trajectory
+    from buggy_rl.core.stepping import reset_at, trajectory
 
     actions, start = commands(plant, env.batch_size[0], ROWS)
 
@@ -81,7 +81,7 @@ def driven(plant: str, env: "EnvBase", shown: "Tensor | None" = None, rows: int 
             state[keys.POSE], state[keys.VELOCITY] = (x.clone() for x in shown[row].split(3, -1))
         return state.set(keys.ACTION, actions[row])
 
-    states = trajectory(env, env.reset(start), act, rows)
+    states = trajectory(env, reset_at(env, start), act, rows)
     return torch.stack([torch.cat([s[keys.POSE], s[keys.VELOCITY]], -1) for s in states])
 
 

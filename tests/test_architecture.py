@@ -66,7 +66,8 @@ DOORS = {  # through the fence, each opened where the extra is there
 }
 # Beside these, no simulator knows of another.
 SHARED_BY_SIMULATORS = (
-    *("simulators.base", "simulators.bicycle.longitudinal", "simulators.bicycle.parameters"),
+    *("simulators.base", "simulators.resets"),
+    *("simulators.bicycle.longitudinal", "simulators.bicycle.parameters"),
 )
 ONLY_IN = {  # a library and the modules that may import it
     "matplotlib": ("figures", "visual", "proof.page", "proof.transfer.page"),

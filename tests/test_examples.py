@@ -34,7 +34,7 @@ def rolling(engine, speed=1.5):
     shape = (*engine.batch_size, 3)
     start = TensorDict({keys.POSE: torch.zeros(shape)}, engine.batch_size)
     start[keys.VELOCITY] = torch.tensor([speed, 0.0, 0.0]).expand(shape).clone()
-    return engine.reset(start)
+    return engine.reset(start, set_state=True)
 
 
 def driven(engine, state, throttle, steering, rows):

@@ -71,7 +71,7 @@ def test_it_computes_in_its_own_precision():
     start = TensorDict({keys.VELOCITY: torch.tensor([[1.0, 0.2, 0.3], [2.0, 0.0, -0.5]])}, [2])
     action = torch.tensor([[0.1, 0.3], [0.2, -0.7]])
     given = start.clone().set(keys.VELOCITY, start[keys.VELOCITY].double())
-    one, other = inner.reset(given), outer.reset(start)
+    one, other = inner.reset(given), outer.reset(start, set_state=True)
     one = inner.step(one.set(keys.ACTION, action.double()))["next"]
     other = outer.step(other.set(keys.ACTION, action))["next"]
     for key in (keys.POSE, keys.VELOCITY):
@@ -86,7 +86,7 @@ def test_an_engine_in_single_precision_is_left_as_it_is():
 
 def test_an_edit_of_the_state_is_honoured_and_two_steps_are_equal(name):
     engine = make_engine(name, 3)
-    state = engine.reset(TensorDict({keys.POSE: torch.ones(3, 3)}, [3]))
+    state = engine.reset(TensorDict({keys.POSE: torch.ones(3, 3)}, [3]), set_state=True)
     assert torch.equal(state[keys.POSE], torch.ones(3, 3))
     state[keys.VELOCITY] = torch.tensor([2.0, 0.0, 0.0]).expand(3, 3)
     state[keys.ACTION] = torch.zeros(3, 2)

@@ -111,7 +111,6 @@ TORCHRL = {  # place and options of TorchRL's own
     "RewardClipping": ("clipping", {"clamp_min": -0.1, "clamp_max": 0.1}),
     "SignTransform": ("sign", {"in_keys": ["reward"]}),
     "ObservationNorm": ("history", {"loc": 0.0, "scale": 2.0, "in_keys": ["observation"]}),
-    "VecNormV2": ("history", {"in_keys": ["observation"], "reduce_batch_dims": True}),
     "CatFrames": ("history", {"N": 3, "dim": -1, "in_keys": ["observation"]}),
     "ClipTransform": ("history", {"in_keys": ["observation"], "low": -1.0, "high": 1.0}),
     "UnsqueezeTransform": ("history", {"dim": -1, "in_keys": ["waypoints"]}),
@@ -160,6 +159,7 @@ def test_reward_scaling_scales_the_reward(repository, tmp_path):
         ("history", "CatFrames", {"N": 3, "dim": -1, "in_keys": ["observatio"]}, "nothing before"),
         ("history", "CatFrames", {"N": 3, "sizes": 3}, "no option sizes; available: N, "),
         ("history", "ExcludeTransform", {"excluded_keys": ["pose"]}, "takes away pose"),
+        ("history", "VecNormV2", {"in_keys": ["observation"]}, "use ObservationNorm with loc"),
         ("history", "NoSuch", {}, "has no 'NoSuch'"),
     ],
 )

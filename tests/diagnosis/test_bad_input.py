@@ -9,6 +9,7 @@ from torchrl.envs import ExcludeTransform, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl.core import keys
+from buggy_rl.core.stepping import reset_at
 from buggy_rl.diagnosis.answer.named_effect import check_clock
 from buggy_rl.diagnosis.preflight import recordings as preflight
 from buggy_rl.diagnosis.preflight import simulator as preflight_simulator
@@ -26,8 +27,8 @@ from tests.plain_env import QuickCar
 class Frozen(KinematicEngine):
     """Sets every car down at rest at the origin."""
 
-    def _start(self, key, given):
-        return super()._start(key, None)
+    def _begin(self, given, rows):
+        return super()._begin(given.empty(), rows)
 
 
 class Stubborn(KinematicEngine):
@@ -173,7 +174,8 @@ def test_a_single_environment_is_stepped_for_each_in_turn_and_noted(tmp_path, sh
     given = TensorDict({keys.VELOCITY: torch.rand(5, 3), keys.POSE: torch.rand(5, 3)}, [5])
     action = torch.rand(5, 2)
     after = [
-        env.step(env.reset(given.clone()).set(keys.ACTION, action))["next"] for env in (one, many)
+        env.step(reset_at(env, given.clone()).set(keys.ACTION, action))["next"]
+        for env in (one, many)
     ]
     for key in (keys.POSE, keys.VELOCITY, ("servo", "angle")):
         torch.testing.assert_close(after[0][key], after[1][key])

@@ -43,7 +43,7 @@ def start(env, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0), **state):
     for key, value in {keys.VELOCITY: velocity, keys.POSE: pose, **state}.items():
         value = torch.as_tensor(value)
         given[key] = value.expand(*env.batch_size, value.shape[-1]).clone()
-    return env.reset(given)
+    return env.reset(given, set_state=True)
 
 
 def step(env, state, action=(-1.0, 0.0)):

@@ -8,6 +8,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from buggy_rl.core import keys
+from buggy_rl.core.stepping import reset_at
 from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import make_effect
 from buggy_rl.effects.measuring import measurable_options, measured_options
@@ -150,7 +151,7 @@ def rollout(env):
     start[keys.VELOCITY][:, 0] = torch.linspace(2.0, 3.5, 16)
     time = 0.01 * torch.arange(80)
     actions = torch.stack([torch.full_like(time, -0.2), torch.sin(6 * time)], -1)
-    states: TensorDictBase = follow(env, env.reset(start), actions)  # type: ignore[assignment]
+    states: TensorDictBase = follow(env, reset_at(env, start), actions)  # type: ignore[assignment]
     return states.get(keys.POSE)[..., :2]
 
 

@@ -249,7 +249,9 @@ def test_a_part_of_the_cars_can_be_late():
     rows = [{"time_constant": 0.0}, {"time_constant": 0.05}]
     env = over([batched("sensor_lag", rows)], "hold", (2,))
     velocity = torch.tensor([[2.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    state = env.reset(TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(2, 3)}, [2]))
+    state = env.reset(
+        TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(2, 3)}, [2]), set_state=True
+    )
     behind = (state[keys.POSE] - state[keys.MEASURED_POSE])[:, 0]
     torch.testing.assert_close(behind, torch.tensor([0.0, 0.1]))
 

@@ -50,7 +50,7 @@ def rollout(engine, env, throttle=None):
     velocity = torch.zeros(DRIVES, 3)
     velocity[:, 0] = 1.0 + 2.0 * torch.rand(DRIVES, generator=generator)
     given = TensorDict({keys.VELOCITY: velocity, keys.POSE: torch.zeros(DRIVES, 3)}, [DRIVES])
-    return follow(env, env.reset(given), actions)[keys.POSE][..., :2]
+    return follow(env, env.reset(given, set_state=True), actions)[keys.POSE][..., :2]
 
 
 def gap(a, b):

@@ -73,7 +73,7 @@ def test_without_tensordicts_a_rollout_is_the_same_to_the_last_bit(engine):
     sets = len(trials)
     env, stack = augmented(make_engine(engine, sets), settings.effects, {})
     motion = {"pose": torch.zeros(sets, 3), "velocity": torch.tensor([[1.5, 0.1, 0.4]] * sets)}
-    state = env.reset(TensorDict(motion, [sets]))
+    state = env.reset(TensorDict(motion, [sets]), set_state=True)
     commands = torch.rand(30, sets, 2, generator=torch.Generator().manual_seed(1)) - 0.3
 
     def act(row, now):

@@ -48,7 +48,9 @@ def gained(plant, faults, speed, throttle):
     car = make_plant(plant, len(speed), faults)
     held = torch.stack([speed, 0 * speed, 0 * speed], -1)
     pose = torch.zeros_like(held)
-    state = car.reset(TensorDict({keys.POSE: pose, keys.VELOCITY: held}, [len(speed)]))
+    state = car.reset(
+        TensorDict({keys.POSE: pose, keys.VELOCITY: held}, [len(speed)]), set_state=True
+    )
     action = torch.tensor([[throttle, 0.0]]).expand(len(speed), 2)
     for row in range(63):
         if row <= 60:

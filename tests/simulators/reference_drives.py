@@ -18,7 +18,7 @@ def start(velocity, pose=None):
 @torch.no_grad()
 def drive(engine, state, actions):
     """States [T + 1, *] from a start under actions [T, *, 2] or [T, 2]."""
-    state = engine.reset(state.clone()) if WHEEL_SLIP not in state else state
+    state = engine.reset(state.clone(), set_state=True) if WHEEL_SLIP not in state else state
     states = [state.select(*engine.state_spec.keys())]
     for action in torch.as_tensor(actions, dtype=torch.float32):
         step = states[-1].clone().set(keys.ACTION, action.expand(*engine.batch_size, 2))

@@ -12,7 +12,7 @@ def start(engine, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0)):
     for key, value in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
         value = torch.as_tensor(value, dtype=torch.float32)
         given[key] = value.expand(*engine.batch_size, 3).clone()
-    return engine.reset(given)
+    return engine.reset(given, set_state=True)
 
 
 def step(engine, state, action):

@@ -35,7 +35,7 @@ def many(pose, velocity):
 def stepped(factory, count=2):
     engine = make_engine(factory, count)
     start = TensorDict({keys.VELOCITY: torch.tensor([[1.0, 0.0, 0.0]] * count)}, [count])
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     state[keys.ACTION] = torch.tensor([[0.5, 0.0], [-0.5, 0.0]])[:count]
     return engine.step(state)["next"]
 

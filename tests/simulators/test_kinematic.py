@@ -26,7 +26,7 @@ FREE = dict.fromkeys(
 
 def drive(engine, throttle, steering, steps, vx=0.0):
     start = TensorDict({"velocity": torch.tensor([vx, 0.0, 0.0])})
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     poses, velocities = [state["pose"]], [state["velocity"]]
     for _ in range(steps):
         state[keys.ACTION] = torch.tensor([throttle, steering])

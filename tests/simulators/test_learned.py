@@ -28,7 +28,9 @@ def model():
 
 def test_memory_holds_the_last_velocities_and_actions_oldest_first(model):
     engine = make_engine("learned", model=model)
-    state = engine.reset(TensorDict({keys.POSE: torch.zeros(3), keys.VELOCITY: torch.ones(3)}))
+    state = engine.reset(
+        TensorDict({keys.POSE: torch.zeros(3), keys.VELOCITY: torch.ones(3)}), set_state=True
+    )
     rows = []
     for step in range(3):
         state[keys.ACTION] = torch.tensor([0.1 * step, -0.1 * step])
@@ -67,7 +69,7 @@ def test_ordinary_driving_is_not_flagged(model):
 def test_after_coasting_to_a_stop_the_car_stays_where_it_is(model):
     engine = make_engine("learned", model=model)
     start = TensorDict({keys.POSE: torch.zeros(3), keys.VELOCITY: torch.tensor([1.0, 0.0, 0.0])})
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     poses = []
     for _ in range(800):
         state[keys.ACTION] = torch.tensor([-1.0, 0.7])

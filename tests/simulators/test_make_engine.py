@@ -90,7 +90,7 @@ def test_a_start_of_the_wrong_shape_is_refused():
 
     engine = make_engine("hold", 4)
     with pytest.raises(ValueError, match=r"pose of shape \[4, 2\], expected \[4, 3\]"):
-        engine.reset(TensorDict({"pose": torch.zeros(4, 2)}, [4]))
+        engine.reset(TensorDict({"pose": torch.zeros(4, 2)}, [4]), set_state=True)
 
 
 def test_a_factory_of_other_arguments_is_refused_with_those_it_is_given(tmp_path):

@@ -180,7 +180,7 @@ def test_a_car_reset_in_the_middle_of_a_turn_goes_on_turning():
     engine = ReferenceEngine(2)
     actions = torch.stack([held(-0.2, 0.6, 3), held(-0.3, -0.8, 3)], 1)
     steady = drive(engine, start(torch.zeros(2, 3)), actions)[-1]
-    again = engine.reset(start(steady[keys.VELOCITY], steady[keys.POSE]))
+    again = engine.reset(start(steady[keys.VELOCITY], steady[keys.POSE]), set_state=True)
     torch.testing.assert_close(again[SERVO], steady[SERVO], atol=0.12, rtol=0)
     after = drive(engine, again, actions[:5])[-1]
     torch.testing.assert_close(after[keys.VELOCITY], steady[keys.VELOCITY], atol=0.15, rtol=0.05)
@@ -251,7 +251,7 @@ def test_a_step_can_be_differentiated_from_rest_and_by_every_parameter():
     engine = ReferenceEngine().with_parameters(values)
     state = start(torch.tensor([[0.0, 0.0, 0.0], [2.0, 0.1, 1.0]]))
     action = torch.tensor([[-0.3, 0.5], [-0.3, 0.5]], requires_grad=True)
-    state = engine.reset(state)
+    state = engine.reset(state, set_state=True)
     for _ in range(10):
         state = engine.step(state.set(keys.ACTION, action))["next"]
     wanted = [action, *(values[name] for name in names)]

@@ -210,7 +210,7 @@ SCENES.add("scrub", "yaw_damping.rate", (0.0, 6.0), (1.5, 0.0, 0.0), held(-0.3, 
 
 def test_scrubbing_takes_yaw_rate_at_its_rate(driven):
     engine = cars("yaw_damping.rate", 0.0, 6.0)
-    car = engine._unpacked(engine.reset(start([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]])))
+    car = engine._unpacked(engine.reset(start([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]]), set_state=True))
     *_, scrub = engine.car.surroundings.push(car, torch.zeros(2, 3))
     assert scrub.tolist() == [0.0, -12.0]
     turn = velocities(driven("scrub"))[2]

@@ -229,7 +229,7 @@ def test_a_car_seen_in_a_turn_goes_on_turning_with_its_faults():
     faults = {name: FELT[name] for name in (*names, "steering_backlash.width")}
     engine = ReferenceEngine(1, faults=faults)
     steady = drive(engine, start(torch.zeros(1, 3)), held(-0.3, 0.6, 2))[-1]
-    again = engine.reset(start(steady[keys.VELOCITY], steady[keys.POSE]))
+    again = engine.reset(start(steady[keys.VELOCITY], steady[keys.POSE]), set_state=True)
     torch.testing.assert_close(again[RACK], steady[RACK], atol=0.12, rtol=0)
     assert (again[LINE][..., 1] - 0.6).abs().max() < 0.15
     after = drive(engine, again, held(-0.3, 0.6, 0.05))[-1]
@@ -239,7 +239,7 @@ def test_a_car_seen_in_a_turn_goes_on_turning_with_its_faults():
 def test_what_a_fault_carries_starts_anew_with_the_car():
     engine = ReferenceEngine(1, faults={"heating_motor.rise": 0.01})
     hot = drive(engine, start(torch.zeros(1, 3)), held(0.5, 0, 1))[-1]
-    again = engine.reset(hot.select(keys.POSE, keys.VELOCITY).clone())
+    again = engine.reset(hot.select(keys.POSE, keys.VELOCITY).clone(), set_state=True)
     assert hot[HEAT] > 1.0  # [J]
     assert again[HEAT] == 0
     assert again[CHARGE] < hot[CHARGE]

@@ -29,7 +29,9 @@ def driven(engine, commands, vx=0.0):
     velocity = torch.zeros(count, 3)
     velocity[:, 0] = torch.as_tensor(vx)
     state, rows = (
-        engine.reset(TensorDict({"pose": 0 * velocity, "velocity": velocity}, [count])),
+        engine.reset(
+            TensorDict({"pose": 0 * velocity, "velocity": velocity}, [count]), set_state=True
+        ),
         [],
     )
     for throttle, steering, steps in commands:

@@ -44,7 +44,7 @@ def drive(engine, actions, velocity=(0.0, 0.0, 0.0)):
     start = TensorDict(batch_size=batch)
     start["pose"] = torch.zeros(*batch, 3)
     start["velocity"] = torch.as_tensor(velocity, dtype=torch.float32).expand(*batch, 3).clone()
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     actions = torch.as_tensor(actions, dtype=torch.float32)
     actions = actions.expand(*batch, *actions.shape[-2:])
     poses, velocities = [state["pose"]], [state["velocity"]]

@@ -16,7 +16,7 @@ def driven(engine, drive, seconds, speed=0.0):
     velocity = torch.zeros(*engine.batch_size, 3)
     velocity[..., 0] = torch.as_tensor(speed)
     start = TensorDict({"pose": 0 * velocity, "velocity": velocity}, engine.batch_size)
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     for _ in range(round(seconds / engine.dt)):
         state["action"] = torch.tensor([2 * drive - 1, 0.0]).expand(*engine.batch_size, 2).clone()
         state = engine.step(state)["next"].exclude("reward")
@@ -55,7 +55,7 @@ def test_at_rest_a_zero_setpoint_keeps_the_car_at_rest():
 def test_a_reset_at_speed_continues_at_that_speed():
     engine = make_engine("single_track", command="speed")
     start = TensorDict({"pose": torch.zeros(3), "velocity": torch.tensor([2.0, 0.0, 0.0])}, [])
-    state = engine.reset(start)
+    state = engine.reset(start, set_state=True)
     state["action"] = state["commands"][0]  # the command that a steady drive is assumed to have
     for _ in range(50):
         state = engine.step(state)["next"].exclude("reward").set("action", state["commands"][0])

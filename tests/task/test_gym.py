@@ -62,7 +62,9 @@ def test_stable_baselines3_learns_on_it():
 def test_it_is_the_same_environment(env):
     under = make_env("single_track", task=FEW)
     observation, info = env.reset(options={"path": 3})
-    state = under.reset(under.full_state_spec.zero().select("path").set("path", torch.tensor([3])))
+    state = under.reset(
+        under.full_state_spec.zero().select("path").set("path", torch.tensor([3])), set_state=True
+    )
     rng = np.random.default_rng(0)
     for _ in range(50):
         np.testing.assert_array_equal(observation, state["observation"].numpy())

@@ -53,5 +53,6 @@ STEP_COUNT = "step_count"  # [1] int64, of the episode
 # Of the effects.
 
 ELAPSED = "elapsed"  # [1] s since the battery was charged; a reset may set it, else 0
+ENVIRONMENT = "_environment"  # [1] int64, index in the batch; only where a reset is of some
 BEYOND = "action_beyond"  # [2] of the command past +-1; only in what an effect hands to the engine
 MEMORY = "_memory"  # suffix of the key of an effect's latent state, behind the effect's name

@@ -1,4 +1,4 @@
-"""The loop that steps an environment; every rollout outside a collector runs through it."""
+"""The loop that steps an environment, and what it begins at; every rollout but a collector's."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -16,6 +16,15 @@ class Stepped(Protocol):
 
     def step(self, state: Any, /) -> Any:
         """Returns the next state under `next`."""
+
+
+def reset_at(env: Any, state: TensorDictBase) -> TensorDictBase:
+    """State [*batch] right after a reset at what is given of it, such as `pose` and `velocity`.
+
+    TorchRL wants `set_state` said; an environment that does not know it begins there anyway.
+    """
+    flag = {"set_state": True} if getattr(env, "_supports_set_state", False) else {}
+    return env.reset(state, **flag)
 
 
 @torch.no_grad()

@@ -125,7 +125,7 @@ def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float 
     """
     vx, vy, yaw_rate = velocity.unbind(-1)
     return torch.atan2(vy + to_axle * yaw_rate, vx.abs().clamp_min(1e-3)) - steering_angle * (
-        torch.where(vx < 0, -1.0, 1.0)
+        torch.where(vx < 0, -1.0, 1.0).to(vx)
     )
 
 

@@ -261,11 +261,19 @@ class Effect(Transform):
         last, part = flat.movedim(0, -1), part.to(tensor.dtype).movedim(0, -1)
         return last.index_copy(-1, rows, part).movedim(-1, 0).reshape(tensor.shape)
 
+    @property
+    def resets_alone(self) -> bool:
+        """Whether all environments share its values, so that some can be reset by themselves."""
+        return not self._batch
+
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         if self.active:
             self._write_reset(tensordict, tensordict_reset)
+            memory = tensordict.get(self.memory, None)  # of an episode that goes on
+            if memory is not None:
+                tensordict_reset.set(self.memory, memory)
         return tensordict_reset
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.actuation.supply import ThermalFoldback
@@ -286,7 +286,7 @@ class Simulation:
         actions = actions.to(device=device)
         states = trajectory(
             env,
-            env.reset(start if device is None else start.to(device)),
+            reset_at(env, start if device is None else start.to(device)),
             lambda row, state: state.set(keys.ACTION, actions[:, row]),
             actions.shape[1] - 1,
         )
@@ -303,7 +303,7 @@ class Simulation:
         """State at row 0, latent states of effects as the commands before it left them."""
         sets = len(pose) // len(segments)
         motion = {keys.POSE: pose, keys.VELOCITY: velocity}
-        state = env.reset(TensorDict(motion, [len(pose)], device=env.device))
+        state = reset_at(env, TensorDict(motion, [len(pose)], device=env.device))
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
             state[keys.ELAPSED] = segments.session.repeat(sets).unsqueeze(-1)
         for effect in stack:

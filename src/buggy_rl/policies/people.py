@@ -16,7 +16,7 @@ from buggy_rl.car.clock import Deadlines
 from buggy_rl.car.human import check_human
 from buggy_rl.car.interfaces import NEUTRAL, Command
 from buggy_rl.core import keys
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.evaluation.drives import (
@@ -182,7 +182,7 @@ def start(env: EnvBase) -> TensorDictBase:
     rest = torch.zeros(1, 3)
     if has_course(env):
         return env.reset()
-    return env.reset(TensorDict({keys.POSE: rest, keys.VELOCITY: rest.clone()}, [1]))
+    return reset_at(env, TensorDict({keys.POSE: rest, keys.VELOCITY: rest.clone()}, [1]))
 
 
 def live_steps(

@@ -13,6 +13,7 @@ from buggy_rl.car.clock import Clock
 from buggy_rl.car.interfaces import NEUTRAL, Command, neutral_of
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import declared_by
+from buggy_rl.core.stepping import reset_at
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.recordings.camera import Camera, CameraConfig
 from buggy_rl.simulated_car.config import SimulatedCarConfig
@@ -78,9 +79,9 @@ class Physics:
         pose = torch.tensor([[config.x, config.y, config.yaw]])
         start = TensorDict({keys.POSE: pose, keys.VELOCITY: torch.zeros(1, 3)}, [1])
         for _ in range(WARM_UP):
-            self._state = self._env.reset(start.clone())
+            self._state = reset_at(self._env, start.clone())
             self.step(neutral_of(config.two_way))
-        self._state = self._env.reset(start)
+        self._state = reset_at(self._env, start)
 
     @torch.no_grad()
     def step(self, command: Command) -> None:

@@ -14,14 +14,16 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
-from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
 from buggy_rl.core.parameters import Parameter, Realisations
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity, VehicleDimensions, integrate_pose
+from buggy_rl.simulators.resets import ResettableEnv, held, spread
+
+FLOAT = torch.float32  # of what engines share with others, whatever PyTorch's default is
 
 
-class Engine(EnvBase):
+class Engine(ResettableEnv):
     """One kind of physics as a TorchRL environment.
 
     A subclass says what latent state it has (`_latent_specs`), its value after a reset
@@ -37,7 +39,8 @@ class Engine(EnvBase):
 
     Raises:
         KeyError: A parameter is unknown.
-        ValueError: A value is outside its range, or a range is not two numbers in order.
+        ValueError: A value is outside its range, a range is not two numbers in order, or
+            `batch_size` is 0.
     """
 
     batch_locked = True  # type: ignore[assignment]  # TorchRL: a property it lets subclasses set
@@ -47,6 +50,9 @@ class Engine(EnvBase):
     """Parameter values in use, each of shape () or of the batch's shape."""
     reach: float = 1.0
     """Largest size of a command to which its laws go on; only effects ask for more than 1."""
+    resets_alone: bool = False
+    """Whether `_rest_latent` takes any number of cars where parameters are shared, and not only the
+    whole batch: a reset of some environments then computes these alone."""
 
     def __init__(
         self,
@@ -58,6 +64,8 @@ class Engine(EnvBase):
         ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         shape = (batch_size,) if isinstance(batch_size, int) else tuple(batch_size)
+        if 0 in shape:
+            raise ValueError(f"batch_size is {batch_size}: at least one environment is needed")
         super().__init__(device=torch.device(device), batch_size=torch.Size(shape))
         self.dt = dt
         self.declared = {p.name: p for p in declared}
@@ -73,16 +81,15 @@ class Engine(EnvBase):
         """Builds the specs; a subclass calls it once it knows its latent state."""
         batch, device = self.batch_size, self.device
         state: dict[str, TensorSpec] = {
-            keys.POSE: Unbounded(self._shape(3), device=device),
-            keys.VELOCITY: Unbounded(self._shape(3), device=device),
+            keys.POSE: Unbounded(self._shape(3), device=device, dtype=FLOAT),
+            keys.VELOCITY: Unbounded(self._shape(3), device=device, dtype=FLOAT),
             **self._latent_specs(),
         }
+        self._kept, self._readings = state, self._reading_specs()
         self.state_spec = Composite(state, shape=batch, device=device)
-        self.observation_spec = Composite(
-            {**state, **self._reading_specs()}, shape=batch, device=device
-        )
-        self.action_spec = Bounded(-1.0, 1.0, self._shape(2), device=device)
-        self.reward_spec = Unbounded(self._shape(1), device=device)
+        self.observation_spec = Composite({**state, **self._readings}, shape=batch, device=device)
+        self.action_spec = Bounded(-1.0, 1.0, self._shape(2), device=device, dtype=FLOAT)
+        self.reward_spec = Unbounded(self._shape(1), device=device, dtype=FLOAT)
         flag = Binary(1, shape=self._shape(1), dtype=torch.bool, device=device)
         self.full_done_spec = Composite(
             {keys.DONE: flag, keys.TERMINATED: flag.clone()}, shape=batch, device=device
@@ -117,31 +124,60 @@ class Engine(EnvBase):
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         """State and readings one control period later; `action` [*, 2] is within its bounds."""
 
-    def _rest_readings(self) -> dict[str, Tensor]:
-        """Readings right after a reset: the zero of their spec."""
-        return {name: spec.zero() for name, spec in self._reading_specs().items()}
-
-    def _reset(self, tensordict: TensorDictBase | None = None, **_) -> TensorDictBase:
-        # With TorchRL's `_reset` mask only the masked rows of what is returned are used.
-        start = TensorDict(batch_size=self.batch_size, device=self.device)
-        for key in (keys.POSE, keys.VELOCITY):
-            given = None if tensordict is None else tensordict.get(key, None)
-            start[key] = self._start(key, given)
-        latent = self._rest_latent(start[keys.POSE], start[keys.VELOCITY])
-        return start.update(latent).update(self._rest_readings())
-
-    def _start(self, key: str, given: Tensor | None) -> Tensor:
-        if given is None:
-            return self.observation_spec[key].zero()
-        if given.shape != self._shape(3):
-            raise ValueError(
-                f"reset got {key} of shape {list(given.shape)}, expected {list(self._shape(3))}"
+    def _begin(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
+        shape = self.batch_size if rows is None else rows.shape
+        known = {
+            key: self._checked(key, value, spec, shape)
+            for key, spec in self._kept.items()
+            if (value := given.get(key, None)) is not None
+        }
+        zero = torch.zeros((*shape, 3), device=self.device, dtype=FLOAT)
+        pose, velocity = (known.pop(key, zero).clone() for key in (keys.POSE, keys.VELOCITY))
+        state = {keys.POSE: pose, keys.VELOCITY: velocity}
+        if not known or len(known) < len(self._kept) - 2:
+            state |= self._rest(pose, velocity, rows)
+        for key, spec in self._readings.items():
+            state[key] = torch.zeros(
+                (*shape, *self._sizes(spec)), dtype=spec.dtype, device=self.device
             )
-        return given.to(device=self.device, dtype=torch.float32, copy=True)
+        over = torch.zeros((*shape, 1), dtype=torch.bool, device=self.device)
+        ends = {keys.DONE: over, keys.TERMINATED: over.clone()}
+        return TensorDict(state | known | ends, batch_size=shape, device=self.device)
+
+    def _sizes(self, spec: TensorSpec) -> torch.Size:
+        """Shape of a spec's value behind the batch."""
+        return spec.shape[len(self.batch_size) :]
+
+    def _checked(self, key: str, given: Tensor, spec: TensorSpec, shape: torch.Size) -> Tensor:
+        """A copy of a value that a reset is to begin at.
+
+        Raises:
+            ValueError: It has another shape than the engine's own.
+        """
+        expected = torch.Size((*shape, *self._sizes(spec)))
+        if given.shape != expected:
+            raise ValueError(
+                f"reset got {key} of shape {list(given.shape)}, expected {list(expected)}"
+            )
+        return given.to(device=self.device, dtype=spec.dtype, copy=True)
+
+    def _rest(self, pose: Tensor, velocity: Tensor, rows: Tensor | None) -> dict[str, Tensor]:
+        """Latent state of all environments, or [k, ...] of `rows` at `pose` [k, 3]."""
+        if rows is None or (self.resets_alone and self._alike):
+            return self._rest_latent(pose, velocity)
+        motion = spread(TensorDict({"p": pose, "v": velocity}, rows.shape), rows, self.batch_size)
+        latent = self._rest_latent(motion["p"], motion["v"])
+        return {key: value.flatten(0, len(self.batch_size) - 1)[rows]
+                for key, value in latent.items()}  # fmt: skip
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all environments have the same parameters."""
+        return not any(value.dim() for value in self.values.values())
 
     def moved(self, state: Mapping[str, Tensor] | TensorDictBase) -> dict[str, Tensor]:
         """State and readings one control period after a state with its action."""
-        action = state[keys.ACTION].clamp(-1.0, 1.0)
+        action = state[keys.ACTION].to(FLOAT).clamp(-1.0, 1.0)
         beyond = state.get(keys.BEYOND, None)
         if beyond is not None:
             action = (action + beyond).clamp(-self.reach, self.reach)
@@ -150,9 +186,12 @@ class Engine(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         result = self.moved(tensordict)
         done = torch.zeros(self._shape(1), dtype=torch.bool, device=self.device)
-        result[keys.REWARD] = torch.zeros(self._shape(1), device=self.device)  # the task's
+        result[keys.REWARD] = torch.zeros(
+            self._shape(1), device=self.device, dtype=FLOAT
+        )  # the task's
         result[keys.DONE], result[keys.TERMINATED] = done, done.clone()
-        return TensorDict(result, batch_size=self.batch_size, device=self.device)
+        after = TensorDict(result, batch_size=self.batch_size, device=self.device)
+        return held(tensordict, after)
 
     def _set_seed(self, seed: int | None) -> None:
         """Engines are deterministic: noise belongs to the sensing, starts to the task."""
@@ -277,6 +316,8 @@ class RowsEngine(Engine):
 
 class HoldEngine(Engine):
     """Velocity stays, pose follows: v' = v."""
+
+    resets_alone = True
 
     def __init__(self, *args, **kwargs) -> None:
         super().__init__(*args, **kwargs)

@@ -5,13 +5,15 @@ from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
+from buggy_rl.simulators.resets import STEP, ResettableEnv, begun, held
 
 
-class SerialBatch(EnvBase):
+class SerialBatch(ResettableEnv):
     """One environment after the other, all by the same instance.
 
     A simulator's whole state rides in the TensorDict, so that one instance can step every
@@ -44,14 +46,17 @@ class SerialBatch(EnvBase):
         one = spec if self._single else spec[0]
         return one.expand(*self.batch_size)
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        rows = range(self.batch_size[0])
-        given = [None if tensordict is None else self._row(tensordict, row) for row in rows]
-        return self._joined([self.simulator._reset(one, **kwargs) for one in given])
+    def _begin(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
+        return self._joined([self._begun(self._row(given, row)) for row in range(len(given))])
+
+    def _begun(self, given: TensorDictBase) -> TensorDictBase:
+        return begun(self.simulator, given, None)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        state = tensordict.exclude(STEP)
         rows = range(self.batch_size[0])
-        return self._joined([self.simulator._step(self._row(tensordict, row)) for row in rows])
+        after = self._joined([self.simulator._step(self._row(state, row)) for row in rows])
+        return held(tensordict, after)
 
     def _row(self, tensordict: TensorDictBase, row: int) -> TensorDictBase:
         return (tensordict[row] if self._single else tensordict[row : row + 1]).clone()
@@ -83,7 +88,7 @@ def in_batch(simulator: EnvBase, batch_size: int | Sequence[int]) -> EnvBase:
 SHARED = (keys.POSE, keys.VELOCITY, keys.ACTION, keys.REWARD)  # what others read and write
 
 
-class SinglePrecision(EnvBase):
+class SinglePrecision(ResettableEnv):
     """Pose, velocity, action and reward in float32; the simulator computes in its own type.
 
     Its latent state keeps its type. An environment, not a transform, so that a simulator stays an
@@ -113,12 +118,12 @@ class SinglePrecision(EnvBase):
         self.full_reward_spec = _single(simulator.full_reward_spec)
         self.full_done_spec = simulator.full_done_spec.clone()
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        given = None if tensordict is None else self._own(tensordict)
-        return _narrowed(self.simulator._reset(given, **kwargs))
+    def _begin(self, given: TensorDictBase, rows: Tensor | None) -> TensorDictBase:
+        return _narrowed(begun(self.simulator, self._own(given), rows))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return _narrowed(self.simulator._step(self._own(tensordict)))
+        after = _narrowed(self.simulator._step(self._own(tensordict.exclude(STEP))))
+        return held(tensordict, after)
 
     def _set_seed(self, seed: int | None) -> None:
         self.simulator.set_seed(seed)

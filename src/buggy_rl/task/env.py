@@ -10,6 +10,7 @@ One line swaps one transform, here or in YAML (`configs/task_waypoints.yaml`):
     print(env.rollout(100)["next", "reward"].sum())
 """
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,14 +27,16 @@ from buggy_rl.core.longitudinal import declared_by
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.effects import make_effects
 from buggy_rl.simulators import Factory, make_engine, read_simulator
+from buggy_rl.simulators.base import Engine
 from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.config import TaskConfig, TransformConfig, transforms_in_order
 from buggy_rl.task.paths.making import make_paths
 from buggy_rl.task.paths.path_set import PathSet
+from buggy_rl.task.stack import StackedEnv
 from buggy_rl.task.transforms import make_transform
 from buggy_rl.task.transforms.base import RandomTransform, TaskTransform
 from buggy_rl.task.transforms.observation import TRAINED_HIGH, TRAINED_LOW
-from buggy_rl.task.transforms.rewards import Rewards
+from buggy_rl.task.transforms.rewards import Endings, Rewards
 
 VELOCITY = ("m/s", "m/s", "rad/s")
 UNITS: dict[str, dict[str, tuple[Any, Any]]] = {
@@ -82,7 +85,7 @@ def _weights(weights: Mapping[str, float], scale: Similarity) -> dict[str, float
     }
 
 
-class TaskEnv(TransformedEnv):
+class TaskEnv(StackedEnv):
     """An engine, missing physics and a task; `set_seed` reaches the task's random transforms."""
 
     def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
@@ -114,8 +117,10 @@ def make_simulator(
     """Builds an engine, or an engine with effects (`effects:` of a .yaml file), as `make_engine`.
 
     Raises:
-        ValueError: A name is unknown; the message lists the known ones.
+        ValueError: A name is unknown, the message lists the known ones; or there is no environment.
     """
+    if 0 in ((batch_size,) if isinstance(batch_size, int) else batch_size):
+        raise ValueError(f"batch_size is {batch_size}: at least one environment is needed")
     if callable(simulator) or not str(simulator).endswith((".yaml", ".yml")):
         return make_engine(simulator, batch_size, device, parameters, **options)
     content = read_simulator(Path(simulator))
@@ -133,7 +138,7 @@ def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:
     if not effects:
         return engine
     base, beneath = _parts(engine)
-    env = TransformedEnv(base, Compose([]))
+    env = StackedEnv(base, Compose([]))
     for effect in (*beneath, *effects):
         env.append_transform(effect)
     return env
@@ -182,7 +187,8 @@ def make_env(
     stack = [
         make_transform(c.name, c.options, **context) for c in transforms_in_order(task.transforms)
     ]
-    for transform in (*beneath, *effects):
+    endings = [] if isinstance(base, Engine) else [Endings()]  # an engine itself ends nothing
+    for transform in (*endings, *beneath, *effects):
         env.append_transform(transform)
     for index, transform in enumerate(stack):
         if isinstance(transform, TaskTransform):
@@ -190,6 +196,7 @@ def make_env(
         else:
             _append_foreign(env, transform, behind=stack[index + 1 :])
     _ = env.output_spec  # a transform of ours that stands in a wrong place says so here
+    _refuse_lost_reward(env, stack)
     return env
 
 
@@ -217,6 +224,30 @@ def _append_foreign(env: TaskEnv, transform: Transform, behind: Sequence[Transfo
         raise ValueError(f"{name} cannot stand here: {one_line(error)}") from error
     if lost:
         raise ValueError(f"{name} takes away {', '.join(lost)}, which the next step needs")
+
+
+def _refuse_lost_reward(env: TaskEnv, stack: Sequence[Transform]) -> None:
+    """Tries each transform of a user's own that stands before `Rewards` in one step.
+
+    Raises:
+        ValueError: It writes the reward, which `Rewards` would replace.
+    """
+    place = next((i for i, other in enumerate(stack) if isinstance(other, Rewards)), 0)
+    known = ("buggy_rl.", "torchrl.")  # ours leave it alone; TorchRL's say so by their in_keys
+    own = [part for part in stack[:place] if not type(part).__module__.startswith(known)]
+    for transform in own:
+        state = env.fake_tensordict()
+        after = state.pop("next")
+        reward = after.get(keys.REWARD)
+        version = reward._version
+        with contextlib.suppress(Exception):  # what fails here fails in the first step, in full
+            tried = transform.clone()
+            tried._step(tried._inv_call(state), after)
+        if after.get(keys.REWARD) is not reward or reward._version != version:
+            raise ValueError(
+                f"{type(transform).__name__} changes the reward before Rewards writes it: put it "
+                "behind rewards"
+            )
 
 
 def _written(env: EnvBase) -> set[NestedKey]:

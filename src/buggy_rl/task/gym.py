@@ -97,7 +97,7 @@ class WaypointsEnv(Seeded, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         start = start_of(options, self._env)
         super().reset(seed=seed)
         self._env.set_seed(self._drawn_seed(seed))
-        self._state = self._env.reset(start)
+        self._state = self._env.reset(start, set_state=start is not None)
         if self.render_mode is not None:
             self._pixels = self._pixels or load_named(RENDERER)(self._env, self._picture)
             self._pixels.forget()

@@ -99,7 +99,7 @@ class WaypointsVectorEnv(Seeded, VectorEnv[Rows, Rows, NDArray[Any]]):
         start = start_of(options, self._env)
         super().reset(seed=seed)
         self._env.set_seed(self._drawn_seed(seed))
-        self._state = self._env.reset(start)
+        self._state = self._env.reset(start, set_state=start is not None)
         return array(self._state, keys.OBSERVATION), _infos(self._state)
 
     @torch.no_grad()

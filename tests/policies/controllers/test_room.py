@@ -16,7 +16,7 @@ def drives(cars=48, seconds=20, seed=0, simulator="reference"):
     engine, driver = make_engine(simulator, cars), RoomDriver(seed=seed)
     pose = driver.start_pose((cars,))
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
-    state, rows = engine.reset(TensorDict(start, [cars])), []
+    state, rows = engine.reset(TensorDict(start, [cars]), set_state=True), []
     for _ in range(round(100 * seconds)):
         state = driver(state)
         rows.append(state.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone())

@@ -38,7 +38,7 @@ def faulty(plant, effect, **parameters):
 
 def start(car, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0)):
     given = {keys.POSE: torch.tensor([pose]), keys.VELOCITY: torch.tensor([velocity])}
-    return car.reset(TensorDict(given, [1]))
+    return car.reset(TensorDict(given, [1]), set_state=True)
 
 
 @torch.no_grad()

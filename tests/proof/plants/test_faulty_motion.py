@@ -322,7 +322,7 @@ def test_a_throttle_deadband_takes_its_width_off_the_drive(plant):
 def test_a_sagging_battery_weakens_the_drive_by_what_was_taken_out(plant):
     state = warmed(plant, (40, 0.0, 0.0), velocity=FAST)
     car = faulty(plant, "battery_sag", loss_per_minute=0.4)
-    state = car.reset(state.select(keys.POSE, keys.VELOCITY)).update(state)
+    state = car.reset(state.select(keys.POSE, keys.VELOCITY), set_state=True).update(state)
     fresh = gained(car, state.clone(), 3, 0.0)
     state["plant_memory"][..., MINUTES] = 1.0  # of typical driving
     empty = gained(car, state.clone(), 3, 0.0)

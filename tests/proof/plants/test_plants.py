@@ -47,7 +47,7 @@ def states(engine, actions):
         keys.POSE: torch.tensor([0.4, -0.2, 0.7]).expand(*engine.batch_size, 3),
         keys.VELOCITY: torch.tensor([1.5, 0.05, 0.4]).expand(*engine.batch_size, 3),
     }
-    state = engine.reset(TensorDict(given, engine.batch_size))
+    state = engine.reset(TensorDict(given, engine.batch_size), set_state=True)
     for action in actions:
         state = engine.step(state.clone().set(keys.ACTION, action))["next"]
         yield state

@@ -60,7 +60,7 @@ def held(model, throttle, vx, steps=60):
     """Velocity [3] after a throttle was held."""
     engine = make_engine("learned", 1, model=model)
     velocity = torch.tensor([[vx, 0.0, 0.0]])
-    state = engine.reset(TensorDict({keys.VELOCITY: velocity}, [1]))
+    state = engine.reset(TensorDict({keys.VELOCITY: velocity}, [1]), set_state=True)
     for _ in range(steps):
         state[keys.ACTION] = torch.tensor([[throttle, 0.0]])
         state = engine.step(state)["next"].exclude(keys.REWARD)

@@ -2,11 +2,12 @@
 
 import torch
 from tensordict import TensorDict
-from torchrl.envs import Compose, TransformedEnv
+from torchrl.envs import Compose
 
 from buggy_rl.core import keys
 from buggy_rl.simulators import make_engine
 from buggy_rl.task.paths.path_set import equal_paths
+from buggy_rl.task.stack import StackedEnv
 
 
 def straight_path(count=30, closed=False):
@@ -27,7 +28,7 @@ def square_path():
 
 def over_hold(*transforms, batch_size=()):
     """Transforms over the engine that keeps its velocity: a car goes where it is put."""
-    return TransformedEnv(make_engine("hold", batch_size), Compose(*transforms))
+    return StackedEnv(make_engine("hold", batch_size), Compose(*transforms))
 
 
 def start(env, velocity=(0.0, 0.0, 0.0), pose=None, **state):
@@ -37,7 +38,7 @@ def start(env, velocity=(0.0, 0.0, 0.0), pose=None, **state):
         if value is not None:
             value = torch.as_tensor(value)
             given[key] = value.expand(*env.batch_size, *value.shape[-1:]).clone()
-    return env.reset(given)
+    return env.reset(given, set_state=True)
 
 
 def step(env, state, action=(-1.0, 0.0), **edits):

@@ -6,6 +6,7 @@ from buggy_rl.core import keys as task
 from buggy_rl.task.transforms.commands import LastAction
 from buggy_rl.task.transforms.rewards import TERMS, LeavePath, Rewards
 from buggy_rl.task.transforms.waypoints import TargetSpeed, Waypoints
+from tests.contracts.test_transforms import stacked
 from tests.task.transforms.cars import over_hold, start, step, straight_path
 
 ONES = dict.fromkeys(TERMS, 1.0)
@@ -100,3 +101,22 @@ def test_leaving_what_a_learned_simulator_knows_costs_and_other_engines_know_no_
     assert out_of_range(learned, learned).flatten().tolist() == [-1.0, 0.0, -1.0]
     other = TensorDict({keys.REWARD: reward}, [3])
     assert out_of_range(other, other).flatten().tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("velocity", [0.0, 1.0])
+def test_what_the_task_writes_has_a_gradient_on_the_path_too(velocity):
+    env = stacked("everything", "kinematic", (2,))
+    env.set_seed(0)
+    state = env.reset()
+    state[keys.VELOCITY] = torch.full((2, 3), velocity) * torch.eye(3)[0]
+    action = torch.zeros(2, 2, requires_grad=True)
+    with torch.enable_grad():
+        for _ in range(3):
+            state = env.step(state.set(keys.ACTION, action))["next"]
+        assert state[keys.LATERAL_ERROR].requires_grad
+        for key, value in state.items(True, True):
+            if value.requires_grad:
+                (gradient,) = torch.autograd.grad(
+                    value.sum(), action, retain_graph=True, allow_unused=True
+                )
+                assert gradient is None or gradient.isfinite().all(), key

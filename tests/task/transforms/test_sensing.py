@@ -35,7 +35,8 @@ def test_the_past_mean_is_that_of_the_data_preparation(width):
     velocity = torch.randn(12, 2, 3, generator=generator)
     state = start(env, velocity=(0.0, 0.0, 0.0), pose=(0.0, 0.0, 0.0))
     state = env.reset(
-        TensorDict({keys.VELOCITY: velocity[0], keys.POSE: torch.zeros(2, 3)}, batch_size=[2])
+        TensorDict({keys.VELOCITY: velocity[0], keys.POSE: torch.zeros(2, 3)}, batch_size=[2]),
+        set_state=True,
     )
     shown = [state[task.MEASURED_VELOCITY]]
     for row in velocity[1:]:

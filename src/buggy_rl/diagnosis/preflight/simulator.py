@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import command_of, declared_by
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD, rotate
 
 OFF = 0.2  # [-] of the way driven, beyond which a reading of the axes is wrong,
@@ -374,7 +374,7 @@ def _check_apart(env: EnvBase, name: str, state: TensorDictBase, early: Tensor, 
 
 def _reset(env: EnvBase, name: str, given: TensorDictBase) -> TensorDictBase:
     try:
-        return env.reset(given.clone())
+        return reset_at(env, given.clone())
     except Exception as error:
         raise ValueError(
             f"simulator {name}: a reset with pose and velocity raised {_words(error)}"

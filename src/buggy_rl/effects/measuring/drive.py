@@ -13,7 +13,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import ONE_WAY_REST, command_of, declared_by
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 
 Make = Callable[[int], EnvBase]
@@ -77,7 +77,8 @@ def next_velocities(
     """
     engine = make(len(held))
     settling = round(SETTLING / period(make))
-    state = engine.reset(TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device))
+    start = TensorDict({keys.VELOCITY: held.clone()}, [len(held)]).to(engine.device)
+    state = reset_at(engine, start)
     drive = torch.as_tensor(throttle).expand(len(held))
     straight = torch.stack([drive, torch.zeros_like(drive)], -1)
     turned = torch.stack([drive, torch.full_like(drive, steering)], -1)

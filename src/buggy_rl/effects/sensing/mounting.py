@@ -255,9 +255,12 @@ class HeadingDrift(SensingEffect):
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         pose, velocity = sensed_motion(state)
+        memory = given.get(self.memory, None)  # of an episode that goes on
+        error = torch.zeros_like(pose) if memory is None else memory[..., :3]
         others = pose - state.get(keys.POSE)
-        state.set(self.memory, torch.cat([torch.zeros_like(pose), others], -1))
-        self._set_measured(state, (pose, velocity), (self._gather(pose), self._gather(velocity)))
+        state.set(self.memory, torch.cat([error, others], -1))
+        rows = self._gather(pose) + self._gather(error), self._gather(velocity)
+        self._set_measured(state, (pose, velocity), rows)
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
         pose, velocity = sensed_motion(after)

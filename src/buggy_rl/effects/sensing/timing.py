@@ -56,7 +56,9 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         pose, velocity = state.get(keys.POSE), state.get(keys.VELOCITY)
-        past = extrapolated(pose, velocity, self._rows_back, -self.dt)  # (*, K, 6)
+        past = given.get(self.memory, None)  # (*, K, 6) of an episode that goes on
+        if past is None:
+            past = extrapolated(pose, velocity, self._rows_back, -self.dt)
         state.set(self.memory, past)
         self._write_measurement(state, self._gather(past, 2))
 
@@ -120,12 +122,19 @@ class SensorLag(SensingEffect):
 
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         pose, velocity = sensed_motion(state)
+        memory = given.get(self.memory, None)  # of an episode that goes on
+        if memory is None:
+            memory = self._steady(pose, velocity)
+        state.set(self.memory, memory)
+        shown = self._gather(memory)[..., :6]
+        self._set_measured(state, (pose, velocity), shown.split(3, -1))
+
+    def _steady(self, pose: Tensor, velocity: Tensor) -> Tensor:
+        """Memory [*, 12] of a car that came here at constant velocity."""
         lag = self.values["time_constant"].unsqueeze(-1)
         planar = rotate(velocity[..., :2], pose[..., 2])
         trailing = pose - lag * torch.cat([planar, velocity[..., 2:]], -1)
-        state.set(self.memory, torch.cat([trailing, velocity, pose, velocity], -1))
-        rows = self._gather(trailing), self._gather(velocity)
-        self._set_measured(state, (pose, velocity), rows)
+        return torch.cat([trailing, velocity, pose, velocity], -1)
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
         pose, velocity = sensed_motion(after)

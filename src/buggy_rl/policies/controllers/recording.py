@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 from buggy_rl.core import keys
 from buggy_rl.core.car_file import load_car
 from buggy_rl.core.longitudinal import declared_by
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.policies.controllers.room import Driver, RoomConfig
 from buggy_rl.recordings.camera import CameraConfig
@@ -101,6 +101,6 @@ def recorded_steps(engine: EnvBase, driver: Driver, steps: int) -> Iterator[Tens
     """Rows [*] of true `pose`, `velocity` and `action`: all cars drive off from rest."""
     pose = driver.start_pose(engine.batch_size)
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
-    state = engine.reset(TensorDict(start, engine.batch_size))
+    state = reset_at(engine, TensorDict(start, engine.batch_size))
     for moving, _ in pairwise(trajectory(engine, state, lambda _, now: driver(now), steps)):
         yield moving.select(keys.POSE, keys.VELOCITY, keys.ACTION).clone()

@@ -13,7 +13,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import ONE_WAY
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.policies.controllers.at_scale import ManoeuvringDriver, RoomAtScale
 from buggy_rl.policies.controllers.room import RoomDriver
@@ -250,7 +250,7 @@ def true_drive(
         every: Rows for which a command is held.
     """
     start = {keys.POSE: pose, keys.VELOCITY: torch.zeros_like(pose)}
-    state = engine.reset(TensorDict(start, engine.batch_size))
+    state = reset_at(engine, TensorDict(start, engine.batch_size))
     given = []
 
     def commanded(row: int, now: TensorDictBase) -> TensorDictBase:

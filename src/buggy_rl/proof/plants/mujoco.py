@@ -228,6 +228,8 @@ class MujocoPlant(MujocoEngine):
         ValueError: A value is outside its range.
     """
 
+    resets_alone = False
+
     def __init__(
         self, *args: Any, faults: Mapping[str, Mapping[str, float]] | None = None, **options: Any
     ) -> None:

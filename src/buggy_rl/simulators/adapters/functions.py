@@ -28,6 +28,7 @@ MOTION = {keys.POSE: 3, keys.VELOCITY: 3}
 class FunctionsEngine(RowsEngine):
     """x' = step(x, u): a user's functions as an engine; see `from_step`."""
 
+    resets_alone = True
     vehicle: Any = None  # of this car nothing is known: a diagnosis measures it
 
     def __init__(
@@ -57,7 +58,12 @@ class FunctionsEngine(RowsEngine):
         }
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        return self._tensors(self._reset_rows(self._rows(pose), self._rows(velocity)))
+        motion = (self._array(part.reshape(-1, 3)) for part in (pose, velocity))
+        return self._tensors(self._reset_rows(*motion), pose.shape[:-1])
+
+    @property
+    def _alike(self) -> bool:
+        return True  # as far as a reset goes: it is given no parameter
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         before: dict[str, Any] = {name: self._rows(state[name]) for name in MOTION}
@@ -68,7 +74,7 @@ class FunctionsEngine(RowsEngine):
                   for n, v in self._of_rows().items()}  # fmt: skip
         after = self._called(self.step_function, before, self._rows(action), values, "step")
         self._refuse_other(after, {*MOTION, *self._latent}, "step")
-        return self._tensors(after)
+        return self._tensors(after, self.batch_size)
 
     def _of_rows(self) -> dict[str, Tensor]:
         """Parameter values, of the batch's shape."""
@@ -143,11 +149,12 @@ class FunctionsEngine(RowsEngine):
                 "return what the car remembers from both, or from neither"
             )
 
-    def _tensors(self, rows: Mapping[str, NDArray]) -> dict[str, Tensor]:
+    def _tensors(self, rows: Mapping[str, NDArray], shape: torch.Size) -> dict[str, Tensor]:
         result = {}
         for name, value in rows.items():
             kind = np.float32 if name in MOTION else self._latent[name].dtype
-            result[name] = self._tensor(np.ascontiguousarray(value, kind))
+            tensor = torch.as_tensor(np.ascontiguousarray(value, kind))
+            result[name] = tensor.reshape((*shape, *value.shape[1:])).to(self.device)
         return result
 
     def _options(self) -> dict[str, Any]:

@@ -197,6 +197,7 @@ class ActuatedEngine(Engine):
         KeyError: A parameter is unknown.
     """
 
+    resets_alone = True
     reach = 2.0  # its maps from command to force and angle are formulas, beyond 1 as below
     own_parameters: tuple = ()
     """Rows like those of `ACTUATION`, of a subclass's further parameters."""

@@ -27,6 +27,8 @@ class LearnedEngine(Engine):
         args, common: As for `Engine`; there are no parameters.
     """
 
+    resets_alone = True
+
     def __init__(self, *args: Any, model: DynamicsModel | str | Path, **common: Any) -> None:
         super().__init__(*args, **common)
         if isinstance(model, (str, Path)):
@@ -36,7 +38,7 @@ class LearnedEngine(Engine):
                     f"the model was trained at a step of {about['dt']} s, the engine runs at "
                     f"{self.dt} s"
                 )
-        self.model = model.to(self.device).eval().requires_grad_(False)
+        self.model = model.to(self.device, torch.float32).eval().requires_grad_(False)
         self.command = self.model.command
         self._finish()
 
@@ -49,8 +51,8 @@ class LearnedEngine(Engine):
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
         # The past is unknown: the same velocity, without drive and steering.
-        idle = torch.tensor([self.command.rest, 0.0], device=self.device)
-        idle = idle.expand(*self.batch_size, 2)
+        idle = velocity.new_tensor([self.command.rest, 0.0])
+        idle = idle.expand(*velocity.shape[:-1], 2)
         row = torch.cat([velocity, idle], -1).unsqueeze(-2)  # (*, 1, 5)
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
 

@@ -68,6 +68,7 @@ class MujocoEngine(RowsEngine):
         ImportError: MuJoCo Warp is not installed.
     """
 
+    resets_alone = True
     reach = 2.0  # drive and steering angle are linear in the command
 
     def __init__(
@@ -139,18 +140,24 @@ class MujocoEngine(RowsEngine):
         return precise | self._number_specs({COMMANDS: (memory_length(self.dt), 2)})
 
     def _rest_latent(self, pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
-        poses, velocities = self._rows(pose), self._rows(velocity)
-        qpos, qvel = copied(self._cars.qpos), copied(self._cars.qvel)
+        shape = pose.shape[:-1]  # of all cars, or of some
+        poses, velocities = (self._array(part.reshape(-1, 3)) for part in (pose, velocity))
+        count = len(poses)
+        qpos, qvel = copied(self._cars.qpos[:count]), copied(self._cars.qvel[:count])
         park(self._forces.car, qpos, qvel)
         place(qpos, qvel, poses)
         set_off(self._forces.car, qpos, qvel, velocities)
         state = array_namespace(qpos).concat([qpos, qvel, poses, velocities], axis=-1)
-        resting = torch.tensor([self.command.rest, 0.0], device=self.device)
+        resting = pose.new_tensor([self.command.rest, 0.0])
         return {
-            PHYSICS_STATE: self._tensor(state),
-            COMMANDS: resting.expand(*self.batch_size, memory_length(self.dt), 2).clone(),
-            ACTUATORS: resting.to(self._cars.dtype).expand(*self.batch_size, 2).clone(),
+            PHYSICS_STATE: torch.as_tensor(state).reshape(*shape, -1).to(self.device),
+            COMMANDS: resting.expand(*shape, memory_length(self.dt), 2).clone(),
+            ACTUATORS: resting.to(self._cars.dtype).expand(*shape, 2).clone(),
         }
+
+    @property
+    def _alike(self) -> bool:
+        return True  # as far as a reset goes: it reads no parameter
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         physics = self._rows(state[PHYSICS_STATE])

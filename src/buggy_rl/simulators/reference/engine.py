@@ -68,6 +68,7 @@ class ReferenceEngine(Engine):
         ValueError: A fault is outside its range, or of another kind of command.
     """
 
+    resets_alone = True
     reach = 2.0  # more duty cycle is more voltage, more command more of the rack's way
 
     def __init__(
@@ -137,6 +138,10 @@ class ReferenceEngine(Engine):
     def _spread_out(self, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
         ones = (1,) * len(self.batch_size)
         return {n: v if v.dim() else v.reshape(ones) for n, v in values.items()}
+
+    @property
+    def _alike(self) -> bool:
+        return super()._alike and not any(value.dim() for value in self._fault_values.values())
 
     def _latent_specs(self) -> dict[str, TensorSpec]:
         return self._number_specs(LATENT_SHAPES | self.car.fault_shapes)

@@ -106,7 +106,7 @@ def make_paths(config: PathConfig) -> PathSet:
     if config.placed:
         place = np.random.default_rng(_seeds(config, "places", 1)).uniform(-1, 1, (len(paths), 3))
         half = _at_scale(config).room / 2
-        scale = torch.tensor([half, half, math.pi])
+        scale = torch.tensor([half, half, math.pi], dtype=torch.float32)
         paths = paths.placed(torch.as_tensor(place).float() * scale)
     return paths
 

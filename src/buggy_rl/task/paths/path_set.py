@@ -105,7 +105,7 @@ class PathSet:
 
     def mirrored(self) -> Self:
         """The same paths with left for right, each seen from its own start."""
-        flip = torch.tensor([1.0, -1.0])
+        flip = torch.tensor([1.0, -1.0], dtype=torch.float32)
         yaw = self.start[:, None, 2].expand(self.points.shape[:2])
         own = rotate(self.points - self.start[:, None, :2], -yaw) * flip
         points = rotate(own, yaw) + self.start[:, None, :2]
@@ -143,5 +143,5 @@ def equal_paths(names: Sequence[str], points: NDArray, closed: bool) -> PathSet:
     """Paths [P, W, 2] of equal length that leave the origin along x."""
     size = torch.full((len(points),), points.shape[1])
     flags = torch.full((len(points),), closed)
-    start = torch.zeros(len(points), 3)
+    start = torch.zeros(len(points), 3, dtype=torch.float32)
     return PathSet(torch.as_tensor(points).float(), size, flags, start, tuple(names))

@@ -42,9 +42,11 @@ def make_transform(
 
     Raises:
         ValueError: The name is unknown or no transform's, an option does not belong to it (the
-            message lists those that do) or is missing.
+            message lists those that do) or is missing, or TorchRL's transform is wrong in a task.
     """
     from torchrl.envs import Transform
+
+    from buggy_rl.task.transforms.foreign import refuse_wrong
 
     if name not in TRANSFORMS and ":" not in name:
         raise ValueError(
@@ -53,6 +55,7 @@ def make_transform(
         )
     transform_class = load_named(TRANSFORMS.get(name, name))
     trust.refuse_other_class(transform_class, Transform, name)
+    refuse_wrong(transform_class, options or {})
     takes = inspect.signature(transform_class).parameters
     kinds = {parameter.kind: key for key, parameter in takes.items()}
     unknown = sorted(set(options or {}) - set(takes))

@@ -31,11 +31,20 @@ class TaskTransform(Transform):
     """Keys that only what stands behind may write."""
     writes: Mapping[str, TensorSpec] = {}
     """Keys that it writes, with their specs without the batch."""
+    remembers: tuple[str, ...] = ()
+    """Keys of `writes` that its next step reads: a reset that is given them goes on from there."""
+    resets_alone: bool = True
+    """Whether it takes sizes from the TensorDict, so that some environments reset by themselves."""
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        state = self._call(tensordict_reset)
+        for key in self.remembers:
+            given = tensordict.get(key, None)
+            if given is not None:
+                state.set(key, given)
+        return state
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         return next_tensordict
@@ -45,6 +54,11 @@ class TaskTransform(Transform):
         for key, spec in self.writes.items():
             observation_spec[key] = batched(spec, observation_spec)
         return observation_spec
+
+    def transform_state_spec(self, state_spec: Composite) -> Composite:
+        for key in self.remembers:
+            state_spec[key] = batched(self.writes[key], state_spec)
+        return state_spec
 
     def _check_place(self, promised: Composite, writes: Iterable[str]) -> None:
         name, written = type(self).__name__, set(map(str, promised.keys()))
@@ -85,7 +99,7 @@ def batched(spec: TensorSpec, of: Composite) -> TensorSpec:
 
 def unbounded_spec(*sizes: int) -> Unbounded:
     """Spec of float32 numbers [*sizes]."""
-    return Unbounded(torch.Size(sizes))
+    return Unbounded(torch.Size(sizes), dtype=torch.float32)
 
 
 def measured_velocity(tensordict: TensorDictBase) -> Tensor:

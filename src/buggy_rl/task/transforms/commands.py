@@ -31,14 +31,16 @@ class CommandFilter(TaskTransform):
         super().__init__()
         self.rest = rest
         self.writes = {self.memory: unbounded_spec(2)}
+        self.remembers = (self.memory,)
 
     @abstractmethod
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
         """f, of tensors [*, 2]."""
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        asked = tensordict.get(keys.ACTION).clamp(-1.0, 1.0)
-        action = self._filtered(tensordict.get(self.memory), asked)
+        previous = tensordict.get(self.memory)
+        asked = tensordict.get(keys.ACTION).to(previous.dtype).clamp(-1.0, 1.0)
+        action = self._filtered(previous, asked)
         # Not under the memory's own key: rewards still compare with the step before.
         tensordict.set(self.memory + GIVEN, action)
         return tensordict.set(keys.ACTION, action)
@@ -108,7 +110,9 @@ class RateLimit(CommandFilter):
         for name, value in (("throttle", throttle), ("steering", steering)):
             if not value > 0:
                 raise ValueError(f"rate_limit: {name} is {value} a second: must be above 0")
-        self.largest = nn.Buffer(torch.tensor([throttle * dt, steering * dt]), persistent=False)
+        self.largest = nn.Buffer(
+            torch.tensor([throttle * dt, steering * dt], dtype=torch.float32), persistent=False
+        )
 
     def _filtered(self, previous: Tensor, asked: Tensor) -> Tensor:
         return previous + (asked - previous).clamp(-self.largest, self.largest)

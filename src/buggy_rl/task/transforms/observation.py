@@ -39,6 +39,7 @@ class ObservationNoise(RandomTransform):
     """
 
     before: tuple[str, ...] = (keys.OBSERVATION, keys.WAYPOINTS, keys.VELOCITY_ROWS)
+    remembers: tuple[str, ...] = (keys.NOISE_STATE,)
 
     def __init__(
         self,
@@ -52,7 +53,8 @@ class ObservationNoise(RandomTransform):
         for name, value in given.items():
             if value < 0:
                 raise ValueError(f"observation_noise: {name} is {value}: must not be negative")
-        deviation = torch.tensor([position, position, yaw, velocity, velocity, yaw_rate])
+        row = [position, position, yaw, velocity, velocity, yaw_rate]
+        deviation = torch.tensor(row, dtype=torch.float32)
         self.deviation = nn.Buffer(deviation, persistent=False)
         self.pairs = nn.Buffer(torch.arange(PAIRS), persistent=False)
         measured = {
@@ -66,7 +68,9 @@ class ObservationNoise(RandomTransform):
     ) -> TensorDictBase:
         pose = tensordict_reset.get(keys.POSE)
         shape = (*pose.shape[:-1], 1)
-        state = torch.randint(2**62, shape, generator=self.generator, device=pose.device)
+        state = tensordict.get(keys.NOISE_STATE, None)
+        if state is None:
+            state = torch.randint(2**62, shape, generator=self.generator, device=pose.device)
         return self._write(tensordict_reset, state)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -90,8 +94,8 @@ def normal(counter: Tensor) -> Tensor:
     bits = (bits ^ _shifted(bits, 27)) * -0x6B2FB644ECCEEE15
     bits = bits ^ _shifted(bits, 31)
     size = 2**24  # resolution of a float32 in [0, 1)
-    radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)) + 0.5) / size))
-    angle = (_shifted(bits, 40) & (size - 1)) * (2 * math.pi / size)
+    radius = torch.sqrt(-2 * torch.log(((bits & (size - 1)).float() + 0.5) / size))
+    angle = (_shifted(bits, 40) & (size - 1)).float() * (2 * math.pi / size)
     return torch.cat([radius * torch.cos(angle), radius * torch.sin(angle)], -1)
 
 
@@ -111,6 +115,7 @@ class PastMean(TaskTransform):
     """
 
     before: tuple[str, ...] = (keys.OBSERVATION,)
+    remembers: tuple[str, ...] = (keys.VELOCITY_ROWS,)
 
     def __init__(self, width: int = 5) -> None:
         super().__init__()
@@ -124,7 +129,10 @@ class PastMean(TaskTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         velocity = measured_velocity(tensordict_reset)
-        rows = velocity.new_zeros((*velocity.shape[:-1], self.width, 4))
+        rows = tensordict.get(keys.VELOCITY_ROWS, None)
+        if rows is None:
+            rows = velocity.new_zeros((*velocity.shape[:-1], self.width, 4))
+        rows = rows.roll(1, -2)  # its last row is the present one
         return self._write(tensordict_reset, rows, velocity)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -211,6 +219,7 @@ class History(TaskTransform):
     """
 
     reads: tuple[str, ...] = (keys.OBSERVATION,)
+    remembers: tuple[str, ...] = (keys.OBSERVATION_ROWS,)
 
     def __init__(self, rows: int = 4) -> None:
         super().__init__()
@@ -222,7 +231,9 @@ class History(TaskTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         row = tensordict_reset.get(keys.OBSERVATION).unsqueeze(-2)
-        return self._write(tensordict_reset, row.repeat_interleave(self.rows, -2))
+        rows = tensordict.get(keys.OBSERVATION_ROWS, None)
+        rows = row.repeat_interleave(self.rows, -2) if rows is None else rows
+        return self._write(tensordict_reset, torch.cat([rows[..., :-1, :], row], -2))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         row = next_tensordict.get(keys.OBSERVATION).unsqueeze(-2)
@@ -240,3 +251,12 @@ class History(TaskTransform):
         observation_spec[keys.OBSERVATION_ROWS] = batched(rows, observation_spec)
         observation_spec[keys.OBSERVATION] = batched(flat, observation_spec)
         return observation_spec
+
+    def transform_state_spec(self, state_spec: Composite) -> Composite:
+        before = self.parent
+        assert before is not None
+        observed = before.full_observation_spec.get(keys.OBSERVATION, None)
+        if observed is not None:  # else `transform_observation_spec` says so
+            rows = batched(unbounded_spec(self.rows, observed.shape[-1]), state_spec)
+            state_spec[keys.OBSERVATION_ROWS] = rows
+        return state_spec

@@ -140,6 +140,24 @@ class LeavePath(TaskTransform):
         return next_tensordict
 
 
+class Endings(TaskTransform):
+    """done = terminated or truncated, of what a simulator of one's own says of them.
+
+    Nearest to the engine. An episode that is done for no reason counts as terminated.
+    """
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return tensordict_reset
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        done, failed = (next_tensordict.get(key) for key in (keys.DONE, keys.TERMINATED))
+        over = failed | next_tensordict.get(keys.TRUNCATED, torch.zeros_like(failed))
+        next_tensordict.set(keys.TERMINATED, failed | (done & ~over))
+        return next_tensordict.set(keys.DONE, done | over)
+
+
 class PathEnd(TaskTransform):
     """truncated if completed. Not terminated: the car could have gone on, the path could not."""
 
@@ -154,7 +172,9 @@ class PathEnd(TaskTransform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         completed = next_tensordict.get(keys.COMPLETED)
-        next_tensordict.set(keys.TRUNCATED, completed)
+        truncated = next_tensordict.get(keys.TRUNCATED, None)  # by the simulator itself
+        truncated = completed if truncated is None else truncated | completed
+        next_tensordict.set(keys.TRUNCATED, truncated)
         return next_tensordict.set(keys.DONE, next_tensordict.get(keys.DONE) | completed)
 
     def transform_done_spec(self, done_spec: Composite) -> Composite:

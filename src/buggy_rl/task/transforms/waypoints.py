@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.data import Binary, Composite
+from torchrl.data import Binary
 
 from buggy_rl.core import keys
 from buggy_rl.core.vehicle import wrap_angle
@@ -14,7 +14,6 @@ from buggy_rl.task.paths.path_set import PathSet
 from buggy_rl.task.transforms.base import (
     COUNT,
     RandomTransform,
-    batched,
     measured_pose,
     unbounded_spec,
 )
@@ -52,6 +51,7 @@ class Waypoints(RandomTransform):
     """
 
     before: tuple[str, ...] = (keys.OBSERVATION,)
+    remembers: tuple[str, ...] = (keys.PATH, keys.NEXT_WAYPOINT)
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class Waypoints(RandomTransform):
             assert parent is not None
             tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
         if tensordict.get(keys.PATH, None) is None:
-            tensordict.set(keys.PATH, self._chosen(tensordict.batch_size))
+            tensordict.set(keys.PATH, self._chosen(tensordict))
         if tensordict.get(keys.POSE, None) is None:
             tensordict.set(keys.POSE, self._set_down(tensordict.get(keys.PATH)))
         return tensordict
@@ -136,19 +136,24 @@ class Waypoints(RandomTransform):
         start = self.start[path.squeeze(-1)]
         if not (self.start_lateral or self.start_heading):
             return start
-        drawn = torch.rand(2, *path.shape, generator=self.generator, device=start.device)
+        kind = {"dtype": start.dtype, "device": start.device}
+        drawn = torch.rand(2, *path.shape, generator=self.generator, **kind)
         beside, turn = (2 * drawn - 1).unbind(0)
         x, y, yaw = start.split(1, -1)
         beside = self.start_lateral * beside
         moved = [x - beside * torch.sin(yaw), y + beside * torch.cos(yaw)]
         return torch.cat([*moved, yaw + self.start_heading * turn], -1)
 
-    def _chosen(self, shape: torch.Size) -> Tensor:
-        """Paths [*shape, 1] to begin with."""
+    def _chosen(self, tensordict: TensorDictBase) -> Tensor:
+        """Paths [*, 1] to begin with."""
+        shape = tensordict.batch_size
         count, device = len(self.paths), self.lines.device
         if self.order == "random":
             return torch.randint(count, (*shape, 1), generator=self.generator, device=device)
-        return torch.arange(shape.numel(), device=device).reshape(*shape, 1) % count
+        own = tensordict.get(keys.ENVIRONMENT, None)
+        if own is None:
+            own = torch.arange(shape.numel(), device=device).reshape(*shape, 1)
+        return own % count
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -156,12 +161,21 @@ class Waypoints(RandomTransform):
         path = tensordict.get(keys.PATH)
         begin = tensordict.get(keys.NEXT_WAYPOINT, None)
         begin = torch.ones_like(path) if begin is None else begin
+        self._refuse_ignored(tensordict.get(keys.POSE), tensordict_reset.get(keys.POSE))
         return self._write(tensordict_reset, path, begin, torch.zeros_like(begin))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         path, following = tensordict.get(keys.PATH), tensordict.get(keys.NEXT_WAYPOINT)
         closed = self._closed(next_tensordict.get(keys.POSE), path, following)
         return self._write(next_tensordict, path, following + closed, closed)
+
+    def _refuse_ignored(self, asked: Tensor, found: Tensor) -> None:
+        if not found.any() and asked.any():
+            raise ValueError(
+                "waypoints: a reset ignored the pose that it was given, and put the cars at the "
+                "origin: begin at `pose` in the simulator's _reset, and put transforms over it by "
+                "make_env or StackedEnv"
+            )
 
     def _row(self, path: Tensor, waypoint: Tensor) -> Tensor:
         """Place of a waypoint in the tables, same shape."""
@@ -192,14 +206,18 @@ class Waypoints(RandomTransform):
         short = -(dx * along_x + dy * along_y)
         within = torch.minimum(short.clamp_min(0.0), length)
         beside = along_x * dy - along_y * dx
-        distance = torch.hypot(short - within, beside)
+        off = short - within
+        ends = off != 0
+        # Beside the piece itself the distance is |beside|, where hypot(0, 0) has no gradient.
+        distance = torch.hypot(torch.where(ends, off, 1.0), beside)
+        lateral = torch.where(ends, torch.copysign(distance, beside), beside)
         laps = following // self.modulus[path]
         td.set(keys.PATH, path)
         td.set(keys.NEXT_WAYPOINT, following)
         td.set(keys.WAYPOINTS, self._seen(measured_pose(td), row))
         td.set(keys.WAYPOINTS_CLOSED, closed.to(x.dtype))
         td.set(keys.PATH_POSITION, laps * self.lap[path] + position - within)
-        td.set(keys.LATERAL_ERROR, torch.copysign(distance, beside))
+        td.set(keys.LATERAL_ERROR, lateral)
         td.set(keys.HEADING_ERROR, wrap_angle(yaw - path_yaw))
         td.set(keys.COMPLETED, following >= self.last[path])
         return td
@@ -217,12 +235,6 @@ class Waypoints(RandomTransform):
         ahead = torch.addcmul(cos.unsqueeze(-1) * points, sin.unsqueeze(-1), turned)
         return ahead - own
 
-    def transform_state_spec(self, state_spec: Composite) -> Composite:
-        # What a reset may be asked for, beside the engine's pose and velocity.
-        for key in (keys.PATH, keys.NEXT_WAYPOINT):
-            state_spec[key] = batched(COUNT, state_spec)
-        return state_spec
-
 
 def _columns(table: Tensor, rows: Tensor) -> tuple[Tensor, ...]:
     """Columns `rows` [*] of a table [C, R], as C tensors [*]."""
@@ -238,6 +250,7 @@ class TargetSpeed(RandomTransform):
     """
 
     before: tuple[str, ...] = (keys.OBSERVATION,)
+    remembers: tuple[str, ...] = (keys.TARGET_SPEED,)
 
     def __init__(self, low: float = 1.0, high: float = 3.0) -> None:
         super().__init__()
@@ -249,7 +262,8 @@ class TargetSpeed(RandomTransform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = next_tensordict.get(keys.POSE)
         shape = (*pose.shape[:-1], 1)
-        share = torch.rand(shape, generator=self.generator, device=pose.device)
+        kind = {"dtype": torch.float32, "device": pose.device}
+        share = torch.rand(shape, generator=self.generator, **kind)
         return next_tensordict.set(keys.TARGET_SPEED, self.low + (self.high - self.low) * share)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:

@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
 from buggy_rl.core.car_file import load_car
-from buggy_rl.core.stepping import trajectory
+from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.policies.closed_loop import Driver
 from buggy_rl.policies.controllers.at_scale import for_car
@@ -78,7 +78,7 @@ def replayed(
 
     env = make(len(begins))
     begin = TensorDict({keys.POSE: pose[:, 0], keys.VELOCITY: velocity[:, 0]}, [len(begins)])
-    states = trajectory(env, env.reset(begin), act, index.shape[1])
+    states = trajectory(env, reset_at(env, begin), act, index.shape[1])
     driven = _stacked(states)[:, WARM_UP:]  # (N, horizon)
     flat = cast(TensorDict, cast(TensorDict, driven).reshape(-1)[:count])
     again = recording.dt * torch.arange(horizon, count, horizon).double().numpy()
