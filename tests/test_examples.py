@@ -1,5 +1,6 @@
 """The simulators in examples/, made by adapters of the package, are what contract 2 asks for."""
 
+import copy
 import pickle
 import re
 from pathlib import Path
@@ -87,6 +88,18 @@ def test_two_steps_are_equal_after_others_and_edits_are_honoured(factory):
     edited[keys.POSE] = edited[keys.POSE] + torch.tensor([2.0, -1.0, 0.0])
     moved = engine.step(edited)["next"][keys.POSE] - first[keys.POSE]
     torch.testing.assert_close(moved, torch.tensor([[2.0, -1.0, 0.0]] * 2), atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda engine: pickle.loads(pickle.dumps(engine))]
+)
+def test_a_copy_of_an_example_drives_to_the_same_bits(example, copied, repository, monkeypatch):
+    monkeypatch.syspath_prepend(str(repository))
+    engine = make_engine(f"examples.{example}:make", 2)
+    start = driven(engine, rolling(engine), 0.1, 0.3, 5)
+    one, other = (driven(car, start, 0.3, -0.4, 5) for car in (engine, copied(engine)))
+    assert all(torch.equal(one[key], value) for key, value in other.items())
 
 
 def test_an_effect_stands_over_an_example(factory):

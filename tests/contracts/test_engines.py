@@ -1,5 +1,7 @@
 """What every engine must prove, whatever moves the car in it."""
 
+import copy
+import pickle
 from contextlib import nullcontext
 from functools import partial
 from importlib.util import find_spec
@@ -209,6 +211,28 @@ def test_two_steps_from_one_tensordict_are_equal_and_leave_it_as_it_was(engine):
     engine.rollout(3)  # whatever happens in between
     second = engine.step(state.copy())["next"]
     assert all(same(engine, first[key], value) for key, value in second.items())
+
+
+def pickled(engine):
+    return pickle.loads(pickle.dumps(engine))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+def test_a_copy_goes_on_from_a_state_to_the_same_bits(name, copied):
+    declared = list(make(name).declared.values())[:2]
+    values = TensorDict({p.name: torch.linspace(p.value, p.upper, 4) for p in declared}, [4])
+    engine = make(name).with_parameters(values)
+    _, _, state = follow(engine, start(engine, velocity=(1.5, 0.1, 0.5)), manoeuvre(10))
+    other = copied(engine)
+    poses, velocities, _ = follow(engine, state, manoeuvre(10))
+    other_poses, other_velocities, last = follow(other, state, manoeuvre(10))
+    assert same(engine, other_poses, poses)
+    assert same(engine, other_velocities, velocities)
+    follow(other, other.reset(), manoeuvre(3))  # what a copy does is not felt by the first
+    again = follow(engine, state, manoeuvre(10))[2]
+    assert all(same(engine, again[key], last[key]) for key in engine.state_spec)
+    for key, value in engine.values.items():
+        assert torch.equal(other.values[key], value), key
 
 
 def test_cars_of_a_batch_do_not_feel_one_another(name):

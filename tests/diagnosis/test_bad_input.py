@@ -118,10 +118,10 @@ class Jittering(KinematicEngine):
 
 
 FAULTS = {
-    Mixing: "another command for one environment moved the others by",
+    Mixing: "another pose, velocity or command of one environment moved the others by",
     Frozen: "ignores the pose that reset was given",
     Stubborn: "does not honour an edited velocity: 1 more was",
-    Random: "two steps from one TensorDict differ in 'velocity' .*: it is stochastic, or",
+    Random: "two steps from one TensorDict differ in 'velocity' .*: it is stochastic, it draws",
     Undefined: r"returns NaN 0\.\d\d s after 1.5 m/s under throttle 1, steering 0",
     Exploding: "runs away|control period|honour",
     Crashing: "a step raised ZeroDivisionError: no current left$",

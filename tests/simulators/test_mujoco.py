@@ -1,6 +1,8 @@
 """The batched MuJoCo engine as a car: physics as properties, beside the contract of all engines."""
 
+import copy
 import math
+import pickle
 
 import pytest
 import torch
@@ -11,6 +13,7 @@ from buggy_rl.core import keys
 from buggy_rl.core.vehicle import GRAVITY, VehicleDimensions
 from buggy_rl.simulators.mujoco import MujocoEngine
 from buggy_rl.simulators.mujoco.engine import PHYSICS_STATE
+from buggy_rl.task.env import make_env
 from tests.simulators.steps import follow, start, step
 
 IDLE = {"rolling_resistance": 0.0, "viscous_drag": 0.0, "quadratic_drag": 0.0}
@@ -198,6 +201,18 @@ def test_two_steps_from_one_state_are_equal_to_the_last_bit(tyres):
     second = step(engine, state, (0.3, 0.7))
     for key in engine.state_spec:
         assert torch.equal(first[key], second[key]), key
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_a_task_over_it_drives_to_the_same_bits(copied):
+    env = make_env("mujoco", batch_size=2)
+    state, other = env.reset(), copied(env)
+    action = torch.tensor([[0.3, 0.7], [-0.2, -0.5]])
+    for _ in range(3):
+        one, two = (each.step(state.clone().set(keys.ACTION, action)) for each in (env, other))
+        assert (one == two).all()
+        state = one["next"]
+    assert other.base_env.nthread == env.base_env.nthread
 
 
 def test_the_number_of_threads_does_not_matter():

@@ -7,6 +7,7 @@ from torchrl.envs import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
 from buggy_rl.core import keys
+from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.mujoco import MujocoEngine
 from buggy_rl.simulators.mujoco.task import DriveTask, make_environment
 
@@ -60,6 +61,12 @@ def test_episodes_start_where_the_task_says_and_end_at_the_time_limit():
     assert observation[keys.VELOCITY] == pytest.approx([1.5, 0.0, 0.0])
     ends = [environment.step([0.0, 0.0]).last() for _ in range(5)]
     assert ends == [False, False, False, False, True]
+
+
+def test_as_a_simulator_it_is_refused_and_the_engine_named():
+    words = "remembers what is not in the TensorDict; .* take the engine 'mujoco'"
+    with pytest.raises(ValueError, match=words):
+        make_engine(lambda batch_size, device: DMControlWrapper(make_environment()), 4)
 
 
 def test_the_model_is_read_through_dm_control_physics():

@@ -71,7 +71,7 @@ def make_engine(
         simulator: A name in `ENGINES`; a `.yaml` file with `engine`, `parameters` and `options`;
             a learned model's `.pt` file; or a user's own as `path/to/file.py:factory`,
             `package.module:factory` or the factory itself, with `factory(batch_size, device) ->
-            EnvBase`.
+            EnvBase`, which is stepped a few times to see that it keeps no state (`contract`).
         batch_size: Number of environments or a shape.
         device: Where the state lives.
         parameters: Physical parameters that differ from the engine's own.
@@ -79,7 +79,8 @@ def make_engine(
             the arguments and parameters that make the engine that car.
 
     Raises:
-        ValueError: The name is unknown; the message lists the known ones.
+        ValueError: The name is unknown; the message lists the known ones. Or a user's own
+            simulator is none, or a step of it depends on more than its TensorDict.
     """
     if callable(simulator):
         return _users_own(simulator, batch_size, device, parameters, options)
@@ -123,13 +124,22 @@ def as_car(engine: str, car: str) -> dict[str, dict[str, Any]]:
 
 
 def _users_own(simulator: str | Factory, batch_size, device, parameters, options) -> Any:
-    """A simulator from outside this package: the contract gives it two arguments, no more."""
+    """A simulator from outside this package, whose steps have been tried out."""
+    from buggy_rl.simulators.contract import refuse_stateful
+
     name = simulator_name(simulator)
+    engine = _made(name, simulator, batch_size, device, options)
+    if parameters:
+        engine = _with_parameters(name, engine, parameters)
+    refuse_stateful(engine, name)
+    return engine
+
+
+def _made(name: str, simulator: str | Factory, batch_size, device, options) -> Any:
+    """What a user's factory makes: the contract gives it two arguments, no more."""
     ranges = options.pop("ranges", {})
     if options:
         raise ValueError(f"{name}: a factory takes no options, got {sorted(options)}")
-    import torch
-    from tensordict import TensorDict
     from torchrl.envs import EnvBase
 
     from buggy_rl.simulators.serial import in_batch, in_single_precision
@@ -150,8 +160,13 @@ def _users_own(simulator: str | Factory, batch_size, device, parameters, options
     engine = in_single_precision(in_batch(made, batch_size))
     if ranges:
         engine.declared = _with_ranges(name, engine, ranges)
-    if not parameters:
-        return engine
+    return engine
+
+
+def _with_parameters(name: str, engine: Any, parameters: Mapping[str, float]) -> Any:
+    import torch
+    from tensordict import TensorDict
+
     with_parameters = getattr(engine, "with_parameters", None)
     if not callable(with_parameters):
         raise ValueError(f"{name} takes no parameters (it has no with_parameters)")

@@ -12,8 +12,20 @@ from torchrl.envs import EnvBase, TransformedEnv
 
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import command_of, declared_by
-from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD, rotate
+from buggy_rl.simulators.contract import (
+    MIXED,
+    OTHER,
+    SIZES,
+    SPEED,
+    check_shape,
+    check_step,
+    gentle,
+    reset,
+    rolling,
+    step,
+    words,
+)
 
 OFF = 0.2  # [-] of the way driven, beyond which a reading of the axes is wrong,
 RIGHT = 0.05  # and within which it is right
@@ -65,22 +77,15 @@ def _left(way: Tensor, expected: Tensor) -> float:
     return float(((way - expected).square().sum(-1).mean() / driven).sqrt())
 
 
-SIZES = {keys.POSE: 3, keys.VELOCITY: 3, keys.ACTION: 2}
 CARS = 5  # that are tried out: one for each of these commands, full drive to both sides included
 # Drive and steering: half, full and none, which with brakes is full brake; both locks.
 DRIVES = ((0.5, 0.0), (1.0, 0.0), (0.0, 0.0), (0.5, 1.0), (0.5, -1.0))
 BACKWARD = 2  # of them
-OTHER = (0.8, 0.5)  # [-] trial command in place of the first, to see whether others move
-GENTLE = 0.25  # [-] drive that keeps a car rolling
 TRIAL = 1.0  # [s] of the trial commands
-SPEED = 1.5  # [m/s] at which they are set down
 ASKEW = 1.0  # [rad] heading at which axes are told apart
 SETTLING = 10  # [steps] in which a car that was set down sideways comes to roll
 FASTEST = 50.0  # [m/s] or [rad/s] that no car of this size comes near
-EDIT = 0.5  # share of an edit that must be felt
 TOGETHER = 30  # [steps] after which a command has acted, late ones too
-SAME = 1e-5  # [m, rad, m/s, rad/s] by which equal steps may differ: a GPU adds in changing order
-MIXED = 1e-4  # [m/s, rad/s] by which environments of a batch may differ; a batch's rounding
 SMALL = 1e-3  # [m/s] edits of vx; within a few of them the next one is a straight line of it
 COARSE = 2e-4  # [m/s] distance from that line that is worth a word; float32 at 5 m/s has 5e-7
 PERIOD = 0.2  # share by which a control period may seem off: a car also speeds up in it
@@ -104,7 +109,7 @@ def check_simulator(
     """
     env = _built(make, name, dt)
     state = _set_down(env, name)
-    _check_step(env, name, state, dt)
+    _check_period(name, (state, check_step(env, name, state)), dt)
     check_axes(env, name, dt)
     return [*_odd(make, env, name, state), *_check_commands(env, name, state, dt)]
 
@@ -125,7 +130,7 @@ def blaming(name: str) -> Iterator[None]:
             if own and frame.f_code.co_name in ("_step", "_reset"):
                 raise ValueError(
                     f"simulator {name}: {frame.f_code.co_name.strip('_')} raised "
-                    f"{_words(error)}; run it alone with the same commands to find out why"
+                    f"{words(error)}; run it alone with the same commands to find out why"
                 ) from error
         raise
 
@@ -139,23 +144,14 @@ def _commands(env: EnvBase) -> Tensor:
     return action
 
 
-def _gentle(env: EnvBase) -> Tensor:
-    """A little drive [B, 2], wheels straight."""
-    gentle = torch.tensor([command_of(GENTLE, declared_by(env).rest), 0.0], device=env.device)
-    return gentle.expand(*env.batch_size, 2)
-
-
-def _words(error: BaseException) -> str:
-    line = (str(error).splitlines() or [""])[0]
-    return f"{type(error).__name__}: {line}" if line else type(error).__name__
-
-
 def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
     try:
         env = make(CARS)
     except Exception as error:
+        if str(error).startswith(f"simulator {name}"):  # `make_engine` tried it out, and says so
+            raise
         raise ValueError(
-            f"simulator {name} cannot be built for {CARS} cars: {_words(error)}"
+            f"simulator {name} cannot be built for {CARS} cars: {words(error)}"
         ) from error
     if not isinstance(env, EnvBase):
         raise ValueError(
@@ -177,10 +173,10 @@ def _built(make: Callable[[int], EnvBase], name: str, period: float) -> EnvBase:
 
 def _set_down(env: EnvBase, name: str) -> TensorDictBase:
     """Cars as a reset with pose and velocity leaves them."""
-    given = _rolling(env, (2.0, -1.0, 0.0))  # heading along x
-    state = _reset(env, name, given)
+    given = rolling(env, (2.0, -1.0, 0.0))  # heading along x
+    state = reset(env, name, given)
     for key in (keys.POSE, keys.VELOCITY):
-        _check_shape(state.get(key, None), key, name, "reset")
+        check_shape(env, state.get(key, None), key, name, "reset")
         off = (state[key] - given[key]).abs().max()
         if not float(off) < 1e-3:
             raise ValueError(
@@ -196,51 +192,16 @@ def _set_down(env: EnvBase, name: str) -> TensorDictBase:
     return state
 
 
-def _rolling(env: EnvBase, pose: tuple[float, float, float]) -> TensorDict:
-    """Pose and velocity [CARS, 3] of cars that all roll at `SPEED`, on the simulator's device."""
-    rows = torch.tensor([pose, (SPEED, 0.0, 0.0)], device=env.device)
-    poses, velocities = rows.unsqueeze(1).repeat(1, CARS, 1)
-    return TensorDict({keys.POSE: poses, keys.VELOCITY: velocities}, [CARS], device=env.device)
-
-
-def _check_shape(value: Tensor | None, key: str, name: str, source: str) -> None:
-    expected = [CARS, SIZES[key]]
-    if value is None:
-        raise ValueError(f"simulator {name}: {source} gives no {key!r}; it must give {expected}")
-    if list(value.shape) != expected:
-        raise ValueError(
-            f"simulator {name}: {source} gives {key!r} of shape {list(value.shape)}, expected "
-            f"{expected}"
-        )
-
-
-def _check_step(env: EnvBase, name: str, state: TensorDictBase, dt: float) -> None:
-    """Two steps from one state, and steps from edited ones."""
-    gentle = _gentle(env)
-    one, two = _step(env, name, state, gentle), _step(env, name, state, gentle)
-    for key in (keys.POSE, keys.VELOCITY):
-        _check_shape(one.get(key, None), key, name, "a step")
-        apart = float((one[key].nan_to_num() - two[key].nan_to_num()).abs().max())
-        if apart > SAME:
-            raise ValueError(
-                f"simulator {name}: two steps from one TensorDict differ in {key!r} by "
-                f"{apart:.3g}: it is stochastic, or remembers what is not in the TensorDict; "
-                "switch noise off, keep its whole state there"
-            )
-    _check_edit(env, name, one, gentle)
-    _check_period(name, (state, one), dt)
-
-
 def check_axes(env: EnvBase, name: str, dt: float) -> None:
     """What a simulator's own steps tell of its axes: pose against velocity, in a bend.
 
     Raises:
         ValueError: Its heading is in degrees, or its velocity is the world's.
     """
-    given = _rolling(env, (0.0, 0.0, ASKEW))
-    states, action = [_reset(env, name, given)], _commands(env)
+    given = rolling(env, (0.0, 0.0, ASKEW))
+    states, action = [reset(env, name, given)], _commands(env)
     for _ in range(TOGETHER):
-        states.append(_step(env, name, states[-1], action))
+        states.append(step(env, name, states[-1], action))
     poses, velocities = (
         torch.stack([state[key] for state in states[SETTLING:]], 1).double()
         for key in (keys.POSE, keys.VELOCITY)
@@ -273,27 +234,12 @@ def _resolution(make: Callable[[int], EnvBase], name: str, state: TensorDictBase
     edits = SMALL * torch.arange(-10.0, 11.0, device=state[keys.VELOCITY].device)
     env = make(len(edits))
     motion = {key: state[key][:1].expand(len(edits), 3) for key in (keys.POSE, keys.VELOCITY)}
-    edited = _reset(env, name, TensorDict(motion, [len(edits)]))
+    edited = reset(env, name, TensorDict(motion, [len(edits)]))
     edited[keys.VELOCITY] = edited[keys.VELOCITY] + edits.unsqueeze(-1) * _axis(0, edits)
-    after = _step(env, name, edited, _gentle(env))[keys.VELOCITY][:, 0].double()
+    after = step(env, name, edited, gentle(env))[keys.VELOCITY][:, 0].double()
     felt, line = after - after.mean(), edits.double()
     rest = felt - line * (line @ felt) / line.square().sum()
     return float(rest.nan_to_num().abs().max())
-
-
-def _check_edit(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> None:
-    following = _step(env, name, state, action)
-    for key, channel, size in ((keys.VELOCITY, 0, 1.0), (keys.POSE, 0, 5.0)):
-        edited = state.clone()
-        edited[key] = state[key] + size * _axis(channel, state[key])
-        felt = _step(env, name, edited, action)[key] - following[key]
-        share = float(felt[:, channel].min()) / size
-        if share < EDIT:
-            raise ValueError(
-                f"simulator {name} does not honour an edited {key}: {size:g} more was "
-                f"{size * share:.2g} more after one step; begin each step with the {key} it is "
-                "given"
-            )
 
 
 def _axis(channel: int, beside: Tensor) -> Tensor:
@@ -323,7 +269,7 @@ def _check_commands(env: EnvBase, name: str, state: TensorDictBase, dt: float) -
     action, start, early = _commands(env), state, state[keys.VELOCITY]
     rows = round(TRIAL / dt)
     for row in range(rows):
-        state = _step(env, name, state, action)
+        state = step(env, name, state, action)
         early = state[keys.VELOCITY] if row < TOGETHER else early
         rate = state[keys.VELOCITY]
         fine = (rate.abs() < FASTEST).all(-1) & torch.isfinite(state[keys.POSE]).all(-1)
@@ -363,30 +309,10 @@ def _check_apart(env: EnvBase, name: str, state: TensorDictBase, early: Tensor, 
     action = _commands(env)
     action[0] = torch.tensor(OTHER)
     for _ in range(rows):
-        state = _step(env, name, state, action)
+        state = step(env, name, state, action)
     mixed = float((state[keys.VELOCITY] - early)[1:].nan_to_num().abs().max())
     if mixed > MIXED:
         raise ValueError(
             f"simulator {name}: another command for one environment moved the others by "
             f"{mixed:.2g}; step every environment of a batch by itself"
         )
-
-
-def _reset(env: EnvBase, name: str, given: TensorDictBase) -> TensorDictBase:
-    try:
-        return reset_at(env, given.clone())
-    except Exception as error:
-        raise ValueError(
-            f"simulator {name}: a reset with pose and velocity raised {_words(error)}"
-        ) from error
-
-
-def _step(env: EnvBase, name: str, state: TensorDictBase, action: Tensor) -> TensorDictBase:
-    def act(_: int, now: TensorDictBase) -> TensorDictBase:
-        return now.set(keys.ACTION, action.clone())
-
-    try:
-        _, after = trajectory(env, state.clone(), act, 1)
-        return after
-    except Exception as error:
-        raise ValueError(f"simulator {name}: a step raised {_words(error)}") from error

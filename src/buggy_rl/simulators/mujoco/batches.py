@@ -95,6 +95,7 @@ class CpuCars:
     def __init__(
         self, model: mujoco.MjModel, count: int, fields: Mapping[str, NDArray], nthread: int = 1
     ) -> None:
+        self._made = (model, count, fields, nthread)
         self._batch = Batch(model, count, nthread)
         for name, field in fields.items():
             self._batch.expand(name)[:] = field
@@ -102,6 +103,10 @@ class CpuCars:
         self.qpos, self.qvel = self._batch.qpos, self._batch.qvel
         self.ctrl, self.act = self._batch.ctrl, self._batch.act
         self.xfrc_applied, self.qfrc_applied = self._batch.xfrc_applied, self._batch.qfrc_applied
+
+    def __reduce__(self) -> tuple[type, tuple]:
+        """How a copy is built: cars hold no state between control periods."""
+        return CpuCars, self._made
 
     def array(self, tensor: Tensor) -> NDArray:
         return tensor.detach().to("cpu", torch.float64).numpy()

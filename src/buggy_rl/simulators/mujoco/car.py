@@ -8,7 +8,7 @@ level at rest whatever its mass. Both front wheels steer by the same angle (no A
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo's compiled module has no type stubs.
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -59,6 +59,8 @@ class CompiledCar:
     """[4] degree of freedom of each wheel's spin; its qpos index is one higher."""
     steer: np.ndarray
     """[2] degree of freedom of each front wheel's steering; its qpos index is one higher."""
+    visual: bool
+    """Whether it has visual geoms."""
     drive: Drive
     """Driven wheels."""
     parked: np.ndarray
@@ -71,6 +73,10 @@ class CompiledCar:
         places = {n: array_like(getattr(self, n), like) for n in ("hub_x", "hub_y", "parked")}
         indices = {n: indices_like(getattr(self, n), like) for n in ("slide", "spin", "steer")}
         return replace(self, **places, **indices)
+
+    def __reduce__(self) -> tuple[Callable[..., "CompiledCar"], tuple]:
+        """How a copy is made: dm_control's elements can be pickled and not be read again."""
+        return make_car, (self.dimensions, self.tyres, self.timestep, self.visual, self.drive)
 
     @property
     def timestep(self) -> float:
@@ -123,6 +129,7 @@ def make_car(
         chassis=model.body("chassis").id,
         wheel_bodies=np.array([model.body(wheel).id for wheel in WHEELS]),
         **dof,
+        visual=visual,
         drive=drive,
         parked=_parked(model),
     )

@@ -37,6 +37,7 @@ from buggy_rl.simulators.mujoco.placement import park, place, seen_pose, seen_ve
 PHYSICS_STATE = "physics_state"
 COMMANDS = "commands"
 ACTUATORS = "actuators"
+PREPARED = ("_cars", "_actuators", "_forces")  # attributes that follow from parameter values
 
 # Substeps of a control period: the fewest of which twice as many change 1 s paths by less than 1 %
 # of their length. Explicit, worst of 1534 random drives over the full range of throttle and
@@ -125,6 +126,15 @@ class MujocoEngine(RowsEngine):
         self._forces = Forces(self.car, values, self.command)
 
     _parameters_changed = _prepare
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what `_prepare` builds: MuJoCo's batch can be neither copied nor pickled."""
+        state = super().__getstate__()
+        return {name: value for name, value in state.items() if name not in PREPARED}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._prepare()
 
     @property
     def realises(self) -> Realisations:

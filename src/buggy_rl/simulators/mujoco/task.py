@@ -3,6 +3,9 @@
 Model, actuators and forces are those of the batched engine, behind dm_control `Physics`:
 
     DMControlWrapper(make_environment())
+
+Its state is in the physics and not in a TensorDict, so it is no simulator of this package:
+`make_engine` refuses it, and its engine `mujoco` is the car to the last bit.
 """
 
 # pyright: reportAttributeAccessIssue=false
