@@ -72,7 +72,7 @@ def contentless(monkeypatch: pytest.MonkeyPatch):
     Meta tensors have a device but no content: what runs on them runs on a GPU as well.
     """
     monkeypatch.setattr(
-        base, "Bounded", lambda _low, _high, shape, device: Unbounded(shape, device=device)
+        base, "Bounded", lambda _low, _high, shape, **kind: Unbounded(shape, **kind)
     )
     monkeypatch.setattr(waypoints, "COUNT", Unbounded(torch.Size([1]), dtype=torch.int64))
     monkeypatch.setattr(reference, "refuse_of_another_command", lambda *_: None)
@@ -222,7 +222,8 @@ def test_cars_with_drawn_parameters_are_where_they_are_asked_for(monkeypatch):
 
 @pytest.mark.usefixtures("contentless", "read_as_zeros")
 def test_gymnasium_is_given_arrays_of_an_environment_on_another_device(monkeypatch):
-    monkeypatch.setattr(TaskEnv, "set_seed", lambda *_: None)  # meta has no generator
+    monkeypatch.setattr(TaskEnv, "set_seed", lambda *_: None)  # meta has no generator,
+    monkeypatch.setattr("torch.fx.experimental._config.meta_nonzero_assume_all_nonzero", True)
     envs = WaypointsVectorEnv(4, "kinematic", paths=PATHS, device="meta")
     envs.reset(options={"path": [0, 1, 2, 3]})
     observation, rewards, *_ = envs.step(np.zeros((4, 2), np.float32))

@@ -60,7 +60,7 @@ class ResettableEnv(EnvBase):
         set_state: bool | None = None,
         **kwargs: Any,
     ) -> TensorDictBase:
-        """As TorchRL's, which merges whole batches; here some rows are put into the others."""
+        """Resets as TorchRL does, but puts the rows that are reset into the batch as it is."""
         return super().reset(tensordict, set_state=set_state, alone=True, **kwargs)
 
     def _reset(

@@ -128,8 +128,8 @@ class MujocoEngine(RowsEngine):
     _parameters_changed = _prepare
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what `_prepare` builds: MuJoCo's batch can be neither copied nor pickled."""
-        state = super().__getstate__()
+        """State without what `_prepare` builds: a batch of MuJoCo is neither copied nor pickled."""
+        state: Any = super().__getstate__()
         return {name: value for name, value in state.items() if name not in PREPARED}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
