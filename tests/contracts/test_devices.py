@@ -55,7 +55,7 @@ def contentless(monkeypatch: pytest.MonkeyPatch):
     Meta tensors have a device but no content: what runs on them runs on a GPU as well.
     """
     monkeypatch.setattr(
-        base, "Bounded", lambda _low, _high, shape, device: Unbounded(shape, device=device)
+        base, "Bounded", lambda _low, _high, shape, **kind: Unbounded(shape, **kind)
     )
     monkeypatch.setattr(waypoints, "COUNT", Unbounded(torch.Size([1]), dtype=torch.int64))
     monkeypatch.setattr(reference, "refuse_of_another_command", lambda *_: None)
