@@ -228,6 +228,8 @@ class MujocoPlant(MujocoEngine):
         ValueError: A value is outside its range.
     """
 
+    _prepared = (*MujocoEngine._prepared, "_faulty", "_mechanics")
+
     def __init__(
         self, *args: Any, faults: Mapping[str, Mapping[str, float]] | None = None, **options: Any
     ) -> None:
