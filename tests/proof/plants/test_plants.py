@@ -3,6 +3,7 @@
 import ast
 import builtins
 import copy
+import pickle
 from pathlib import Path
 
 import pytest
@@ -246,3 +247,11 @@ def test_the_room_driver_keeps_a_plant_inside_and_on_course(plant):
 def test_a_warmed_state_fits_a_faulty_car():
     state = warmed("mujoco", (5, 0.2, 0.3))
     assert set(state.keys()) >= set(faulty("mujoco", "wind", force_x=0.2).observation_spec.keys())
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda car: pickle.loads(pickle.dumps(car))])
+def test_a_copy_of_a_mujoco_plant_stands_on_the_same_slope(copied):
+    plant = faulty("mujoco", "floor_slope", along_x=0.4, along_y=0.1)
+    one, other = (drive(car, *WILD, **THERE) for car in (plant, copied(plant)))
+    assert torch.equal(one, other)
+    assert not torch.equal(one, drive(sound("mujoco"), *WILD, **THERE))

@@ -229,6 +229,7 @@ class MujocoPlant(MujocoEngine):
     """
 
     resets_alone = False
+    _prepared = (*MujocoEngine._prepared, "_faulty", "_mechanics")
 
     def __init__(
         self, *args: Any, faults: Mapping[str, Mapping[str, float]] | None = None, **options: Any

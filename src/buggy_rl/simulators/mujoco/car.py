@@ -29,7 +29,7 @@ from buggy_rl.simulators.mujoco.weights import (
 )
 
 Tyres = Literal["explicit", "contact"]
-"""`explicit`: frictionless wheels and a slip-angle law; `contact`: MuJoCo's own friction."""
+"""`explicit`: forces of floor and tyres by laws of this package; `contact`: MuJoCo's own."""
 
 # Contact penetration is 0.1 mm under the sprung car; 1 mm with MuJoCo's default of 0.9.
 CONTACT_IMPEDANCE = (0.99, 0.99, 0.001)  # [-], [-], [m] solimp
@@ -131,7 +131,7 @@ def make_car(
         **dof,
         visual=visual,
         drive=drive,
-        parked=_parked(model),
+        parked=model.qpos0.copy() if tyres == "explicit" else _parked(model),
     )
 
 
@@ -231,10 +231,12 @@ def _add_wheel(
         mass=weights.wheel_mass,
         diaginertia=[weights.tilt_inertia, weights.spin_inertia, weights.tilt_inertia],
     )
-    _add_tyre(body, wheel, dimensions, tyres)
+    if tyres == "contact":
+        _add_tyre(body, wheel, dimensions)
+    add_rim(body, dimensions)
 
 
-def _add_tyre(body, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> None:
+def _add_tyre(body, wheel: str, dimensions: VehicleDimensions) -> None:
     # A sphere has one contact point with a plane, under the hub at every steering and roll angle.
     body.add(
         "geom",
@@ -242,15 +244,14 @@ def _add_tyre(body, wheel: str, dimensions: VehicleDimensions, tyres: Tyres) -> 
         type="sphere",
         size=[dimensions.wheel_radius],
         mass=0,
-        condim=1 if tyres == "explicit" else 3,
         priority=1,  # its friction applies, not the floor's
         solimp=CONTACT_IMPEDANCE,
         rgba=[0, 0, 0, 0],
     )
-    add_rim(body, dimensions)
 
 
 def _parked(model: mujoco.MjModel) -> np.ndarray:
+    """Coordinates of a car that has settled on its contacts."""
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(SETTLING_TIME / model.opt.timestep))
     parked = data.qpos.copy()
@@ -280,7 +281,7 @@ def add_shell(chassis, dimensions: VehicleDimensions) -> None:
 
 
 def add_scenery(root) -> None:
-    """Floor and light; only the floor and the tyres have contact."""
+    """Floor and light; only the floor and contact tyres have contact."""
     root.asset.add(
         "texture",
         name="tiles",

@@ -20,6 +20,7 @@ from buggy_rl.core.vehicle import GRAVITY
 from buggy_rl.simulators.mujoco.actuators import SHARES, STOPS, Drivetrain
 from buggy_rl.simulators.mujoco.arrays import Array, array_like, stacked
 from buggy_rl.simulators.mujoco.car import CompiledCar
+from buggy_rl.simulators.mujoco.floor import Floor
 from buggy_rl.simulators.mujoco.weights import Weights, spring_reference
 
 SLIP_STIFFNESS = 12.0  # [-] longitudinal force over load and slip ratio; chosen, not measured
@@ -142,7 +143,7 @@ def read_motion(qpos: Array, qvel: Array) -> ChassisMotion:
 
 
 class Forces:
-    """Drive, resistance and, with explicit tyres, tyre forces of n environments.
+    """Drive, resistance and, with explicit tyres, forces of tyres and floor of n environments.
 
     Args:
         car: Compiled model.
@@ -168,6 +169,7 @@ class Forces:
         self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
         self._arm_x = car.hub_x - self._cg_x
         self._weights = weights = Weights.of(car.dimensions)
+        self.floor = Floor(car, weights)
         driveline = [weights.driveline_inertia if share else 0.0 for share in SHARES[car.drive]]
         self.drivetrain = Drivetrain(values, self.radius, command, car.drive)
         spin_inertia = [[weights.spin_inertia + wheel] for wheel in driveline]  # (4, 1)
@@ -218,9 +220,10 @@ class Forces:
         if brakes is not None:
             qfrc_applied[:, car.spin] = self._at_the_end(wheels, fx, fy).T
         world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
-        # At the patch, a radius below the hub: F = (x, y, 0) and M = (0, 0, -r) x F.
+        # At the patch, a radius below the hub: F = (x, y, N) and M = (0, 0, -r) x F.
         wrench = xfrc_applied[:, self._wheel_bodies]  # (n, 4, 6)
         wrench[..., 0], wrench[..., 1] = world_x.T, world_y.T
+        wrench[..., 2] = self.floor.push(qpos, qvel, self._carried(qpos, qvel)).T
         wrench[..., 3], wrench[..., 4] = self.radius * world_y.T, -self.radius * world_x.T
 
     def _braked(
@@ -253,11 +256,15 @@ class Forces:
         return -(rolling + drag * speed)
 
     def loads(self, qpos: Array, qvel: Array) -> Array:
-        """Load [4, n] of each tyre [N]: force of spring and damper, and the wheel's weight."""
+        """Load [4, n] of each tyre in the tyre law [N], not negative."""
+        return self._xp.maximum(self._carried(qpos, qvel), 0.0)
+
+    def _carried(self, qpos: Array, qvel: Array) -> Array:
+        """Force [4, n] of spring and damper, and the wheel's weight [N]."""
         slide, weights = self.car.slide, self._weights
         squeeze = qpos[:, slide + 1].T - self._spring_reference
-        carried = weights.spring_rate * squeeze + weights.spring_damping * qvel[:, slide].T
-        return self._xp.maximum(carried + weights.wheel_mass * GRAVITY, 0.0)
+        strut = weights.spring_rate * squeeze + weights.spring_damping * qvel[:, slide].T
+        return strut + weights.wheel_mass * GRAVITY
 
     def tyre_forces(
         self,

@@ -26,6 +26,8 @@ SUSPENSION_TRAVEL = 0.015  # [m] to each side; chosen
 # MuJoCo's contact solver does not include the implicit damper: without inertia along the strut the
 # light wheels hop at a step of 5 ms, and at 2.5 ms with 0.1 kg still after an abrupt end of a slide
 # (measured: the hop has up to 1.2 % of the slide's energy; with 0.2 kg 0.03 %).
+# Explicit tyres, which need no contact solver, keep it: without it 512 random drives of 1 s end
+# elsewhere by 0.24 % of their length on average and 2.6 % at worst.
 STRUT_ARMATURE = 0.2  # [kg] inertia along the strut
 STEERING_ARMATURE = 1.0  # [kg m^2] a servo that no tyre moment turns
 PITCH_SHARE, ROLL_SHARE = 0.8, 0.3  # [-] inertias over the yaw inertia: a long plate; chosen
