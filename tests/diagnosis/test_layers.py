@@ -221,3 +221,13 @@ def test_nearer_is_in_all_channels_or_by_distance(sensed, distance, nearer):
         return Errors({}, {SAID: median}, sensed=sensed * each, distance=distance * each)
 
     assert _is_nearer(errors(1.0, sensed, distance), errors(2.0, 4.0, 2.0), group) is nearer
+
+
+@pytest.mark.parametrize(("median", "nearer"), [(0.0040, False), (0.0030, True)])
+def test_what_is_nearer_by_less_than_a_millimetre_takes_no_explanation_away(median, nearer):
+    group = torch.arange(12) % 4
+    simple, stack = (
+        Errors({}, {SAID: m}, sensed=torch.full((12,), s), distance=torch.full((12,), m))
+        for m, s in ((median, 1.0), (0.0045, 4.0))
+    )
+    assert _is_nearer(simple, stack, group) is nearer

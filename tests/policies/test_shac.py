@@ -161,7 +161,7 @@ def test_gradients_through_the_task_are_finite_from_rest_on(engine):
 
 @pytest.mark.slow
 def test_a_policy_keeps_all_validation_paths_after_half_a_minute():
-    layers = ["configs/shac.yaml", "output=x", "engine.simulator=single_track"]
+    layers = ["configs/shac.yaml", "output=x", "engine.simulator=kinematic"]
     config = build(PolicyRunConfig, layers)
     settings = replace(config.shac, steps=150_000)
     torch.manual_seed(0)

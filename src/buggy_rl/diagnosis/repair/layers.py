@@ -274,9 +274,10 @@ def _at_least(
 def _is_nearer(errors: Errors, than: Errors, group: Tensor) -> bool:
     """Whether rollouts are surely nearer, so that an explanation gives way.
 
-    In all channels together; or by their distances, and not farther in all channels.
+    By more than `NEAR`, and in all channels together; or by their distances, and not farther in all
+    channels.
     """
-    if not errors.median.get(SAID, 0.0) < than.median.get(SAID, 0.0):
+    if not errors.median.get(SAID, 0.0) < than.median.get(SAID, 0.0) - NEAR:
         return False
     gain, error = mean_of_blocks(_closeness(than) - _closeness(errors), group)
     if gain > max(SURELY * error, WORTH):
