@@ -23,10 +23,16 @@ import torch
 from buggy_rl.core.config import from_command_line, run
 from buggy_rl.diagnosis.pipeline import Diagnosed, run_diagnosis
 from buggy_rl.diagnosis.repair.proof import Repair, repair_candidates
-from buggy_rl.diagnosis.repair.validation import SAID, Errors, Validation, delivered, retunable
+from buggy_rl.diagnosis.repair.validation import (
+    SAID,
+    Errors,
+    Validation,
+    add_without_fault,
+    delivered,
+    retunable,
+)
 from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.estimation.hypothesis import Hypothesis
-from buggy_rl.estimation.noise_model import drawn_errors
 from buggy_rl.estimation.residual_process import Recipe
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.jobs.bar import tqdm
@@ -199,8 +205,8 @@ def _farther(stack: Errors, other: Errors) -> tuple[float, float]:
 def _without_fault(done: Diagnosed, aside: Segments) -> float:
     """Median distance [m] of a simulator without fault."""
     simulation, settings = done.answer.repair.simulation(done.case)
-    drawn, errors = drawn_errors(simulation, aside, settings), Errors()
-    errors.add(drawn[..., :2].square().sum(-1), simulation.instants(aside), aside.dt)
+    errors = Errors()
+    add_without_fault(errors, simulation, aside, settings)
     return errors.median[SAID]
 
 

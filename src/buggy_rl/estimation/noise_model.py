@@ -192,22 +192,20 @@ def drawn_errors(
     segments: Segments,
     settings: ParameterSets = AS_GIVEN,
     noise_from: Segments | None = None,
-    draws: int = DRAWS,
 ) -> Tensor:
-    """Residuals [draws N, K, 6] of a simulator without fault: of its sensor and of its start.
+    """Residuals [DRAWS N, K, 6] of a simulator without fault: of its sensor and of its start.
 
     Args:
         simulation: Of the simulator, by which errors of a start grow.
         segments: The segments.
         settings: One parameter set.
         noise_from: Segments that tell how noisy the sensor is; None for `segments` itself.
-        draws: For each segment.
     """
     seen = segments if noise_from is None else noise_from
     slopes, about = start_sensitivity(simulation, segments, start_noise(seen), settings)
     chance = torch.Generator().manual_seed(0)
     start, sensor = (
-        torch.randn(draws, *of, generator=chance, dtype=torch.float64)
+        torch.randn(DRAWS, *of, generator=chance, dtype=torch.float64)
         for of in ((len(segments), 6, 1), about.shape)
     )
     grown = (slopes @ start).squeeze(-1).unflatten(2, about.shape[1:])

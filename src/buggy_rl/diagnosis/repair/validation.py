@@ -202,16 +202,27 @@ class Validation:
             fit: Hypothesis by which errors of a start grow.
         """
         settings = self.problem.library.settings([(fit, fit.vector)])
-        simulation, errors = self.problem.simulation, Errors()
+        errors, seen = Errors(), self.problem.segments
         for part, _ in self.parts:
-            drawn = drawn_errors(simulation, part, settings, self.problem.segments)
-            errors.add(drawn[..., :2].square().sum(-1), simulation.instants(part), part.dt)
+            add_without_fault(errors, self.problem.simulation, part, settings, seen)
         return errors
 
     @staticmethod
     def _square(residual: Tensor, noise: NoiseModel) -> Tensor:
         """|W e|^2 / D [N] of residuals [N, K, 6]."""
         return noise.whiten(residual.unsqueeze(0))[0].square().mean(-1)
+
+
+def add_without_fault(
+    errors: Errors,
+    simulation: Simulation,
+    segments: Segments,
+    settings: ParameterSets,
+    noise_from: Segments | None = None,
+) -> None:
+    """Counts the errors of a simulator without fault, by `drawn_errors` of the same arguments."""
+    drawn = drawn_errors(simulation, segments, settings, noise_from)
+    errors.add(drawn[..., :2].square().sum(-1), simulation.instants(segments), segments.dt)
 
 
 @dataclass(frozen=True, eq=False)
