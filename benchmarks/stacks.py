@@ -103,17 +103,34 @@ def _run(config: StacksConfig, output: Path) -> None:
     scripts = Path(__file__).parents[1] / "scripts"
     for case in tqdm(unprepared(left, store.prepared), "preparing simulators", unit="simulator"):
         prepare(case, store.prepared, scripts)
-    parts = [part[i : i + 8] for part in unsealed(store, left) for i in range(0, len(part), 8)]
-    for part in tqdm(parts, "driving", unit="batch"):
-        seal(store, part, [], segments=config.stretches)
     with (
-        tqdm(desc="diagnosing", total=len(left), unit="case") as bar,
+        tqdm(desc="cases", total=len(left), unit="case") as bar,
         ProcessPoolExecutor(config.workers, get_context("spawn")) as pool,
     ):
-        for job in as_completed([pool.submit(_line, store, c, config.minutes) for c in left]):
-            with output.open("a") as lines:
-                lines.write(json.dumps(job.result()) + "\n")
-            bar.update()
+        jobs = [pool.submit(_part, config, part) for part in _parts(store, left)]
+        for job in as_completed(jobs):
+            bar.update(job.result())
+
+
+def _parts(store: CaseStore, left: Sequence[Case]) -> list[Sequence[Case]]:
+    """Cases of one job each, in the order of their seeds: what is done first is a draw as well."""
+    apart = [[case] for case in left if store.truth(case.id).exists()]
+    together = [part[i : i + 8] for part in unsealed(store, left) for i in range(0, len(part), 8)]
+    return sorted([*apart, *together], key=lambda part: min(case.seed for case in part))
+
+
+def _part(config: StacksConfig, part: Sequence[Case]) -> int:
+    """Drives cases of one batch unless they are, and diagnoses them; how many."""
+    torch.set_num_threads(1)
+    folder = Path(config.folder)
+    store = CaseStore(folder, folder / "truth")
+    if unsealed(store, part):
+        seal(store, part, [], segments=config.stretches)
+    for case in part:
+        line = json.dumps(_line(store, case, config.minutes)) + "\n"
+        with Path(config.output).open("a", buffering=len(line) + 1) as lines:
+            lines.write(line)  # at once: other workers append to the same file
+    return len(part)
 
 
 def read(output: Path) -> list[dict[str, Any]]:
@@ -124,7 +141,6 @@ def read(output: Path) -> list[dict[str, Any]]:
 
 
 def _line(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
-    torch.set_num_threads(1)
     begun = time.monotonic()
     line: dict[str, Any] = {"case": asdict(case), "truth": case.truth, "family": case.family}
     try:
