@@ -38,7 +38,7 @@ def logged(folder, name):
 
 def test_a_run_leaves_policies_logs_and_what_made_them(train, tmp_path, capsys):
     train(f"output={tmp_path}", f"ppo.steps={4 * BATCH}", "validations=2")
-    assert "waypoints on the validation paths" in capsys.readouterr().out
+    assert "waypoints on the selection paths" in capsys.readouterr().out
     policy, about = load_policy(tmp_path / "best.pt")
     assert policy.config.hidden == [8]
     assert about["config"]["engine"]["simulator"] == "kinematic"
@@ -48,6 +48,20 @@ def test_a_run_leaves_policies_logs_and_what_made_them(train, tmp_path, capsys):
     assert list(logged(tmp_path, "validation_waypoints")) == [2 * BATCH, 4 * BATCH]
     assert list((tmp_path / "tensorboard").glob("events.*"))
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_the_best_policy_is_chosen_by_the_selection_paths(train, tmp_path, monkeypatch):
+    told = iter([(3.0, 1.0), (5.0, 2.0), (4.0, 9.0)])  # selection, validation
+
+    def validate(env, policy, steps):
+        assert env.batch_size.numel() == 2  # the circle as each
+        selection, validation = next(told)
+        return {"selection_waypoints": selection, "validation_waypoints": validation}
+
+    monkeypatch.setattr("buggy_rl.policies.training.run.validate", validate)
+    train(f"output={tmp_path}", f"ppo.steps={3 * BATCH}", "validations=3")
+    about = load_policy(tmp_path / "best.pt")[1]
+    assert (about["selection_waypoints"], about["validation_waypoints"]) == (5.0, 2.0)
 
 
 def test_a_resumed_run_writes_the_log_of_one_that_never_stopped(train, tmp_path):

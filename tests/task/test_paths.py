@@ -97,6 +97,33 @@ def test_training_and_validation_share_no_path():
     assert torch.cdist(later, everything).min() > 10.0
 
 
+def test_selection_shares_no_path_with_training_and_validation():
+    parts = {p: make_paths(replace(SMALL, part=p)) for p in ("training", "validation", "selection")}
+    chosen = parts.pop("selection").points.flatten(1)
+    assert len(chosen) == 4
+    for other in parts.values():
+        assert torch.cdist(chosen, other.points.flatten(1)).min() > 10.0
+
+
+def test_waypoints_are_wider_apart_where_a_random_path_is_straight():
+    paths = make_paths(replace(SMALL, straight_spacing=0.4))
+    steps = paths.points.diff(dim=1)
+    length, yaw = steps.norm(dim=-1), torch.atan2(steps[..., 1], steps[..., 0])
+    turn = torch.remainder(yaw.diff(dim=-1) + math.pi, 2 * math.pi) - math.pi
+    bend = turn.abs() / length[:, 1:]  # [1/m]
+    straight, sharp = length[:, 1:][bend < 0.05], length[:, 1:][bend > 1.4]
+    # one row of the chase, 0.05 m, is the resolution
+    torch.testing.assert_close(straight.median(), torch.tensor(0.4), atol=0.05, rtol=0)
+    torch.testing.assert_close(sharp.median(), torch.tensor(0.2), atol=0.05, rtol=0)
+    assert length.min() > 0.14
+    assert length.max() < 0.46
+
+
+def test_a_spacing_on_straights_below_that_in_turns_is_refused():
+    with pytest.raises(ValueError, match=r"straight_spacing is 0\.1: must not be below spacing"):
+        make_paths(replace(SMALL, straight_spacing=0.1))
+
+
 def test_a_seed_fixes_the_paths_whatever_their_number():
     make_paths.cache_clear()
     first = make_paths(SMALL)

@@ -170,7 +170,7 @@ def train_policy(
             so on: `train_policy("mujoco", "runs/p", ppo={"steps": 1_000_000})`.
 
     Returns:
-        The policy that was best on the validation paths, which `load_policy` reads.
+        The policy that was best on the selection paths, which `load_policy` reads.
 
     Raises:
         ValueError: A setting is unknown, or the folder has another run's checkpoint.

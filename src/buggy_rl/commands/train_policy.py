@@ -4,7 +4,7 @@
     python scripts/train_policy.py configs/shac.yaml engine.simulator=runs/models/MLP.pt
     python scripts/train_policy.py configs/ppo_original.yaml engine.simulator=runs/models/MLP.pt
 
-Writes OUTPUT/best.pt (by the validation paths), last.pt, checkpoint.pt, the resolved config, and
+Writes OUTPUT/best.pt (by the selection paths), last.pt, checkpoint.pt, the resolved config, and
 logs as CSV and for TensorBoard; `wandb=true` tells Weights & Biases, `media=true` adds pictures and
 films. `resume=true` goes on where a run stopped, bit for bit; `start=POLICY.pt` begins with its
 weights. With `seeds=[0,1,2]` each is a run of
@@ -52,7 +52,7 @@ def main() -> None:
     except NonFiniteLossError as error:
         file = folder / "failed_batch.pt"
         raise SystemExit(f"error: {error}\n(the batch is in {file})") from None
-    print(f"{folder / 'best.pt'}: {training.best:.1f} waypoints on the validation paths")
+    print(f"{folder / 'best.pt'}: {training.best:.1f} waypoints on the selection paths")
 
 
 def each_seed(config) -> None:

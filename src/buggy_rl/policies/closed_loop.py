@@ -89,6 +89,11 @@ class Scores:
     out_of_range: Tensor
     """Share of steps outside what a learned simulator was trained on; nan over other engines."""
 
+    def chunk(self, parts: int) -> list["Scores"]:
+        """The episodes in as many parts, in their order."""
+        columns = {f.name: getattr(self, f.name).chunk(parts) for f in fields(self)}
+        return [Scores(**{n: column[i] for n, column in columns.items()}) for i in range(parts)]
+
     def means(self) -> dict[str, float]:
         """Mean over the episodes, by name."""
         return {f.name: getattr(self, f.name).mean().item() for f in fields(self)}

@@ -33,11 +33,15 @@ from buggy_rl.policies.training.shac import SHAC, SHACConfig
 from buggy_rl.policies.training.trainer import NonFiniteLossError, Trainer, TrainerSettings
 from buggy_rl.task.config import TaskConfig, evaluation_transforms
 from buggy_rl.task.env import make_env, make_simulator
-from buggy_rl.task.paths.making import make_paths
+from buggy_rl.task.paths.making import Part, make_paths
+from buggy_rl.task.paths.path_set import joined_paths
 
+VALIDATED: tuple[Part, ...] = ("selection", "validation")
+"""Paths of a validation: those that the best policy is chosen by, and those that tell how good it
+is; a best of several on the latter would be told too good."""
 CLOCKED = ("speed", "seconds_left")
 """Metrics that depend on the machine: left out of policy files, which are those of the training."""
-SCHEMA = 1  # of checkpoints: raised when other code would not go on from them
+SCHEMA = 2  # of checkpoints: raised when other code would not go on from them
 # Of the config: these change no policy.
 IGNORED = (
     *("output", "threads", "resume", "wandb", "media", "collector", "ppo.compiled"),
@@ -82,7 +86,7 @@ class PolicyRunConfig:
     shac: SHACConfig = field(default_factory=SHACConfig)
     collector: CollectorConfig = field(default_factory=CollectorConfig)
     validations: int = 6
-    """Validations during training, evenly spaced; the best policy is kept."""
+    """Validations during training, evenly spaced; the best on the selection paths is kept."""
     validation_steps: int = 1000
     """Steps of an episode in validation."""
     checkpoint_batches: int = 10
@@ -147,9 +151,12 @@ def _so_far(asked: Question) -> Question:
 
 
 def validation_environment(config: PolicyRunConfig) -> TransformedEnv:
-    """One environment on each validation path; none of them is a training path."""
+    """One environment on each selection path, then one on each validation path.
+
+    None of them is a training path.
+    """
     task = validation_task(config.task)
-    paths = make_paths(task.paths)
+    paths = joined_paths([make_paths(replace(task.paths, part=part)) for part in VALIDATED])
     return make_env(new_engine(config.engine, len(paths)), task=task, paths=paths)
 
 
@@ -183,11 +190,21 @@ def started(env: TransformedEnv, file: str) -> Policy | None:
 
 
 def validate(env: TransformedEnv, policy: Policy, steps: int) -> dict[str, float]:
-    """Means over the validation paths, without exploration and without touching random states."""
+    """Means over the validation paths, and `selection_waypoints`.
+
+    Without exploration and without touching random states.
+
+    Args:
+        env: From `validation_environment`.
+        policy: To be driven.
+        steps: Of an episode.
+    """
     with torch.random.fork_rng():
         torch.manual_seed(0)
         scores = drive(env, policy.driver(), steps)
-    return {f"validation_{name}": value for name, value in scores.means().items()}
+    selection, validation = scores.chunk(len(VALIDATED))
+    means = {f"validation_{name}": value for name, value in validation.means().items()}
+    return {**means, "selection_waypoints": selection.waypoints.mean().item()}
 
 
 def new_engine(config: EngineConfig, cars: int) -> EnvBase:
@@ -242,7 +259,7 @@ class PolicyRun:
         make = ALGORITHMS[config.algorithm]
         self.trainer = make(env, self.policy, config.settings, self._batches)
         self.batch = config.settings.batch
-        self.best = -1.0  # waypoints on the validation paths
+        self.best = -1.0  # waypoints on the selection paths
         self._saved = False
         if state is not None:
             self.best = state.pop("best")
@@ -275,7 +292,7 @@ class PolicyRun:
         The config is written with the first of them.
 
         Yields:
-            What the trainer's `run` does, after a validation also `validation_waypoints` and so on.
+            What the trainer's `run` does, after a validation also what `validate` tells.
 
         Raises:
             NonFiniteLossError: A loss is not finite; the batch is in failed_batch.pt.
@@ -314,8 +331,8 @@ class PolicyRun:
     def _save_policies(self, metrics: dict[str, float]) -> None:
         told = {name: value for name, value in metrics.items() if name not in CLOCKED}
         about = {"config": plain_values(self.config), **told}
-        if metrics["validation_waypoints"] > self.best:
-            self.best = metrics["validation_waypoints"]
+        if metrics["selection_waypoints"] > self.best:
+            self.best = metrics["selection_waypoints"]
             save_policy(self.policy, self.folder / "best.pt", about)
         save_policy(self.policy, self.folder / "last.pt", about)
         if not self._saved:  # with the first policies of this run: until then those of another lie

@@ -113,7 +113,7 @@ class SweepConfig(Launching):
         return hashlib.sha256(json.dumps([*asked, self.seed]).encode()).hexdigest()
 
 
-VALIDATED = Path("csv") / "scalars" / "validation_waypoints.csv"  # steps, value
+VALIDATED = Path("csv") / "scalars" / "selection_waypoints.csv"  # steps, value
 DEFAULT = "default"
 POLL = 0.5  # [s] between two looks at the trials; a validation comes every 10 s or more
 
@@ -125,7 +125,7 @@ class Ended(NamedTuple):
     values: Mapping[str, Any]
     """Settings of the trial."""
     curve: list[float]
-    """Waypoints on the validation paths, validation after validation."""
+    """Waypoints on the selection paths, validation after validation."""
     state: str
     """complete, pruned or failed."""
 
@@ -299,7 +299,7 @@ class Sweep:
 
 
 def curve(folder: Path) -> list[float]:
-    """Waypoints on the validation paths, validation after validation, of a training so far."""
+    """Waypoints on the selection paths, validation after validation, of a training so far."""
     file = folder / VALIDATED
     if not file.exists():
         return []

@@ -15,12 +15,12 @@ from buggy_rl.task.paths.path_set import PathSet, equal_paths, joined_paths
 from buggy_rl.task.paths.shapes import along_arcs, read_points, simplex_paths
 
 Kind = Literal["simplex", "lap", "infinity", "circle", "tight", "file"]
-Part = Literal["training", "validation"]
+Part = Literal["training", "validation", "selection"]  # the order seeds them
 # The tight path stands in for the original study's third one, which had to fit its 8 m room.
 TIGHT_ROOM = 6.0  # [m] side of the square of its noise; the path itself covers 4.0 m x 3.4 m
 TIGHT_RADIUS = 0.6  # [m] about what the car can just turn
 TIGHT_WAYPOINTS = 120  # 24 m, further than the car gets in the original's 5 s
-LENGTHS = ("spacing", "room", "sharpest_radius", "radius", "straight")
+LENGTHS = ("spacing", "straight_spacing", "room", "sharpest_radius", "radius", "straight")
 TIGHT_SEED = 8  # of the first twelve, the one that turns as much to the left as to the right
 
 
@@ -31,15 +31,19 @@ class PathConfig:
     kind: Kind = "simplex"
     """simplex (random), lap, infinity, circle, tight (one hard random path), or file."""
     part: Part = "training"
-    """Part of the random paths: training or validation; they share none."""
+    """Part of the random paths: training, selection (of the best policy) or validation; they share
+    none."""
     count: int = 1000
     """Random paths for training."""
     validation_count: int = 10
-    """Random paths for validation."""
+    """Random paths for validation, and as many for selection."""
     waypoints: int = 500
     """Waypoints of a random path."""
     spacing: float = 0.2
     """Distance between waypoints along the path [m]; closed paths take the nearest that fits."""
+    straight_spacing: float = 0.0
+    """Distance between waypoints where a random path is straight [m], as in the original study
+    longer than in its turns; it falls to `spacing` in the sharpest. 0 for `spacing` everywhere."""
     room: float = 20.0
     """Side of the square that the noise of a random path can fill [m]."""
     sharpest_radius: float = 0.6
@@ -97,9 +101,14 @@ def make_paths(config: PathConfig) -> PathSet:
     for name in ("count", "validation_count", "waypoints", "spacing", "room", "radius"):
         if not getattr(config, name) > 0:
             raise ValueError(f"paths: {name} is {getattr(config, name)}: must be above 0")
-    for name in ("sharpest_radius", "straight"):
+    for name in ("sharpest_radius", "straight", "straight_spacing"):
         if not getattr(config, name) >= 0:
             raise ValueError(f"paths: {name} is {getattr(config, name)}: must not be below 0")
+    if 0 < config.straight_spacing < config.spacing:
+        raise ValueError(
+            f"paths: straight_spacing is {config.straight_spacing}: must not be below spacing, "
+            f"{config.spacing}; 0 for the same everywhere"
+        )
     paths = _from_origin(config)
     if config.mirrored:
         paths = joined_paths([paths, paths.mirrored()])
@@ -130,7 +139,8 @@ def _from_origin(config: PathConfig) -> PathSet:
             count = config.count if config.part == "training" else config.validation_count
             seeds = _seeds(config, "noise", count).tolist()
             shape = (config.waypoints, spacing, config.room, config.sharpest_radius)
-            points, closed = simplex_paths(seeds, *shape), False
+            points = simplex_paths(seeds, *shape, config.straight_spacing)
+            closed = False
             return equal_paths([f"{config.part} {i}" for i in range(count)], points, closed)
         case "tight":
             shape = (TIGHT_WAYPOINTS, spacing, size * TIGHT_ROOM, size * TIGHT_RADIUS)

@@ -149,7 +149,12 @@ LOOK_AHEAD = 2.0  # radii between chaser and chased; a tighter hold would oversh
 
 
 def simplex_paths(
-    seeds: Sequence[int], waypoints: int, spacing: float, room: float, radius: float
+    seeds: Sequence[int],
+    waypoints: int,
+    spacing: float,
+    room: float,
+    radius: float,
+    straight_spacing: float = 0.0,
 ) -> NDArray:
     """One random path a seed, from the origin along x.
 
@@ -157,6 +162,7 @@ def simplex_paths(
         seeds: Of the noise.
         waypoints: Of each path.
         spacing: Between them along the path [m].
+        straight_spacing: Between them where it is straight [m]; 0 for `spacing`.
         room: Side of the square that the noise can fill [m].
         radius: Tightest turn [m]; 0 leaves the noise as it is.
 
@@ -166,8 +172,9 @@ def simplex_paths(
     Raises:
         ValueError: The noise was too short, which would be a fault in this module.
     """
-    amplitude, step, rows = room / 2, spacing / CHASE_STEPS, waypoints * CHASE_STEPS
-    units = math.ceil(NOISE_RESERVE * waypoints * spacing / (METRES_A_UNIT * amplitude)) + 1
+    amplitude, step, wider = room / 2, spacing / CHASE_STEPS, straight_spacing > 0
+    rows = math.ceil(waypoints * CHASE_STEPS * (straight_spacing / spacing if wider else 1.0))
+    units = math.ceil(NOISE_RESERVE * rows * step / (METRES_A_UNIT * amplitude)) + 1
     place = np.arange(units * SAMPLES + 1) / SAMPLES
     noise = _noise(seeds, place)  # (P, 2, units * SAMPLES + 1)
     fine = np.arange(0, units, step / (2 * METRES_A_UNIT * amplitude))
@@ -178,7 +185,25 @@ def simplex_paths(
         track = pursue(track, step, radius, rows)
     if track.shape[1] < rows:
         raise ValueError(f"a random path ended at {track.shape[1]} of {rows}: raise NOISE_RESERVE")
-    return from_origin(track[:, :rows:CHASE_STEPS])
+    if not wider:
+        return from_origin(track[:, :rows:CHASE_STEPS])
+    turn = smoothed_curvature(track, step) * (radius or spacing)
+    apart = straight_spacing + (spacing - straight_spacing) * np.minimum(turn, 1.0)  # (P, M)
+    count = np.cumsum(step / apart, axis=1) - step / apart[:, :1]
+    at = np.stack([np.searchsorted(row, np.arange(waypoints)) for row in count])
+    return from_origin(np.take_along_axis(track, at[..., None], 1))
+
+
+def smoothed_curvature(track: NDArray, step: float) -> NDArray:
+    """Absolute curvature [P, M] over a spacing about each point of tracks [P, M, 2] [1/m].
+
+    A chaser turns by full lock and back, so that from step to step there is none.
+    """
+    before, behind = (np.roll(track, by, axis=1) for by in (CHASE_STEPS, -CHASE_STEPS))
+    before[:, :CHASE_STEPS], behind[:, -CHASE_STEPS:] = track[:, :1], track[:, -1:]
+    a, b = track - before, behind - track
+    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(-1))
+    return np.abs(turn) / (CHASE_STEPS * step)
 
 
 def _noise(seeds: Sequence[int], place: NDArray) -> NDArray:
