@@ -11,7 +11,7 @@ repeated.
 
 import csv
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def main() -> None:
     known = {(row["algorithm"], int(row["seed"])) for row in read(file)}
     asked = [(name, seed) for name in config.algorithms for seed in config.seeds]
     for name, seed in tqdm([one for one in asked if one not in known], "training", unit="policy"):
-        append(file, list(trained(config, name, seed)))
+        append(file, list(trained(config, name, seed)), COLUMNS)
     for row in last_rows(read(file)):
         print("  ".join(f"{column} {row[column]}" for column in COLUMNS if row[column]))
 
@@ -140,12 +140,12 @@ def read(file: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(lines))
 
 
-def append(file: Path, rows: list[dict[str, Any]]) -> None:
+def append(file: Path, rows: list[dict[str, Any]], columns: Sequence[str]) -> None:
     """Adds the rows of one training."""
     file.parent.mkdir(parents=True, exist_ok=True)
     begun = not file.exists()
     with file.open("a", newline="") as lines:
-        table = csv.DictWriter(lines, COLUMNS)
+        table = csv.DictWriter(lines, columns)
         if begun:
             table.writeheader()
         table.writerows(rows)

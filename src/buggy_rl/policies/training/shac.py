@@ -41,7 +41,7 @@ class SHACConfig:
     """Steps of all environments together."""
     cars: int = 128
     """Environments stepped at once."""
-    batch_steps: int = 32
+    batch_steps: int = 24
     """Steps of each environment that the gradient passes (h), and between two updates."""
     learning_rate: float = 8e-3
     """Adam's of the actor, at the start."""
@@ -49,7 +49,7 @@ class SHACConfig:
     """Adam's of the critic, at the start."""
     schedule: Literal["linear", "constant"] = "linear"
     """Schedule of both: down to nothing over the training, or as they are."""
-    epochs: int = 8
+    epochs: int = 4
     """Passes of the critic over a batch."""
     minibatch: int = 2048
     """Steps in a gradient step of the critic."""
