@@ -64,7 +64,10 @@ def test_help_follows_a_class_of_another_module(tmp_path, monkeypatch):
 
 
 def test_help_knows_every_option_down_to_plain_values():
-    for schema in ("training.run:PolicyRunConfig", "evaluation.tables:DriverTablesConfig"):
+    for schema in (
+        "training.run:PolicyRunConfig",
+        "evaluation.controller_tables:DriverTablesConfig",
+    ):
         text = "\n".join(describe(f"buggy_rl.policies.{schema}"))
         assert "task.paths.kind='simplex'" in text
         assert "Config" not in text

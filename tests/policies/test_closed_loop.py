@@ -23,7 +23,7 @@ class Rolling(HoldEngine):
         }
 
 
-def environment(tmp_path, limit: float):
+def environment(tmp_path, limit: float, car=Rolling):
     file = tmp_path / "straight.csv"
     rows = "\n".join(f"{0.2 * i:.1f},0.0" for i in range(40))
     file.write_text(f"x,y\n{rows}\n")
@@ -31,7 +31,7 @@ def environment(tmp_path, limit: float):
     stack["leave_path"] = TransformConfig("leave_path", {"limit": limit})
     stack["waypoints"] = TransformConfig("waypoints", {"order": "fixed"})
     task = TaskConfig(paths=PathConfig(kind="file", file=str(file)), transforms=stack)
-    return make_env(Rolling(2), task=task)
+    return make_env(car(2), task=task)
 
 
 def coasting(state):
@@ -50,6 +50,23 @@ def test_scores_are_those_computed_by_hand(tmp_path):
     assert scores.steering_effort.tolist() == pytest.approx([0.005, 0.005])
     assert scores.kept_on.tolist() == [1.0, 1.0]
     assert all(math.isnan(share) for share in scores.out_of_range.tolist())
+
+
+class Turning(Rolling):
+    """Turns on the spot."""
+
+    yaw_rate = 0.0  # [rad/s]
+
+    def _rest_latent(self, pose, velocity):
+        turning = torch.tensor([0.0, 0.0, self.yaw_rate])
+        return {**super()._rest_latent(pose, velocity), keys.VELOCITY: turning.expand(2, 3).clone()}
+
+
+@pytest.mark.parametrize(("yaw_rate", "spun"), [(1.5, 0.0), (-1.7, 1.0)])
+def test_a_car_that_turns_by_more_than_90_degrees_has_spun(tmp_path, yaw_rate, spun):
+    env = environment(tmp_path, limit=1.0, car=Turning)
+    env.base_env.yaw_rate = yaw_rate  # a second is driven
+    assert drive(env, coasting, STEPS).spun.tolist() == [spun, spun]
 
 
 def test_what_a_car_does_after_it_left_its_path_does_not_count(tmp_path):

@@ -5,7 +5,7 @@ import yaml
 
 from buggy_rl.core.config import build, plain_values
 from buggy_rl.policies.controllers.path_tracking import PurePursuitConfig
-from buggy_rl.policies.evaluation.tables import (
+from buggy_rl.policies.evaluation.controller_tables import (
     DriverTablesConfig,
     driver_results,
     driver_table,

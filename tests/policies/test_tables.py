@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from buggy_rl.policies.evaluation.tables import ORIGINAL, mean_interval
+from buggy_rl.policies.evaluation.tables import ORIGINAL, mean_interval, share_interval
 
 
 def test_the_interval_over_seeds_is_students():
@@ -14,6 +14,14 @@ def test_the_interval_over_seeds_is_students():
 
 def test_one_seed_has_no_interval():
     assert all(math.isnan(end) for end in mean_interval([1.0]))
+
+
+def test_the_share_of_failures_has_the_exact_interval():
+    # none of n: 0 to 1 - 0.025^(1/n); for n = 10 that is 0.3085
+    assert share_interval([False] * 10) == (0.0, pytest.approx(0.3085, abs=1e-4))
+    low, high = share_interval([True] + [False] * 9)
+    assert 0.002 < low < 0.003
+    assert high == pytest.approx(0.445, abs=1e-3)
 
 
 def test_the_originals_mean_loss_is_that_of_its_own_rows():

@@ -2,7 +2,8 @@
 
     python scripts/evaluate_policies.py configs/policies.yaml
 
-The original study's printed numbers stand beside ours. Writes OUTPUT/policies.md, policies.csv.
+The original study's printed numbers stand beside ours. Writes OUTPUT/policies.md, policies.csv,
+seeds.csv with each seed, and seeds.png, in which each is a point.
 """
 
 from pathlib import Path
@@ -17,6 +18,8 @@ def main() -> None:
     import pandas as pd
     import torch
 
+    from buggy_rl.figures.policies import seeds_figure
+    from buggy_rl.figures.style import save_figure
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.policies.evaluation.drives import car_name
     from buggy_rl.policies.evaluation.tables import mean_interval, policy_results, tables
@@ -41,6 +44,14 @@ def main() -> None:
         for r in found
     ]
     pd.DataFrame(rows).to_csv(folder / "policies.csv", index=False)
+    seeds = [
+        {"policy": r.policy, "place": r.place, "course": r.course, "seed": n,
+         "waypoints": waypoints, "failed": failed}
+        for r in found
+        for n, (waypoints, failed) in enumerate(zip(r.seeds, r.failed, strict=True))
+    ]  # fmt: skip
+    pd.DataFrame(seeds).to_csv(folder / "seeds.csv", index=False)
+    save_figure(seeds_figure(found, car_name(config.car)), folder / "seeds.png")
 
 
 if __name__ == "__main__":

@@ -14,14 +14,20 @@ from buggy_rl.core.config import from_command_line, plain_values, run, save_run
 
 def main() -> None:
     """Tunes the controllers, evaluates them, prints and saves the tables."""
-    config = from_command_line(__doc__, "buggy_rl.policies.evaluation.tables:DriverTablesConfig")
+    config = from_command_line(
+        __doc__, "buggy_rl.policies.evaluation.controller_tables:DriverTablesConfig"
+    )
 
     import pandas as pd
     import torch
     import yaml
 
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.policies.evaluation.tables import driver_results, driver_table, tuned_driver
+    from buggy_rl.policies.evaluation.controller_tables import (
+        driver_results,
+        driver_table,
+        tuned_driver,
+    )
 
     torch.set_num_threads(config.threads)
     folder = Path(config.output)

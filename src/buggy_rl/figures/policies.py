@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from buggy_rl.figures.style import COLOURS, FAINT, MEASURED_COLOUR, tidy
 from buggy_rl.policies.evaluation.drives import DrivenTrack, Panel
+from buggy_rl.policies.evaluation.tables import Result
 from buggy_rl.policies.training.seeds import SHOWN, Curve
 from buggy_rl.policies.training.sweep import Ended
 from buggy_rl.task.paths.path_set import PathSet
@@ -119,6 +120,39 @@ def _legend() -> list[Line2D]:
         Line2D([], [], marker="s", ms=5, label="end", **shape),
         Line2D([], [], color=FAINT, lw=0.9, label="pure pursuit"),
     ]
+
+
+def seeds_figure(found: Sequence[Result], car: str) -> Figure:
+    """Waypoints of each seed on each path: in its own simulator, and on the car.
+
+    Hollow where its policy spun or left its path.
+    """
+    courses = list(dict.fromkeys(r.course for r in found if r.place == "car"))
+    kinds = list(dict.fromkeys(r.policy for r in found))
+    figure, axes = plt.subplots(
+        1, len(courses), figsize=(PANEL * len(courses), 3.4), layout="constrained", squeeze=False
+    )
+    for axis, course in zip(axes[0], courses, strict=True):
+        places = [(kind, place) for kind in kinds for place in (kind, "car")]
+        for at, (kind, place) in enumerate(places):
+            own = [r for r in found if (r.policy, r.place, r.course) == (kind, place, course)]
+            for result in own:
+                _draw_seeds(axis, at, result, COLOURS[kinds.index(kind) % len(COLOURS)])
+        labels = [f"{kind},\n{car if place == 'car' else 'own'}" for kind, place in places]
+        axis.set_xticks(range(len(places)), labels, fontsize=8)
+        axis.set_title(course)
+        axis.set_ylim(bottom=0)
+        axis.set_xlim(-0.5, len(places) - 0.5)
+        tidy(axis)
+    axes[0, 0].set_ylabel("waypoints closed")
+    return figure
+
+
+def _draw_seeds(axis: Axes, at: int, result: Result, colour: str) -> None:
+    count = len(result.seeds)
+    beside = at + (np.arange(count) - (count - 1) / 2) * min(0.05, 0.6 / count)
+    for x, waypoints, failed in zip(beside, result.seeds, result.failed, strict=True):
+        axis.plot(x, waypoints, "o", ms=5, color=colour, mfc="white" if failed else colour)
 
 
 MILLION = 1e6

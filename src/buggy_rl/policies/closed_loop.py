@@ -1,5 +1,6 @@
 """Closed-loop evaluation: one episode on each path, scored from what the task reports."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from itertools import pairwise
@@ -82,6 +83,8 @@ class Scores:
     """Largest distance from the path [m]."""
     heading_mean: Tensor
     """Mean absolute heading error [rad]."""
+    spun: Tensor
+    """1 where the car turned by more than 90 degrees from its path, else 0."""
     speed: Tensor
     """Mean vx [m/s]."""
     steering_effort: Tensor
@@ -117,7 +120,7 @@ def drive(
     nothing = torch.zeros(env.batch_size.numel(), 1, device=env.device)
     alive = going = nothing + 1.0
     sums = {name: nothing.clone() for name in SUMMED}
-    furthest = driven = nothing
+    furthest = turned = driven = nothing
     completed = nothing > 0
     flagged: Tensor | None = None
     states = trajectory(env, env.reset(), lambda _, state: driver(state), steps)
@@ -125,6 +128,7 @@ def drive(
         for name, value in _terms(following, state[keys.LAST_ACTION]).items():
             sums[name] += alive * value
         furthest = torch.maximum(furthest, alive * following[keys.LATERAL_ERROR].abs())
+        turned = torch.maximum(turned, alive * following[keys.HEADING_ERROR].abs())
         if keys.OUT_OF_RANGE in following:
             flagged = nothing if flagged is None else flagged
             flagged = flagged + alive * following[keys.OUT_OF_RANGE]
@@ -143,6 +147,7 @@ def drive(
         lateral_rms=mean["lateral_square"].sqrt(),
         lateral_max=furthest.squeeze(-1),
         heading_mean=mean["heading"],
+        spun=(turned > math.pi / 2).float().squeeze(-1),
         speed=mean["speed"],
         steering_effort=mean["effort"],
         out_of_range=(unknown if flagged is None else flagged / driven).squeeze(-1),

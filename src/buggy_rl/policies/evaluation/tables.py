@@ -2,35 +2,20 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from statistics import mean, stdev
-from typing import Any
 
 import torch
 from omegaconf import MISSING
+from scipy.stats import binomtest
 from scipy.stats import t as student_t
-from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from buggy_rl.core.longitudinal import LongitudinalCommand
 from buggy_rl.policies.closed_loop import Driver, Scores, drive
-from buggy_rl.policies.controllers.at_scale import for_car, taken_by
-from buggy_rl.policies.controllers.path_tracking import (
-    PurePursuit,
-    PurePursuitConfig,
-    Stanley,
-    StanleyConfig,
-)
-from buggy_rl.policies.controllers.replay import RandomDriver
-from buggy_rl.policies.controllers.tuning import Trial, TuningConfig, tune
-from buggy_rl.policies.evaluation.drives import STEPS, Benchmark, benchmark_paths, evaluation_task
+from buggy_rl.policies.evaluation.drives import benchmark_paths, evaluation_task
 from buggy_rl.policies.human_table import HumanDrives, human_lines
 from buggy_rl.policies.training.actor_critic import load_policy
-from buggy_rl.policies.training.run import EngineConfig, new_engine
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env, make_simulator
-from buggy_rl.task.paths.making import make_paths
 
 ORIGINAL: dict[str, dict[str, dict[str, str]]] = {  # printed; place -> path set -> policy
     "learned": {
@@ -90,6 +75,8 @@ class Result:
     """Scores of all its drives; [seeds * drives]."""
     seeds: tuple[float, ...]
     """Mean waypoints of each seed."""
+    failed: tuple[bool, ...]
+    """Whether a seed's policy spun or left its path in any of its drives."""
 
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
@@ -120,7 +107,8 @@ def policy_results(
             for file in config.policies[kind]
         ]
         seeds = tuple(part.waypoints.mean().item() for part in parts)
-        yield Result(kind, place, course, _joined(parts), seeds)
+        failed = tuple(bool(((p.spun > 0) | (p.kept_on < 1)).any()) for p in parts)
+        yield Result(kind, place, course, _joined(parts), seeds, failed)
 
 
 def _drives(
@@ -169,7 +157,36 @@ def tables(found: Sequence[Result], car: str, human: HumanDrives | None = None) 
     lost = {k: [_lost(closed, k, course) for course in room] for k in kinds}
     lines += [_row(c, [f"{lost[k][i]:.1f}" for k in kinds]) for i, c in enumerate(room)]
     mean = [f"{sum(lost[k]) / 3:.1f} ({_printed('lost', 'mean', k)})" for k in kinds]
-    return "\n".join([*lines, _row("mean", mean), "", *_details(found)]) + "\n"
+    lines += [_row("mean", mean), *_failures(found, car, kinds, room), "", *_details(found)]
+    return "\n".join(lines) + "\n"
+
+
+def share_interval(failed: Sequence[bool]) -> tuple[float, float]:
+    """95 % interval (Clopper-Pearson) of the probability that a seed's policy fails."""
+    interval = binomtest(sum(failed), len(failed)).proportion_ci()
+    return float(interval.low), float(interval.high)
+
+
+def _failures(
+    found: Sequence[Result], car: str, kinds: Sequence[str], room: Sequence[str]
+) -> list[str]:
+    failed = {(r.policy, r.place, r.course): r.failed for r in found}
+
+    def cell(seeds: Sequence[bool]) -> str:
+        low, high = share_interval(seeds)
+        return f"{sum(seeds)} of {len(seeds)} ({low:.0%} to {high:.0%})"
+
+    lines = _heading(
+        f"Policies that spin or leave their path on the {car}, and 95 % interval of the share",
+        "path",
+        kinds,
+    )
+    lines += [_row(c, [cell(failed[k, "car", c]) for k in kinds]) for c in room]
+    any_path = [
+        cell([any(each) for each in zip(*(failed[k, "car", c] for c in room), strict=True)])
+        for k in kinds
+    ]
+    return [*lines, _row("any of them", any_path)]
 
 
 def _lost(closed: Mapping[tuple[str, str, str], Tensor], kind: str, course: str) -> float:
@@ -212,145 +229,3 @@ def _details(found: Sequence[Result]) -> list[str]:
 
 def _range(interval: tuple[float, float]) -> str:
     return "-" if interval[0] != interval[0] else f"{interval[0]:.1f} .. {interval[1]:.1f}"
-
-
-DRIVERS: dict[
-    str, tuple[Callable[[Any, LongitudinalCommand], TensorDictModuleBase], Callable[[], Any]]
-] = {
-    "pure_pursuit": (PurePursuit, PurePursuitConfig),
-    "stanley": (Stanley, StanleyConfig),
-}
-
-
-@dataclass(frozen=True)
-class DriverTablesConfig:
-    """Controllers, the simulator they are tuned for, and the extent of the search."""
-
-    output: str = MISSING
-    """Folder for the tuned numbers, drivers.md and drivers.csv."""
-    engine: EngineConfig = field(default_factory=EngineConfig)
-    task: TaskConfig = field(default_factory=TaskConfig)
-    drivers: list[str] = field(default_factory=lambda: list(DRIVERS))
-    """Controllers to tune, of pure_pursuit, stanley."""
-    tuning_paths: int = 16
-    """Training paths that every candidate is scored on."""
-    candidates: int = 96
-    """Sets of numbers tried in a round, each by a car on every path."""
-    rounds: int = 5
-    """Rounds of the search, each nearer to the best so far."""
-    steps: int = STEPS
-    """Steps of each drive of the search."""
-    lateral_limit: float = 0.15
-    """RMS distance from the path that the best may have [m]."""
-    range_limit: float = 0.05
-    """Share of steps that the best may be outside what a learned simulator was trained on."""
-    random_paths: int = 10
-    """Training paths that the tuned controllers are scored on, beside all validation paths."""
-    seed: int = 0
-    """Seed of the search."""
-    threads: int = 1
-    """Threads of PyTorch."""
-
-
-def tuned_driver(
-    config: DriverTablesConfig, name: str, step: Callable[[], object]
-) -> tuple[Any, list[Trial]]:
-    """Searches the numbers of a controller that close most waypoints on the training paths.
-
-    Calls `step` at every step.
-
-    Returns:
-        The best numbers, and all that were tried, best first.
-
-    Raises:
-        ValueError: There is no such controller.
-    """
-    if name not in DRIVERS:
-        raise ValueError(f"no controller {name!r} to tune; available: {', '.join(DRIVERS)}")
-    make, default = DRIVERS[name]
-    course = benchmark_paths(config.task.paths, config.tuning_paths)["training"]
-    env = _course_env(config, replace(course, steps=config.steps), config.candidates)
-
-    def watched(numbers: Any) -> Any:
-        driver = for_car(partial(make, numbers), config.task.paths.car, taken_by(env))
-
-        def driven(state: TensorDictBase) -> TensorDictBase:
-            step()
-            return driver(state)
-
-        return driven
-
-    limits = config.lateral_limit, config.range_limit
-    search = TuningConfig(config.steps, config.rounds, *limits, config.seed)
-    return tune(env, config.tuning_paths, watched, default(), search)
-
-
-@dataclass(frozen=True)
-class DriverResult:
-    """One controller on one set of paths."""
-
-    driver: str
-    course: str
-    scores: Scores
-
-    def row(self) -> dict[str, float | str]:
-        """Row of a table, means over the paths."""
-        return {"driver": self.driver, "course": self.course, **self.scores.means()}
-
-
-def driver_results(
-    config: DriverTablesConfig, found: dict[str, Any], progress: Callable[[Sequence], Any] = list
-) -> Iterator[DriverResult]:
-    """Scores each tuned controller, by its numbers, and a random one on every set of paths."""
-    named = benchmark_paths(config.task.paths, config.random_paths)
-    for name, course in progress([(n, c) for n in (*found, "random") for c in named]):
-        env = _course_env(config, named[course])
-        if name in found:
-            make = partial(DRIVERS[name][0], found[name])
-            driver = for_car(make, config.task.paths.car, taken_by(env))
-        else:
-            driver = RandomDriver(seed=config.seed)
-        yield DriverResult(name, course, drive(env, driver, named[course].steps))
-
-
-def _course_env(config: DriverTablesConfig, course: Benchmark, each: int = 1):
-    """`each` environments on each path of a benchmark; the paths in turn."""
-    paths = make_paths(course.paths)
-    task = evaluation_task(config.task, course.steps)
-    return make_env(new_engine(config.engine, each * len(paths)), task=task, paths=paths)
-
-
-def driver_table(
-    rows: Sequence[DriverResult], best: Mapping[str, Trial], config: DriverTablesConfig
-) -> str:
-    """Markdown of the scores and of the numbers of each tuned controller."""
-    lines = [
-        f"Drivers of {config.engine.simulator}, tuned on {config.tuning_paths} training paths for "
-        f"most waypoints at an RMS error of at most {config.lateral_limit} m"
-        f" and at most {config.range_limit:.0%} of the steps out of range.",
-        "",
-        "| driver | path | waypoints | kept on | lateral mean / RMS / max [m] | heading [rad]"
-        " | speed [m/s] | steering effort | out of range |",
-        "|---|---|--:|--:|---|--:|--:|--:|--:|",
-    ]
-    lines += map(_line, rows)
-    for name, trial in best.items():
-        numbers = ", ".join(f"{key} {value:.3f}" for key, value in trial.values.items())
-        lines += [
-            "",
-            f"{name}: {trial.waypoints:.1f} waypoints at {trial.lateral_rms:.3f} m RMS on the "
-            f"tuning paths with {numbers}.",
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _line(result: DriverResult) -> str:
-    m = result.scores.means()
-    lateral = f"{m['lateral_mean']:.3f} / {m['lateral_rms']:.3f} / {m['lateral_max']:.2f}"
-    known = m["out_of_range"] == m["out_of_range"]
-    outside = f"{m['out_of_range']:.1%}" if known else "-"
-    return (
-        f"| {result.driver} | {result.course} | {m['waypoints']:.1f} | {m['kept_on']:.0%}"
-        f" | {lateral} | {m['heading_mean']:.3f} | {m['speed']:.2f}"
-        f" | {m['steering_effort']:.3f} | {outside} |"
-    )
