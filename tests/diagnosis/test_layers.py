@@ -10,6 +10,7 @@ from buggy_rl.diagnosis.repair.layers import (
     _at_least,
     _closeness,
     _is_nearer,
+    is_farther,
     is_worth,
     layered,
     probably_over,
@@ -191,17 +192,37 @@ def test_a_gain_is_probable_by_its_error_over_blocks(mean, error, count, low, hi
 
 
 @pytest.mark.parametrize(
-    ("gain", "error", "median", "kept"),
+    ("gain", "error", "worth"),
     [
-        (0.3, 0.2, 0.8, True),
-        (0.3, 0.4, 0.8, False),  # within its standard error
-        (0.01, 0.001, 0.8, False),  # sure, and worth nothing
-        (0.3, 0.2, 1.1, False),  # nearer where it hardly matters
+        (0.3, 0.2, True),
+        (0.3, 0.4, False),  # within its standard error
+        (0.01, 0.001, False),  # sure, and too little
     ],
 )
-def test_a_layer_is_kept_for_what_it_surely_brings(gain, error, median, kept):
-    without, with_it = Errors({}, {SAID: 1.0}), Errors({}, {SAID: median})
-    assert is_worth(gain, error, without, with_it) is kept
+def test_a_gain_counts_where_it_is_sure_and_large_enough(gain, error, worth):
+    assert is_worth(gain, error) is worth
+
+
+@pytest.mark.parametrize(
+    ("ratios", "farther"),
+    [
+        ([1.3] * 12, True),
+        ([0.7] * 12, False),
+        ([1.01] * 12, False),  # by less than counts
+        # Most are farther, and the median with them; the mean is not, for its standard error.
+        ([1.2] * 7 + [0.2] * 5, False),
+    ],
+)
+def test_a_layer_is_farther_by_pairs_of_segments(ratios, farther):
+    group = torch.arange(12)
+    distance = torch.linspace(0.01, 0.02, 12)
+    without, with_it = Errors(distance=distance), Errors(distance=distance * torch.tensor(ratios))
+    assert is_farther(with_it, without, group) is farther
+
+
+def test_what_is_farther_within_a_millimetre_is_not_farther():
+    near = Errors(distance=torch.full((12,), 1e-4)), Errors(distance=torch.full((12,), 9e-4))
+    assert not is_farther(near[1], near[0], torch.arange(12))
 
 
 @pytest.mark.parametrize(

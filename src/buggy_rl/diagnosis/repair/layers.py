@@ -124,7 +124,7 @@ def layered(
 
     def tried(kind: Kind, names: Sequence[str], than: Errors, with_it: Errors) -> bool:
         gain, error = mean_of_blocks(_closeness(than) - _closeness(with_it), group)
-        kept = is_worth(gain, error, than, with_it)
+        kept = is_worth(gain, error) and not is_farther(with_it, than, group)
         median = dict(with_it.median)
         layers.append(Layer(kind, tuple(names), gain, error, kept, median, count))
         return kept
@@ -222,18 +222,29 @@ def probably_over(least: float, mean: float, error: float, count: int) -> float:
     return float(student_t.cdf((mean - least) / error, count - 1))
 
 
-def is_worth(gain: float, error: float, than: Errors, with_it: Errors) -> bool:
-    """Whether a layer is kept.
+def is_worth(gain: float, error: float) -> bool:
+    """Whether a gain, with its standard error, is one that counts."""
+    return gain > max(SURE * error, WORTH)
+
+
+def is_farther(errors: Errors, than: Errors, group: Tensor) -> bool:
+    """Whether rollouts are farther in distance, although maybe nearer in all channels.
+
+    By the pairs of segments: a difference of two medians of the same is mostly noise.
 
     Args:
-        gain: That it has,
-        error: with its standard error.
-        than: Errors without it,
-        with_it: and with it.
+        errors: With what is laid on,
+        than: and without it.
+        group: Block [N] of each segment.
     """
-    if with_it.median.get(SAID, 0.0) > (1 + WORTH) * than.median.get(SAID, math.inf):
-        return False
-    return gain > max(SURE * error, WORTH)
+    gain, error = _gain_in_distance(errors, than, group)
+    return is_worth(-gain, error)
+
+
+def _gain_in_distance(errors: Errors, than: Errors, group: Tensor) -> tuple[float, float]:
+    """Mean over blocks of the log of how many times nearer in distance, and its standard error."""
+    near, far = (e.distance.clamp_min(NEAR).log() for e in (errors, than))
+    return mean_of_blocks(far - near, group)
 
 
 def _more_is_wrong(errors: Errors) -> bool:
@@ -284,8 +295,7 @@ def _is_nearer(errors: Errors, than: Errors, group: Tensor) -> bool:
         return True
     if not len(errors.distance) or gain < -error:
         return False
-    ratio = than.distance.clamp_min(NEAR).log() - errors.distance.clamp_min(NEAR).log()
-    gain, error = mean_of_blocks(ratio, group)
+    gain, error = _gain_in_distance(errors, than, group)
     return gain > max(SURELY * error, WORTH)
 
 
