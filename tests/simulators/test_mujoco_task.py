@@ -10,6 +10,7 @@ from buggy_rl.core import keys
 from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.mujoco import MujocoEngine
 from buggy_rl.simulators.mujoco.task import DriveTask, make_environment
+from buggy_rl.task.env import make_env
 
 CHANGED = {"mass": 1.9, "cg_to_front_axle": 0.09, "steering_offset": 0.02, "grip_rear": 0.7}
 
@@ -78,3 +79,8 @@ def test_the_model_is_read_through_dm_control_physics():
 def test_an_unknown_parameter_is_refused_with_those_there_are():
     with pytest.raises(KeyError, match=r"no parameter colour; available: .*mass"):
         make_environment({"colour": 1.0})
+
+
+def test_a_task_over_it_is_refused_too():
+    with pytest.raises(ValueError, match="DMControlWrapper"):
+        make_env(DMControlWrapper(make_environment()))

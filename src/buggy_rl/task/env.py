@@ -28,6 +28,7 @@ from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.effects import make_effects
 from buggy_rl.simulators import Factory, make_engine, read_simulator
 from buggy_rl.simulators.base import Engine
+from buggy_rl.simulators.contract import refuse_stateful
 from buggy_rl.simulators.serial import in_single_precision
 from buggy_rl.task.config import TaskConfig, TransformConfig, transforms_in_order
 from buggy_rl.task.paths.making import make_paths
@@ -172,11 +173,14 @@ def make_env(
         paths: To follow instead of `task.paths`.
 
     Raises:
-        ValueError: A transform is unknown, or stands where it cannot work.
+        ValueError: A transform is unknown, or stands where it cannot work; or a step of a simulator
+            of one's own depends on more than its TensorDict.
     """
     task = scaled_task(task or TaskConfig())
     if not isinstance(engine, EnvBase):
         engine = make_simulator(engine, batch_size, device)
+    elif not isinstance(getattr(engine, "base_env", engine), Engine):
+        refuse_stateful(engine, type(engine).__name__)
     base, beneath = _parts(engine)
     env = TaskEnv(base, Compose([]))
     context = {
