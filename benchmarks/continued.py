@@ -57,7 +57,7 @@ class ContinuedConfig:
     """What is trained."""
 
     simulator: str = "runs/sample/models/ensemble_of_history_mlps.pt"
-    """Before it is repaired."""
+    """Before it is changed."""
     algorithms: list[str] = field(default_factory=lambda: ["shac"])
     """Each with the config of its name."""
     seeds: list[int] = field(default_factory=lambda: [0, 1, 2])
@@ -138,21 +138,21 @@ def _judged(simulator: str, policy: Policy) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, str]]) -> str:
-    """Share of the gain of a training anew that training on has, by algorithm and change."""
+    """Medians over seeds, and the share of the gain of a training anew that training on has."""
     text = [
         "| algorithm, change | before | anew | trained on | share of the gain | of the seconds |",
         "|---|--:|--:|--:|--:|--:|",
     ]
     for algorithm, change in dict.fromkeys((row["algorithm"], row["change"]) for row in rows):
         own = [r for r in rows if (r["algorithm"], r["change"]) == (algorithm, change)]
-        mean = {
-            (arm, column): statistics.mean(float(r[column]) for r in own if r["arm"] == arm)
+        middle = {
+            (arm, column): statistics.median(float(r[column]) for r in own if r["arm"] == arm)
             for arm in ("before", "anew", "continued")
             for column in ("waypoints", "cpu_seconds")
         }
-        before, anew, on = (mean[a, "waypoints"] for a in ("before", "anew", "continued"))
+        before, anew, on = (middle[a, "waypoints"] for a in ("before", "anew", "continued"))
         share = (on - before) / (anew - before)
-        time_share = mean["continued", "cpu_seconds"] / mean["anew", "cpu_seconds"]
+        time_share = middle["continued", "cpu_seconds"] / middle["anew", "cpu_seconds"]
         text.append(
             f"| {algorithm}, {change} | {before:.1f} | {anew:.1f} | {on:.1f} "
             f"| {share:.0%} | {time_share:.0%} |"
