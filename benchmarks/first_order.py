@@ -1,7 +1,7 @@
 """Policies by the gradient of the reward beside PPO: waypoints after so many seconds of one core.
 
-    python benchmarks/first_order.py simulator=runs/sample/models/ensemble_of_history_mlps.pt
-    python benchmarks/first_order.py simulator=MODEL.pt algorithms=[shac] steps.shac=300000
+    python -m benchmarks.first_order simulator=runs/sample/models/ensemble_of_history_mlps.pt
+    python -m benchmarks.first_order simulator=MODEL.pt algorithms=[shac] steps.shac=300000
 
 Each training is validated on ten paths that it never sees, clocks stopped meanwhile, until its
 steps are used up; then the policy drives lap, infinity and the tight random path on the reference
