@@ -151,7 +151,7 @@ class Uneven(Slope):
 
 def uneven(**changes):
     env = TransformedEnv(Uneven(), StepCounter(max_steps=LIMIT))
-    settings = {"cars": 8, "steps": 8000, "critic_rate": 1e-2, "discount": 0.8, "epochs": 8}
+    settings = {"cars": 8, "steps": 4800, "critic_rate": 2e-2, "discount": 0.8, "epochs": 6}
     return training(env, **(settings | changes))
 
 
@@ -170,6 +170,32 @@ def test_the_actor_follows_the_cars_with_a_weak_throttle_and_not_those_on_a_hard
     weak, hard = [0, 2, 4, 6], [2, 3, 6, 7]
     assert all(sorted(cars.tolist()) == weak for cars in chosen[-20:])
     assert sorted(by_return[-1].tolist()) == hard  # what a rank by return alone would follow
+
+
+class Apart(Uneven):
+    """r = -(u_1 - c)^2, with c = 1 for a quarter of the cars and 0 for the others."""
+
+    def __init__(self):
+        super().__init__()
+        self.hard = torch.zeros_like(self.hard)  # all look alike
+        self.best = (torch.arange(8).unsqueeze(-1) % 4 == 3).float()
+
+    def _step(self, tensordict):
+        command = tensordict["action"][..., :1]
+        moved = {"reward": -(command - self.best).square(), "velocity": command}
+        return super()._step(tensordict).update(moved)
+
+
+@pytest.mark.parametrize(("worst", "best"), [(1.0, 0.25), (0.25, 0.5)])
+def test_the_policy_goes_to_where_the_mean_over_the_worst_cars_is_largest(worst, best):
+    # Of all cars -(0.75 u^2 + 0.25 (u - 1)^2), largest at 1/4; of the worst quarter
+    # -max(u^2, (u - 1)^2), largest at 1/2.
+    env = TransformedEnv(Apart(), StepCounter(max_steps=LIMIT))
+    settings = {"cars": 8, "steps": 6400, "epochs": 1, "minibatch": 80, "learning_rate": 3e-2}
+    run = training(env, worst=worst, discount=0.0, **settings)
+    list(run.run())
+    command = run.policy.mean_layers(torch.zeros(1))[0].item()
+    assert command == pytest.approx(best, abs=0.08)
 
 
 @pytest.mark.parametrize(("worst", "followed"), [(0.01, 1), (0.25, 2), (0.5, 4), (0.9, 7)])

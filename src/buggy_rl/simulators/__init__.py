@@ -29,7 +29,7 @@ __all__ = [
 
 ENGINES = {
     "learned": "buggy_rl.simulators.learned.engine:LearnedEngine",
-    "surrogate": "buggy_rl.simulators.learned.surrogate:SurrogateEngine",
+    "surrogate": "buggy_rl.simulators.surrogate:SurrogateEngine",
     "mujoco": "buggy_rl.simulators.mujoco:MujocoEngine",
     "reference": "buggy_rl.simulators.reference:ReferenceEngine",
     "single_track": "buggy_rl.simulators.bicycle.single_track:SingleTrackEngine",
