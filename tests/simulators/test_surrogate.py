@@ -170,17 +170,6 @@ def test_a_simulator_file_names_both_beside_itself(files):
     assert named.values["mass"].item() == 2.0
 
 
-def test_code_that_a_file_names_as_the_simulator_must_be_trusted(files, monkeypatch):
-    monkeypatch.chdir(files / "models")
-    (files / "own.py").write_text("raise RuntimeError('run')\n")
-    options = {"simulator": "own.py:make", "model": "models/m.pt"}
-    (files / "surrogate.yaml").write_text(
-        yaml.safe_dump({"engine": "surrogate", "options": options})
-    )
-    with pytest.raises(ValueError, match="trust"):
-        make_simulator(files / "surrogate.yaml", CARS)
-
-
 def test_what_is_no_engine_and_a_model_of_another_command_are_refused():
     with pytest.raises(
         ValueError, match=r"make_quick is a .*, not an Engine: make one by from_step"
