@@ -33,6 +33,10 @@ from buggy_rl.task.env import make_env, with_effects
 HELD_OUT = 12345  # seed of the draws that judge
 PATHS = 10  # for validation
 QUARTER = 0.25
+SPREAD = {
+    "steering_dead_time": {"dead_time": [0.001, 0.25]},
+    "steering_gain": {"gain": [0.6, 1.6]},
+}
 COLUMNS = ("worst", "begun", "seed", "steps", "cpu_seconds", "mean", "worst_tenth", "kept_on")
 RANKED = ("by_one_batch", "by_means")
 
@@ -43,13 +47,8 @@ class WorstConfig:
 
     model: str = "runs/sample/models/ensemble_of_history_mlps.pt"
     """A learned simulator."""
-    spread: dict[str, dict[str, list[float]]] = field(
-        default_factory=lambda: {
-            "steering_dead_time": {"dead_time": [0.001, 0.25]},
-            "steering_gain": {"gain": [0.6, 1.6]},
-        }
-    )
-    """Effect -> parameter -> ends of the interval that it is drawn from."""
+    spread: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    """Effect -> parameter -> ends of the interval that it is drawn from; empty for `SPREAD`."""
     worst: list[float] = field(default_factory=lambda: [1.0, 0.25])
     """Shares of the cars that the actor follows, a training each."""
     begun: int = 0
@@ -108,7 +107,7 @@ def drawn(config: WorstConfig, count: int) -> dict[str, dict[str, Tensor]]:
     """Effect -> parameter -> a value [count] for each car."""
     return {
         name: {p: low + (high - low) * torch.rand(count) for p, (low, high) in ends.items()}
-        for name, ends in config.spread.items()
+        for name, ends in (config.spread or SPREAD).items()
     }
 
 
