@@ -33,8 +33,8 @@ CHUNK = 10  # steps between two looks at the clock
 class Config:
     """What to measure."""
 
-    engines: list[str] = field(default_factory=lambda: list(ENGINES))
-    """Names of engines."""
+    engines: list[str] = field(default_factory=lambda: [n for n in ENGINES if n != "surrogate"])
+    """Names of engines; a surrogate is its simulator's step beside the learned engine's."""
     cars: list[int] = field(default_factory=lambda: [1, 64, 1024, 4096])
     """Batch sizes."""
     threads: list[int] = field(default_factory=lambda: [1, 2])

@@ -2,6 +2,7 @@
 
     python -m benchmarks.first_order simulator=runs/sample/models/ensemble_of_history_mlps.pt
     python -m benchmarks.first_order simulator=MODEL.pt algorithms=[shac] steps.shac=300000
+    python -m benchmarks.first_order simulator=FITTED.yaml simulators.shac=SURROGATE.yaml
 
 Each training is validated on ten paths that it never sees, clocks stopped meanwhile, until its
 steps are used up; then the policy drives lap, infinity and the tight random path on the reference
@@ -53,7 +54,9 @@ class FirstOrderConfig:
     """What is trained and how often it is looked at."""
 
     simulator: str = "runs/sample/models/ensemble_of_history_mlps.pt"
-    """A simulator that passes gradients."""
+    """Where policies are trained; of `shac` one that passes gradients."""
+    simulators: dict[str, str] = field(default_factory=dict)
+    """Another one of an algorithm, by its name: one with surrogate gradients beside its own."""
     algorithms: list[str] = field(default_factory=lambda: ["shac", "ppo"])
     """Each with the config of its name."""
     seeds: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4])
@@ -80,7 +83,8 @@ def main() -> None:
 
 def trained(config: FirstOrderConfig, name: str, seed: int) -> Iterator[dict[str, Any]]:
     """Rows of one training."""
-    layers = [f"configs/{name}.yaml", "output=unused", f"engine.simulator={config.simulator}"]
+    simulator = config.simulators.get(name, config.simulator)
+    layers = [f"configs/{name}.yaml", "output=unused", f"engine.simulator={simulator}"]
     layers += [f"algorithm={name}", f"{name}.steps={config.steps[name]}", f"{name}.seed={seed}"]
     asked = build(PolicyRunConfig, layers)
     torch.manual_seed(seed)
@@ -99,7 +103,7 @@ def trained(config: FirstOrderConfig, name: str, seed: int) -> Iterator[dict[str
             scores = validate(validation, policy, asked.validation_steps)
             shown = ("waypoints", "kept_on", "out_of_range", "lateral_rms")
             row |= {column: round(scores[f"validation_{column}"], 4) for column in shown}
-            yield row | (transferred(config.simulator, policy, asked.task) if ended else {})
+            yield row | (transferred(simulator, policy, asked.task) if ended else {})
         clock = _clocks()
 
 

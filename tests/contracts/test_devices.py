@@ -1,6 +1,7 @@
 """Every PyTorch engine, the task over it and what drives it compute where they are told to."""
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,15 +43,18 @@ from buggy_rl.task.transforms import waypoints
 from tests.drives import counting_drive
 
 PYTORCH = [
-    *(name for name in ENGINES if name not in ("mujoco", "learned")),
+    *(name for name in ENGINES if name not in ("mujoco", "learned", "surrogate")),
     *(f"learned {model}" for model in MODELS),
+    "surrogate mlp",
 ]
 
 
 def make(name: str, device: str):
     engine, _, kind = name.partition(" ")
     torch.manual_seed(0)
-    options = {"model": make_model(ModelConfig(kind))} if kind else {}
+    options: dict[str, Any] = {"model": make_model(ModelConfig(kind))} if kind else {}
+    if engine == "surrogate":
+        options["simulator"] = "kinematic"
     return make_engine(engine, 4, device, **options)
 
 

@@ -77,8 +77,10 @@ def make(name, batch_size=(), **options):
         options["backend"] = "warp"
     if "cuda" in where:
         options["device"] = "cuda"
-    if name == "learned":
+    if name in ("learned", "surrogate"):
         options["model"] = untrained_model()
+    if name == "surrogate":
+        options["simulator"] = "mujoco"
     return make_engine(name, batch_size, **options)
 
 

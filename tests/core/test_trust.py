@@ -60,6 +60,8 @@ def simulator(folder, **content):
         {"engine": "pip._internal.cli.main:main"},
         {"effects": {"torch.hub:load": {"repo_or_dir": "{folder}", "model": "code"}}},
         {"engine": "single_track", "effects": {"../download/code.py:make": None}},
+        {"engine": "surrogate", "options": {"simulator": "code.py:make", "model": "model.pt"}},
+        {"engine": "surrogate", "options": {"simulator": "os:system", "model": "model.pt"}},
     ],
     ids=str,
 )
@@ -92,6 +94,9 @@ def test_a_policy_file_names_no_code_but_ours(name, elsewhere, ran, tmp_path):
     for read in (training_engine, task_of):
         with pytest.raises(ValueError, match=r"best\.pt names"):
             read(about, tmp_path / "best.pt")
+    about["config"]["engine"] |= {"simulator": "surrogate", "options": {"simulator": name}}
+    with pytest.raises(ValueError, match=r"best\.pt names"):
+        training_engine(about, tmp_path / "best.pt")
     assert not ran.exists()
 
 

@@ -129,6 +129,114 @@ def test_a_resumed_run_goes_on_bit_for_bit():
     assert len(rest) == 9
 
 
+class Uneven(Slope):
+    """r = push u_1 - hard: even cars push half as much, every other pair has a hard path."""
+
+    def __init__(self, cars=8):
+        super().__init__(cars)
+        index = torch.arange(cars).unsqueeze(-1)
+        self.push, self.hard = 1.0 - 0.5 * (index % 2 == 0), (index // 2 % 2).float()
+
+    def _reset(self, tensordict=None, **_):
+        seen = {"observation": self.hard.clone(), "velocity": torch.zeros_like(self.hard)}
+        return TensorDict(seen, self.batch_size)
+
+    def _step(self, tensordict):
+        drive = tensordict["action"][..., :1].clamp(0.0, 1.0)
+        moved = {"observation": self.hard.clone(), "velocity": drive, "reward": self.push * drive}
+        moved["reward"] = moved["reward"] - self.hard
+        over = {key: torch.zeros_like(drive, dtype=torch.bool) for key in ("done", "terminated")}
+        return TensorDict({**moved, **over}, self.batch_size)
+
+
+def uneven(**changes):
+    env = TransformedEnv(Uneven(), StepCounter(max_steps=LIMIT))
+    settings = {"cars": 8, "steps": 4800, "critic_rate": 2e-2, "discount": 0.8, "epochs": 6}
+    return training(env, **(settings | changes))
+
+
+def test_the_actor_follows_the_cars_with_a_weak_throttle_and_not_those_on_a_hard_path():
+    run = uneven(worst=0.5)
+    chosen, by_return = [], []
+    worst = run._worst
+
+    def noted(batch, gains, begins):
+        by_return.append(gains.sum((-2, -1)).flatten().topk(4, largest=False).indices)
+        chosen.append(worst(batch, gains, begins))
+        return chosen[-1]
+
+    run._worst = noted
+    list(run.run())
+    weak, hard = [0, 2, 4, 6], [2, 3, 6, 7]
+    assert all(sorted(cars.tolist()) == weak for cars in chosen[-20:])
+    assert sorted(by_return[-1].tolist()) == hard  # what a rank by return alone would follow
+
+
+class Apart(Uneven):
+    """r = -(u_1 - c)^2, with c = 1 for a quarter of the cars and 0 for the others."""
+
+    def __init__(self):
+        super().__init__()
+        self.hard = torch.zeros_like(self.hard)  # all look alike
+        self.best = (torch.arange(8).unsqueeze(-1) % 4 == 3).float()
+
+    def _step(self, tensordict):
+        command = tensordict["action"][..., :1]
+        moved = {"reward": -(command - self.best).square(), "velocity": command}
+        return super()._step(tensordict).update(moved)
+
+
+@pytest.mark.parametrize(("worst", "best"), [(1.0, 0.25), (0.25, 0.5)])
+def test_the_policy_goes_to_where_the_mean_over_the_worst_cars_is_largest(worst, best):
+    # Of all cars -(0.75 u^2 + 0.25 (u - 1)^2), largest at 1/4; of the worst quarter
+    # -max(u^2, (u - 1)^2), largest at 1/2.
+    env = TransformedEnv(Apart(), StepCounter(max_steps=LIMIT))
+    settings = {"cars": 8, "steps": 6400, "epochs": 1, "minibatch": 80, "learning_rate": 3e-2}
+    run = training(env, worst=worst, discount=0.0, **settings)
+    list(run.run())
+    command = run.policy.mean_layers(torch.zeros(1))[0].item()
+    assert command == pytest.approx(best, abs=0.08)
+
+
+@pytest.mark.parametrize(("worst", "followed"), [(0.01, 1), (0.25, 2), (0.5, 4), (0.9, 7)])
+def test_the_gradient_is_that_of_the_mean_over_the_worst_share_of_cars(worst, followed):
+    run = uneven(worst=worst)
+    batch, gain = run._driven()
+    begins = batch["next", "done"].roll(1, -2)
+    begins[:, 0] = True
+    gains = (run._returns(batch, 1.0) * begins).sum((-2, -1))
+    expected = (run.target(run.policy.scaling(batch["observation"])) * begins).sum((-2, -1))
+    cars = (gains - expected).argsort()[:followed]
+    assert gain.item() == pytest.approx(gains[cars].mean().item() / 10, rel=1e-5)
+
+
+def test_with_all_cars_none_is_ranked(monkeypatch):
+    monkeypatch.setattr(SHAC, "_worst", None)
+    assert len(list(uneven(steps=160).run())) == 2
+
+
+def test_a_resumed_run_ranks_cars_by_the_same_means():
+    whole = uneven(steps=800, worst=0.5)
+    batches = whole.run()
+    for _ in range(3):
+        next(batches)
+    state = deepcopy(whole.state_dict())
+    rest = [metrics["loss_objective"] for metrics in batches]
+    again = uneven(steps=800, worst=0.5)
+    again.load_state_dict(deepcopy(state))
+    assert [metrics["loss_objective"] for metrics in again.run()] == rest
+    assert torch.equal(again.surprise, whole.surprise)
+    forgetful = uneven(steps=800, worst=0.5)
+    forgetful.load_state_dict(state | {"surprise": -state["surprise"]})
+    assert [metrics["loss_objective"] for metrics in forgetful.run()] != rest
+
+
+@pytest.mark.parametrize("worst", [0.0, -0.5, 1.1, float("nan")])
+def test_a_share_of_cars_outside_its_range_is_refused(worst):
+    with pytest.raises(ValueError, match=r"shac.worst is .*: must be above 0 and at most 1"):
+        SHACConfig(worst=worst)
+
+
 def test_a_gradient_that_is_not_finite_ends_the_run():
     run = training(slope(steep=float("inf")))
     with pytest.raises(NonFiniteLossError, match="gradient of the actor is nan after 0 steps"):

@@ -29,6 +29,7 @@ __all__ = [
 
 ENGINES = {
     "learned": "buggy_rl.simulators.learned.engine:LearnedEngine",
+    "surrogate": "buggy_rl.simulators.surrogate:SurrogateEngine",
     "mujoco": "buggy_rl.simulators.mujoco:MujocoEngine",
     "reference": "buggy_rl.simulators.reference:ReferenceEngine",
     "single_track": "buggy_rl.simulators.bicycle.single_track:SingleTrackEngine",
@@ -60,6 +61,7 @@ def simulator_name(simulator: str | Path | Factory) -> str:
 
 def make_engine(
     simulator: str | Path | Factory,
+    /,
     batch_size: int | Sequence[int] = (),
     device: str = "cpu",
     parameters: Mapping[str, float] | None = None,
@@ -212,9 +214,11 @@ def read_simulator(file: Path) -> dict[str, Any]:
     car = str(result["options"].get("car", ""))
     if car.endswith((".yaml", ".yml")) and (file.parent / car).is_file():
         result["options"] = {**result["options"], "car": str(file.parent / car)}
-    beside = (".yaml", ".yml", ".pt")
-    if (engine.endswith(beside) or ".py:" in engine) and not Path(engine).is_absolute():
-        result["engine"] = str(file.parent / engine)
+    result["engine"] = _beside(engine, file)
+    if "simulator" in result["options"]:  # of a surrogate gradient
+        moves = _beside(str(result["options"]["simulator"]), file)
+        trust.refuse_foreign(moves, file)
+        result["options"] = {**result["options"], "simulator": moves}
     if "model" in result["options"]:  # a path beside the YAML file itself
         model = str(file.parent / result["options"]["model"])
         result["options"] = {**result["options"], "model": model}
@@ -227,6 +231,12 @@ def read_simulator(file: Path) -> dict[str, Any]:
     for name in (result["engine"], *result["effects"]):
         trust.refuse_foreign(str(name), file)
     return result
+
+
+def _beside(simulator: str, file: Path) -> str:
+    """A simulator that a file names: a path is one beside that file."""
+    path = simulator.endswith((".yaml", ".yml", ".pt")) or ".py:" in simulator
+    return str(file.parent / simulator) if path else simulator
 
 
 def _from_yaml(file: Path, batch_size, device, parameters, options) -> "EnvBase":

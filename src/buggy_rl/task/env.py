@@ -26,6 +26,7 @@ from buggy_rl.core.config import one_line
 from buggy_rl.core.longitudinal import declared_by
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.effects import make_effects
+from buggy_rl.effects.base import Effect
 from buggy_rl.simulators import Factory, make_engine, read_simulator
 from buggy_rl.simulators.base import Engine
 from buggy_rl.simulators.contract import refuse_stateful
@@ -110,6 +111,7 @@ class TaskEnv(StackedEnv):
 
 def make_simulator(
     simulator: str | Path | Factory,
+    /,
     batch_size: int | Sequence[int] = (),
     device: str = "cpu",
     parameters: Mapping[str, float] | None = None,
@@ -128,10 +130,19 @@ def make_simulator(
     merged = {**content["parameters"], **(parameters or {})}
     settings = {**content["options"], **options}
     engine = make_simulator(content["engine"], batch_size, device, merged or None, **settings)
+    return with_effects(engine, effects_for(engine, content["effects"]))
+
+
+def effects_for(engine: EnvBase, effects: Mapping[str, Mapping[str, Any] | None]) -> list[Effect]:
+    """Effects of a simulator file, at the control period of the engine that they stand over.
+
+    Args:
+        engine: The simulator.
+        effects: Name -> parameters and options, as for `make_effects`.
+    """
     dt = getattr(engine, "dt", CONTROL_PERIOD)
     own = {} if dt == CONTROL_PERIOD else {"dt": dt}
-    effects = {name: {**own, **(values or {})} for name, values in content["effects"].items()}
-    return with_effects(engine, make_effects(effects))
+    return make_effects({name: {**own, **(values or {})} for name, values in effects.items()})
 
 
 def with_effects(engine: EnvBase, effects: Sequence[Transform]) -> EnvBase:

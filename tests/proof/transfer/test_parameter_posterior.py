@@ -11,9 +11,11 @@ from buggy_rl.proof.transfer.jobs import write_factories, write_factory
 from buggy_rl.proof.transfer.parameter_posterior import fitted_with_spread
 from buggy_rl.proof.transfer.plan import TransferConfig
 from buggy_rl.simulators.base import Engine
+from buggy_rl.simulators.bicycle.single_track import SingleTrackEngine
 from buggy_rl.task.env import make_env, make_simulator
 
 CARS = 400
+LAG = {"time_constant": 0.05}
 FITTED = {
     "engine": "mujoco",
     "parameters": {"mass": 2.0, "steering_lag": 0.03, "grip_front": 0.9},
@@ -93,6 +95,37 @@ def test_effects_stand_over_it_as_they_are(fitted, tmp_path):
     before = plain["next", keys.VELOCITY][..., 2]
     # The same cars, that turn ten steps later.
     assert float(before[:, 9].abs().min()) > 10 * float(turned[:, 9].abs().max())
+
+
+def single_track(tmp_path, **content) -> str:
+    """A single track that was fitted, under a file with `content`."""
+    interval = {"front_grip": {"low": 0.5, "high": 0.7}}
+    fitted = {"engine": "single_track", "parameters": {"front_grip": 0.6}, "_fit": interval}
+    (tmp_path / "fitted.yaml").write_text(yaml.safe_dump(fitted))
+    return written(tmp_path, **content)
+
+
+def test_options_of_a_repaired_simulator_hold_for_its_cars(tmp_path):
+    # A diagnosis writes the finer step that it took.
+    engine = fitted_with_spread(single_track(tmp_path, options={"substeps": 4}), CARS)
+    assert isinstance(engine, SingleTrackEngine)
+    assert engine.substeps == 4
+    assert len(engine.values["front_grip"].unique()) > CARS / 2
+    slow = single_track(tmp_path, options={"dt": 0.02}, effects={"steering_lag": LAG})
+    env = fitted_with_spread(slow, CARS)
+    assert isinstance(env, TransformedEnv)
+    (effect,) = env.transform
+    assert env.dt == effect.dt == 0.02
+
+
+def test_each_car_of_a_repaired_single_track_passes_gradients_of_its_own(tmp_path):
+    late = {"steering_dead_time": {"dead_time": 0.015}, "steering_lag": LAG}
+    cars = make_env(fitted_with_spread(single_track(tmp_path, effects=late), 8))
+    action = torch.tensor([[0.6, 0.3]]).repeat(8, 1).requires_grad_()
+    end = cars.rollout(30, lambda td: td.set(keys.ACTION, action))["next", keys.POSE][:, -1, 2]
+    (slope,) = torch.autograd.grad(end.sum(), action)
+    assert slope[:, 1].min() > 0  # more to the left turns more to the left
+    assert len(slope[:, 1].unique()) == 8
 
 
 def test_of_a_correction_cars_feel_from_nothing_to_twice(fitted, tmp_path):

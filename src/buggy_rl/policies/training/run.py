@@ -118,7 +118,8 @@ def training_engine(about: dict[str, Any], file: Path | str) -> EngineConfig:
         ValueError: It is none of this version, or code that is not to be run (`trust`).
     """
     config = from_plain(EngineConfig, about["config"]["engine"], str(file))
-    trust.refuse_foreign(config.simulator, file)
+    for simulator in (config.simulator, config.options.get("simulator", "")):  # of a surrogate
+        trust.refuse_foreign(str(simulator), file)
     return config
 
 

@@ -1,6 +1,8 @@
 """Short-horizon actor-critic: a policy by the gradient of the reward, through the simulator.
 
-Source: Xu et al., Accelerated policy learning with parallel differentiable simulation, 2022.
+Source: Xu et al., Accelerated policy learning with parallel differentiable simulation, 2022; of the
+worst cars, Rajeswaran et al., EPOpt: learning robust neural network policies using model ensembles,
+2017.
 """
 
 import copy
@@ -31,6 +33,9 @@ from buggy_rl.policies.training.trainer import NonFiniteLossError
 
 BETAS = (0.7, 0.95)  # of Adam, as in the source: gradients change with the policy
 TRIED = 2  # steps by which a gradient is looked for
+LATEST = (
+    0.1  # share of the last batch in a car's mean; a single one hardly ranks (docs/policies.md)
+)
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,15 @@ class SHACConfig:
     """Starts the first episodes at random ages, so that resets spread over time."""
     seed: int = 0
     """Seed of the order of minibatches."""
+    worst: float = 1.0
+    """Share of the cars that the actor follows, those whose drive is worth least against what the
+    critic expected of it: where cars differ, 0.25 trains for the worst quarter."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.worst <= 1.0:
+            raise ValueError(
+                f"shac.worst is {self.worst}: must be above 0 and at most 1, a share of the cars"
+            )
 
     @property
     def batch(self) -> int:
@@ -84,6 +98,10 @@ class SHAC:
 
     anew from each reset among them, with V' = 0 after a termination. Then the critic V learns
     TD(lambda) targets of the same steps from V', which follows it.
+
+    With `config.worst` below 1 J is the mean over the worst cars: the conditional value at risk of
+    what cars are worth beyond V' where their drives begin. V' does not see by which parameters cars
+    differ, but it sees the path, so a hard path is not taken for a bad car.
 
     Args:
         env: Batched, with an `observation`; its reward has a slope.
@@ -123,6 +141,8 @@ class SHAC:
         }
         self.generator = torch.Generator().manual_seed(config.seed)
         self.episodes = Episodes(env.batch_size, not config.stagger, env.device)
+        self.surprise = torch.zeros(config.cars, device=env.device)
+        """Mean over the last batches of what each car was worth beyond the critic's view of it."""
         self.steps = 0
         refuse_without_gradient(env)
         self.cars = env.reset()
@@ -174,6 +194,7 @@ class SHAC:
             "cars": cars_state(self.cars),
             "environment": environment_state(self.env),
             "episodes": self.episodes.state_dict(),
+            "surprise": self.surprise,
             "minibatches": self.generator.get_state(),
             **random_state(self.env.device),
         }
@@ -187,6 +208,7 @@ class SHAC:
             optimiser.load_state_dict(state["optimisers"][name])
         self.cars = restored_cars(self.env, self.cars, state["cars"], self.actor.out_keys)
         self.episodes.load_state_dict(state["episodes"])
+        self.surprise.copy_(state["surprise"])
         restore_environment(self.env, state["environment"])
         self.generator.set_state(state["minibatches"].cpu())
         restore_random(self.env.device, state)
@@ -201,10 +223,26 @@ class SHAC:
             batch: Any = torch.stack(rows, -1)
             self.cars = cars
             worth = self._returns(batch, 1.0)  # (cars, h, 1)
+            gain = self._gain(batch, worth)
+        return batch.detach(), gain
+
+    def _gain(self, batch: TensorDictBase, worth: Tensor) -> Tensor:
+        """J over h of the cars that the actor follows."""
         begins = batch["next", keys.DONE].roll(1, -2)
         begins[..., 0, :] = True
-        gain = (worth * begins).sum() / batch.numel()
-        return batch.detach(), gain
+        gains = worth * begins
+        if self.config.worst < 1.0:
+            gains = gains.flatten(0, -3)[self._worst(batch, gains.detach(), begins)]
+        return gains.sum() / gains.numel()
+
+    @torch.no_grad()
+    def _worst(self, batch: TensorDictBase, gains: Tensor, begins: Tensor) -> Tensor:
+        """Indices [k] of the cars that are worth least against V' where their drives begin."""
+        expected = self.target(self.policy.scaling(batch[keys.OBSERVATION])) * begins
+        surprise = (gains - expected).sum((-2, -1)).flatten()
+        self.surprise.lerp_(surprise, LATEST)
+        count = max(1, round(self.config.worst * len(surprise)))
+        return self.surprise.topk(count, largest=False).indices
 
     def _returns(self, batch: TensorDictBase, trace: float) -> Tensor:
         """Returns [cars, h, 1] of every step, of TD(lambda) with the target critic's values."""
@@ -280,5 +318,6 @@ def refuse_without_gradient(env: EnvBase) -> None:
         if not cars[keys.VELOCITY].requires_grad:
             raise ValueError(
                 "algorithm=shac follows gradients from commands to motion, and this simulator "
-                "passes none: take a learned one, single_track or kinematic, or algorithm=ppo"
+                "passes none: take a learned one, single_track or kinematic, or surrogate over "
+                "this one (docs/policies.md), or algorithm=ppo"
             )

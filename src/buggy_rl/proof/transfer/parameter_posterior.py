@@ -9,7 +9,7 @@ strength of a learned correction is drawn from 0 to twice that of the repair.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import yaml
@@ -17,12 +17,11 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from buggy_rl.effects import make_effects
 from buggy_rl.effects.base import Effect
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.simulators import read_simulator
 from buggy_rl.simulators.base import Engine
-from buggy_rl.task.env import make_simulator, with_effects
+from buggy_rl.task.env import effects_for, make_simulator, with_effects
 
 WIDER = 2.0  # than the fit's 95 % intervals, from its best guess
 
@@ -32,6 +31,7 @@ def fitted_with_spread(
     batch_size: int | Sequence[int],
     device: str = "cpu",
     tuned: Mapping[str, float] | None = None,
+    **options: Any,
 ) -> EnvBase:
     """A fitted simulator with parameters drawn for each environment.
 
@@ -44,6 +44,8 @@ def fitted_with_spread(
         batch_size: Number of environments or a shape.
         device: Where the state lives.
         tuned: Parameters with known values, which are not drawn.
+        options: Further arguments of the engine's class; those of the file that names the fitted
+            one, such as a finer step, stand before its own.
 
     Raises:
         ValueError: No fit has written it, or a file cannot be read.
@@ -55,17 +57,18 @@ def fitted_with_spread(
             "written (or, in scripts/transfer.py, undecided=false)"
         )
     content, known = read_simulator(file), dict(tuned or {})
+    options = {**content["options"], **options}
     fitted = yaml.safe_load(file.read_text()).get("_fit")
+    parameters = {**content["parameters"], **known}
     if fitted is None:
-        known = {**content["parameters"], **known}
-        engine = fitted_with_spread(content["engine"], batch_size, device, known)
+        engine = fitted_with_spread(content["engine"], batch_size, device, parameters, **options)
     else:
-        engine = make_simulator(file, batch_size, device, known)
+        engine = make_simulator(content["engine"], batch_size, device, parameters, **options)
         assert isinstance(engine, Engine)
         intervals = {name: fitted[name] for name in fitted.keys() - known}
         engine = engine.with_parameters(_drawn(engine, intervals))
-    effects = [_scaled(effect, engine.batch_size) for effect in make_effects(content["effects"])]
-    return with_effects(engine, effects)
+    effects = effects_for(engine, content["effects"])
+    return with_effects(engine, [_scaled(effect, engine.batch_size) for effect in effects])
 
 
 def _scaled(effect: Effect, batch_size: torch.Size) -> Effect:

@@ -57,13 +57,24 @@ class LearnedEngine(Engine):
         return {keys.HISTORY: row.repeat_interleave(self.model.rows - 1, -2)}
 
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
-        velocity = state[keys.VELOCITY]
-        row = torch.cat([velocity, action], -1)  # (*, 5)
+        history, kept = self.remembered(state, action)
+        pose, velocity, following = state[keys.POSE], state[keys.VELOCITY], self.model(history)
+        moved = integrate_pose(pose, velocity, following, self.dt)
+        return {keys.POSE: moved, keys.VELOCITY: following, **kept}
+
+    def remembered(self, state: TensorDictBase, action: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+        """What the model is asked at a state, and what is kept of it.
+
+        Args:
+            state: With `velocity` [*, 3] and `history` [*, rows - 1, 5].
+            action: [*, 2] within its bounds.
+
+        Returns:
+            History [*, rows, 5] with the present row; the next `history`, and the readings.
+        """
+        row = torch.cat([state[keys.VELOCITY], action], -1)  # (*, 5)
         history = torch.cat([state[keys.HISTORY], row.unsqueeze(-2)], -2)  # (*, rows, 5)
-        following = self.model(history)
-        return {
-            keys.POSE: integrate_pose(state[keys.POSE], velocity, following, self.dt),
-            keys.VELOCITY: following,
+        return history, {
             keys.HISTORY: history[..., 1:, :].clone(),
             keys.OUT_OF_RANGE: self.model.envelope.outside(row),
             keys.RANGE_EXCESS: self.model.envelope.excess(row),
