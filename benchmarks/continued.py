@@ -11,27 +11,20 @@ steps. All are judged on twenty paths that no training sees, none chosen by them
 
 import statistics
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
 import yaml
-from benchmarks.first_order import append, read
+from benchmarks.first_order import append, new_training, read
 
 from buggy_rl.core.config import build, from_command_line, run
 from buggy_rl.jobs.bar import tqdm
 from buggy_rl.policies.closed_loop import drive
 from buggy_rl.policies.training.actor_critic import Policy, load_policy, save_policy
-from buggy_rl.policies.training.run import (
-    ALGORITHMS,
-    PolicyRunConfig,
-    new_engine,
-    new_policy,
-    started,
-    validation_environment,
-)
-from buggy_rl.task.env import make_env
+from buggy_rl.policies.training.run import PolicyRunConfig, validation_environment
 
 COLUMNS = ("algorithm", "change", "seed", "arm", "steps", "cpu_seconds", "waypoints", "kept_on")
 # Such that the policy from before drives worse: with an offset of the steering it did not.
@@ -110,16 +103,10 @@ def _change(config: ContinuedConfig, algorithm: str, seed: int, change: str) -> 
 
 
 def _trained(
-    algorithm: str, seed: int, simulator: str, more: list[str] | None = None
+    algorithm: str, seed: int, simulator: str, more: Sequence[str] = ()
 ) -> tuple[Policy, int, float]:
     """A policy, the steps and the CPU seconds that it took; clocks run for the training alone."""
-    layers = [f"configs/{algorithm}.yaml", *(more or []), f"engine.simulator={simulator}"]
-    layers += ["output=unused", f"algorithm={algorithm}", f"{algorithm}.seed={seed}"]
-    asked = build(PolicyRunConfig, layers)
-    torch.manual_seed(seed)
-    env = make_env(new_engine(asked.engine, asked.settings.cars), task=asked.task)
-    policy = started(env, asked.start) or new_policy(env, asked.policy)
-    trainer = ALGORITHMS[algorithm](env, policy, asked.settings, None)
+    _, policy, trainer = new_training(algorithm, seed, simulator, more)
     begun = time.process_time()
     for _ in trainer.run():
         pass

@@ -29,9 +29,11 @@ from buggy_rl.policies.training.run import (
     PolicyRunConfig,
     new_engine,
     new_policy,
+    started,
     validate,
     validation_environment,
 )
+from buggy_rl.policies.training.trainer import Trainer
 from buggy_rl.task.config import TaskConfig
 from buggy_rl.task.env import make_env
 from buggy_rl.task.paths.making import make_paths
@@ -81,16 +83,25 @@ def main() -> None:
         print("  ".join(f"{column} {row[column]}" for column in COLUMNS if row[column]))
 
 
+def new_training(
+    name: str, seed: int, simulator: str, more: Sequence[str] = ()
+) -> tuple[PolicyRunConfig, Policy, Trainer]:
+    """A training by the config of an algorithm's name, and `more` over it."""
+    layers = [f"configs/{name}.yaml", *more, "output=unused", f"engine.simulator={simulator}"]
+    asked = build(PolicyRunConfig, [*layers, f"algorithm={name}", f"{name}.seed={seed}"])
+    torch.manual_seed(seed)
+    env = make_env(new_engine(asked.engine, asked.settings.cars), task=asked.task)
+    policy = started(env, asked.start) or new_policy(env, asked.policy)
+    return asked, policy, ALGORITHMS[name](env, policy, asked.settings, None)
+
+
 def trained(config: FirstOrderConfig, name: str, seed: int) -> Iterator[dict[str, Any]]:
     """Rows of one training."""
     simulator = config.simulators.get(name, config.simulator)
-    layers = [f"configs/{name}.yaml", "output=unused", f"engine.simulator={simulator}"]
-    layers += [f"algorithm={name}", f"{name}.steps={config.steps[name]}", f"{name}.seed={seed}"]
-    asked = build(PolicyRunConfig, layers)
-    torch.manual_seed(seed)
-    env = make_env(new_engine(asked.engine, asked.settings.cars), task=asked.task)
-    validation, policy = validation_environment(asked), new_policy(env, asked.policy)
-    trainer = ALGORITHMS[name](env, policy, asked.settings, None)
+    asked, policy, trainer = new_training(
+        name, seed, simulator, [f"{name}.steps={config.steps[name]}"]
+    )
+    validation = validation_environment(asked)
     spent, looked = [0.0, 0.0], config.every
     clock = _clocks()
     for _ in trainer.run():

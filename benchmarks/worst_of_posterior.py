@@ -9,13 +9,13 @@ in `output`; run again, trainings that are in it are not repeated. `begun` steps
 with all cars, in a training of their own (`start=POLICY.pt`).
 """
 
-import csv
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
+from benchmarks.first_order import append, read
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
@@ -73,7 +73,7 @@ def main() -> None:
     known = {(float(row["worst"]), int(row["begun"]), int(row["seed"])) for row in read(file)}
     asked = [(worst, config.begun, seed) for seed in config.seeds for worst in config.worst]
     for one in tqdm([one for one in asked if one not in known], "training", unit="policy"):
-        append(file, trained(config, one[0], one[2]))
+        append(file, [trained(config, one[0], one[2])], (*COLUMNS, *RANKED))
     for row in read(file):
         print("  ".join(f"{column} {value}" for column, value in row.items() if value))
 
@@ -150,25 +150,6 @@ def ranked(means: Tensor, waypoints: Tensor) -> dict[str, float]:
         lowest = rank[len(rank) // 2 :].topk(count, largest=False).indices  # (batches, count)
         found[name] = round(torch.isin(lowest, truly).float().mean().item(), 2)
     return found
-
-
-def read(file: Path) -> list[dict[str, str]]:
-    """Rows so far."""
-    if not file.exists():
-        return []
-    with file.open() as lines:
-        return list(csv.DictReader(lines))
-
-
-def append(file: Path, row: dict[str, Any]) -> None:
-    """Adds the row of a training."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    begun = not file.exists()
-    with file.open("a", newline="") as lines:
-        table = csv.DictWriter(lines, (*COLUMNS, *RANKED))
-        if begun:
-            table.writeheader()
-        table.writerow(row)
 
 
 if __name__ == "__main__":

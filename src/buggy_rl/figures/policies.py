@@ -22,6 +22,7 @@ from buggy_rl.task.paths.path_set import PathSet
 
 SPEEDS = "viridis"
 FASTEST = 0.995  # quantile of the speeds at the end of the colour scale; excludes outliers
+HEADROOM = 1.08  # [-] axis over its largest number
 MARGIN = 0.25  # [m] around the trajectories
 PANEL = 3.2  # [inch] width of a panel
 
@@ -141,10 +142,14 @@ def seeds_figure(found: Sequence[Result], car: str) -> Figure:
         labels = [f"{kind},\n{car if place == 'car' else 'own'}" for kind, place in places]
         axis.set_xticks(range(len(places)), labels, fontsize=8)
         axis.set_title(course)
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0, HEADROOM * axis.dataLim.y1)
         axis.set_xlim(-0.5, len(places) - 0.5)
         tidy(axis)
     axes[0, 0].set_ylabel("waypoints closed")
+    hollow = Line2D([], [], marker="o", ms=5, ls="", color=MEASURED_COLOUR, mfc="white")
+    full = Line2D([], [], marker="o", ms=5, ls="", color=MEASURED_COLOUR)
+    labels = ["a seed's policy", "one that spun or left its path"]
+    figure.legend([full, hollow], labels, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
