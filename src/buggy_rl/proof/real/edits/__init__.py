@@ -1,0 +1,112 @@
+"""Edits of real recordings: what turns one into that of the same car with an effect."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from buggy_rl.core import keys
+from buggy_rl.proof.real.edits.base import VARIES, Edit, Rows, rows_of, spread, to_tensor
+from buggy_rl.proof.real.edits.sensor import GyroBias, SensorLeverArm, SensorYaw, SpeedScale
+from buggy_rl.proof.real.edits.steering import (
+    SteeringAsymmetry,
+    SteeringBacklash,
+    SteeringGain,
+    SteeringOffset,
+)
+from buggy_rl.proof.real.edits.throttle import BatterySag, ThrottleDeadband, ThrottleGain
+from buggy_rl.proof.real.edits.timing import SensorLatency, SteeringDeadTime, ThrottleDeadTime
+from buggy_rl.proof.real.edits.unknown import (
+    CrossTalk,
+    HeldLog,
+    PeriodicDeadTime,
+    QuantisedLog,
+    SteeringExponent,
+    ThrottleExponent,
+)
+from buggy_rl.recordings import Recording
+
+# From the engine outwards, as the library's effects stand: the nearest is undone first.
+EDITS: dict[str, Edit] = {
+    edit.name: edit
+    for edit in (
+        BatterySag(),
+        ThrottleGain(),
+        ThrottleDeadband(),
+        ThrottleExponent(),
+        ThrottleDeadTime(),
+        CrossTalk(),
+        SteeringOffset(),
+        SteeringGain(),
+        SteeringAsymmetry(),
+        SteeringExponent(),
+        SteeringBacklash(),
+        SteeringDeadTime(),
+        QuantisedLog(),
+        HeldLog(),
+        PeriodicDeadTime(),
+        SensorLatency(),
+        SensorLeverArm(),
+        SensorYaw(),
+        SpeedScale(),
+        GyroBias(),
+    )
+}
+NAMED = tuple(name for name, edit in EDITS.items() if edit.known)
+UNKNOWN = tuple(name for name, edit in EDITS.items() if not edit.known)
+SHORTEST = 0.5  # [s] shorter parts are dropped
+FULL = 1 + 1e-9  # [command] largest size of an edited command, but for rounding
+
+Concealed = Mapping[str, Mapping[str, float]]
+"""Edit -> parameter -> value."""
+
+
+def applicable(recording: Recording, names: Sequence[str]) -> bool:
+    """Whether edits can be seen in a recording: the columns that they need vary."""
+    kind = recording.command.kind
+    return all(
+        (edit.speed_too or kind != "speed")
+        and (not edit.varies or spread(recording, edit.varies) >= VARIES)
+        for edit in (EDITS[name] for name in names)
+    )
+
+
+def edited(recording: Recording, concealed: Concealed) -> Recording | None:
+    """A recording of the same car with what is concealed.
+
+    Args:
+        recording: Untouched; sensors beside the tracker are left out.
+        concealed: What the car has.
+
+    Returns:
+        None where a command would have to be outside its range, or nothing is left.
+    """
+    kept = []
+    for part in rows_of(recording):
+        for name, edit in EDITS.items():
+            if name in concealed:
+                part = edit.edited(part, concealed[name])
+        commands = np.concatenate([part.throttle, part.steering])
+        if np.abs(commands).max(initial=0.0) > FULL:
+            return None
+        if len(part) >= SHORTEST / part.dt:
+            kept.append(part)
+    return replace(recording, data=_joined(kept), notes=[], derived=()) if kept else None
+
+
+def _joined(parts: Sequence[Rows]) -> TensorDict:
+    rows = sum(len(part) for part in parts)
+    action = [np.stack([part.throttle, part.steering], -1).clip(-1, 1) for part in parts]
+    number = [np.full(len(part), place) for place, part in enumerate(parts)]
+    return TensorDict(
+        {
+            keys.TIME: torch.as_tensor(np.concatenate([p.t for p in parts])[:, None]),
+            keys.POSE: to_tensor(np.concatenate([p.pose for p in parts])),
+            keys.VELOCITY: to_tensor(np.concatenate([p.velocity for p in parts])),
+            keys.ACTION: to_tensor(np.concatenate(action)),
+            keys.SEGMENT: torch.as_tensor(np.concatenate(number)),
+        },
+        [rows],
+    )
