@@ -14,7 +14,7 @@ import torch
 from buggy_rl.core import keys
 from buggy_rl.effects import STACK, effect_class, in_order
 from buggy_rl.proof.real.edits import EDITS, NAMED, UNKNOWN, applicable, edited
-from buggy_rl.proof.real.edits.base import rows_of
+from buggy_rl.proof.real.edits.base import log_rows
 from tests.proof.real.plant import SPEED, commands, driven, neutral, recording
 
 VALUES = {
@@ -165,7 +165,7 @@ def test_an_edit_reaches_across_no_gap():
     assert changed is not None
     sizes = changed.data[keys.SEGMENT].bincount().tolist()
     assert sizes == [195, 195]
-    first = [rows.steering[:195] for rows in rows_of(changed)]
+    first = [rows.steering[:195] for rows in log_rows(changed)]
     assert np.allclose(first[0], drive.data[keys.ACTION][5:200, 1])
     assert np.allclose(first[1], drive.data[keys.ACTION][205:400, 1])
 

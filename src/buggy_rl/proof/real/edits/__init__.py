@@ -8,23 +8,43 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
-from buggy_rl.proof.real.edits.base import VARIES, Edit, Rows, rows_of, spread, to_tensor
-from buggy_rl.proof.real.edits.sensor import GyroBias, SensorLeverArm, SensorYaw, SpeedScale
-from buggy_rl.proof.real.edits.steering import (
-    SteeringAsymmetry,
-    SteeringBacklash,
-    SteeringGain,
-    SteeringOffset,
+from buggy_rl.proof.real.edits.base import (
+    VARIES,
+    Edit,
+    LogRows,
+    command_spread,
+    log_rows,
+    to_tensor,
 )
-from buggy_rl.proof.real.edits.throttle import BatterySag, ThrottleDeadband, ThrottleGain
-from buggy_rl.proof.real.edits.timing import SensorLatency, SteeringDeadTime, ThrottleDeadTime
+from buggy_rl.proof.real.edits.sensor import (
+    GyroBiasEdit,
+    SensorLeverArmEdit,
+    SensorYawEdit,
+    SpeedScaleEdit,
+)
+from buggy_rl.proof.real.edits.steering import (
+    SteeringAsymmetryEdit,
+    SteeringBacklashEdit,
+    SteeringGainEdit,
+    SteeringOffsetEdit,
+)
+from buggy_rl.proof.real.edits.throttle import (
+    BatterySagEdit,
+    ThrottleDeadbandEdit,
+    ThrottleGainEdit,
+)
+from buggy_rl.proof.real.edits.timing import (
+    SensorLatencyEdit,
+    SteeringDeadTimeEdit,
+    ThrottleDeadTimeEdit,
+)
 from buggy_rl.proof.real.edits.unknown import (
-    CrossTalk,
-    HeldLog,
-    PeriodicDeadTime,
-    QuantisedLog,
-    SteeringExponent,
-    ThrottleExponent,
+    CrossTalkEdit,
+    HeldLogEdit,
+    PeriodicDeadTimeEdit,
+    QuantisedLogEdit,
+    SteeringExponentEdit,
+    ThrottleExponentEdit,
 )
 from buggy_rl.recordings import Recording
 
@@ -32,26 +52,26 @@ from buggy_rl.recordings import Recording
 EDITS: dict[str, Edit] = {
     edit.name: edit
     for edit in (
-        BatterySag(),
-        ThrottleGain(),
-        ThrottleDeadband(),
-        ThrottleExponent(),
-        ThrottleDeadTime(),
-        CrossTalk(),
-        SteeringOffset(),
-        SteeringGain(),
-        SteeringAsymmetry(),
-        SteeringExponent(),
-        SteeringBacklash(),
-        SteeringDeadTime(),
-        QuantisedLog(),
-        HeldLog(),
-        PeriodicDeadTime(),
-        SensorLatency(),
-        SensorLeverArm(),
-        SensorYaw(),
-        SpeedScale(),
-        GyroBias(),
+        BatterySagEdit(),
+        ThrottleGainEdit(),
+        ThrottleDeadbandEdit(),
+        ThrottleExponentEdit(),
+        ThrottleDeadTimeEdit(),
+        CrossTalkEdit(),
+        SteeringOffsetEdit(),
+        SteeringGainEdit(),
+        SteeringAsymmetryEdit(),
+        SteeringExponentEdit(),
+        SteeringBacklashEdit(),
+        SteeringDeadTimeEdit(),
+        QuantisedLogEdit(),
+        HeldLogEdit(),
+        PeriodicDeadTimeEdit(),
+        SensorLatencyEdit(),
+        SensorLeverArmEdit(),
+        SensorYawEdit(),
+        SpeedScaleEdit(),
+        GyroBiasEdit(),
     )
 }
 NAMED = tuple(name for name, edit in EDITS.items() if edit.known)
@@ -68,7 +88,7 @@ def applicable(recording: Recording, names: Sequence[str]) -> bool:
     kind = recording.command.kind
     return all(
         (edit.speed_too or kind != "speed")
-        and (not edit.varies or spread(recording, edit.varies) >= VARIES)
+        and (not edit.varies or command_spread(recording, edit.varies) >= VARIES)
         for edit in (EDITS[name] for name in names)
     )
 
@@ -84,7 +104,7 @@ def edited(recording: Recording, concealed: Concealed) -> Recording | None:
         None where a command would have to be outside its range, or nothing is left.
     """
     kept = []
-    for part in rows_of(recording):
+    for part in log_rows(recording):
         for name, edit in EDITS.items():
             if name in concealed:
                 part = edit.edited(part, concealed[name])
@@ -96,7 +116,7 @@ def edited(recording: Recording, concealed: Concealed) -> Recording | None:
     return replace(recording, data=_joined(kept), notes=[], derived=()) if kept else None
 
 
-def _joined(parts: Sequence[Rows]) -> TensorDict:
+def _joined(parts: Sequence[LogRows]) -> TensorDict:
     rows = sum(len(part) for part in parts)
     action = [np.stack([part.throttle, part.steering], -1).clip(-1, 1) for part in parts]
     number = [np.full(len(part), place) for place, part in enumerate(parts)]

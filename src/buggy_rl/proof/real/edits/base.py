@@ -24,7 +24,7 @@ DIGITS = 4  # of a drawn number
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class LogRows:
     """Rows of a recording without a gap."""
 
     t: ndarray
@@ -50,13 +50,13 @@ class Rows:
         """[T] drive of the first command, 0 at rest; below 0 it brakes or reverses."""
         return drive_of(self.throttle, self.rest)
 
-    def with_drive(self, driven: ndarray) -> "Rows":
+    def with_drive(self, driven: ndarray) -> "LogRows":
         """Rows with another drive where there is any; without drive, or below, it stays."""
         return replace(
             self, throttle=np.where(self.drive > 0, command_of(driven, self.rest), self.throttle)
         )
 
-    def between(self, first: int, last: int) -> "Rows":
+    def between(self, first: int, last: int) -> "LogRows":
         """Rows from `first` up to but without `last`."""
         columns = {n: v[first:last] for n, v in vars(self).items() if isinstance(v, np.ndarray)}
         return replace(self, **columns)
@@ -80,18 +80,18 @@ class Edit(ABC):
         """Parameters, from below what can be found to severe."""
 
     @abstractmethod
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         """Rows of the car that has the effect; those at an end that would need more are cut."""
 
 
-def rows_of(recording: Recording) -> Iterator[Rows]:
+def log_rows(recording: Recording) -> Iterator[LogRows]:
     """The parts of a recording between its gaps."""
     data = recording.data
     numbers = {key: data[key].double().numpy() for key in (keys.POSE, keys.VELOCITY, keys.ACTION)}
     t, segment = data[keys.TIME][:, 0].numpy(), data[keys.SEGMENT].numpy()
     for number in np.unique(segment):
         own = segment == number
-        yield Rows(
+        yield LogRows(
             t=t[own] - t[0],
             pose=numbers[keys.POSE][own],
             velocity=numbers[keys.VELOCITY][own],
@@ -102,7 +102,7 @@ def rows_of(recording: Recording) -> Iterator[Rows]:
         )
 
 
-def spread(recording: Recording, column: str) -> float:
+def command_spread(recording: Recording, column: str) -> float:
     """Standard deviation of a column of the commands."""
     number = ("throttle", "steering").index(column)
     return float(recording.data[keys.ACTION][:, number].std())

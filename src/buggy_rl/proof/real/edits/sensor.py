@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.proof.real.edits.base import DIGITS, Edit, Rows, log_uniform, ratio, signed
+from buggy_rl.proof.real.edits.base import DIGITS, Edit, LogRows, log_uniform, ratio, signed
 
 
-class SensorLeverArm(Edit):
+class SensorLeverArmEdit(Edit):
     """Another point of the car: position + R(yaw) (x, y); vx - y r, vy + x r."""
 
     name: ClassVar[str] = "sensor_lever_arm"
@@ -23,7 +23,7 @@ class SensorLeverArm(Edit):
         x, y = length * math.cos(way), length * math.sin(way)
         return {"x": round(x, DIGITS), "y": round(y, DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         x, y, yaw, rate = values["x"], values["y"], rows.pose[:, 2], rows.velocity[:, 2]
         cos, sin = np.cos(yaw), np.sin(yaw)
         moved = np.stack([x * cos - y * sin, x * sin + y * cos, np.zeros(len(rows))], -1)
@@ -31,7 +31,7 @@ class SensorLeverArm(Edit):
         return replace(rows, pose=rows.pose + moved, velocity=rows.velocity + shifted)
 
 
-class SensorYaw(Edit):
+class SensorYawEdit(Edit):
     """A sensor that is turned on the car: yaw + angle; R(-angle) (vx, vy)."""
 
     name: ClassVar[str] = "sensor_yaw"
@@ -40,14 +40,14 @@ class SensorYaw(Edit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"angle": signed(chance, log_uniform(chance, 0.003, 0.15))}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         cos, sin = math.cos(values["angle"]), math.sin(values["angle"])
         vx, vy, rate = rows.velocity.T
         velocity = np.stack([cos * vx + sin * vy, -sin * vx + cos * vy, rate], -1)
         return replace(rows, pose=rows.pose + np.array([0, 0, values["angle"]]), velocity=velocity)
 
 
-class SpeedScale(Edit):
+class SpeedScaleEdit(Edit):
     """Speeds that are off by a factor, and positions that are right."""
 
     name: ClassVar[str] = "speed_scale"
@@ -56,11 +56,11 @@ class SpeedScale(Edit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"ratio": ratio(chance, 0.005, 0.15)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return replace(rows, velocity=rows.velocity * _of_speeds(values["ratio"]))
 
 
-class GyroBias(Edit):
+class GyroBiasEdit(Edit):
     """A yaw rate that is off by a bias, and a heading that is right."""
 
     name: ClassVar[str] = "gyro_bias"
@@ -69,7 +69,7 @@ class GyroBias(Edit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"bias": signed(chance, log_uniform(chance, 0.005, 0.2))}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return replace(rows, velocity=rows.velocity + np.array([0, 0, values["bias"]]))
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy import ndarray
 
-from buggy_rl.proof.real.edits.base import DIGITS, Edit, Rows, log_uniform, ratio, signed
+from buggy_rl.proof.real.edits.base import DIGITS, Edit, LogRows, log_uniform, ratio, signed
 
 
 class SteeringEdit(Edit):
@@ -18,7 +18,7 @@ class SteeringEdit(Edit):
     varies: ClassVar[str] = "steering"
 
 
-class SteeringOffset(SteeringEdit):
+class SteeringOffsetEdit(SteeringEdit):
     """Wheels that are not straight at 0: steering = steering' + offset."""
 
     name: ClassVar[str] = "steering_offset"
@@ -26,11 +26,11 @@ class SteeringOffset(SteeringEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"offset": signed(chance, log_uniform(chance, 0.005, 0.2))}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return replace(rows, steering=rows.steering - values["offset"])
 
 
-class SteeringGain(SteeringEdit):
+class SteeringGainEdit(SteeringEdit):
     """Another gain: steering = gain steering'."""
 
     name: ClassVar[str] = "steering_gain"
@@ -38,11 +38,11 @@ class SteeringGain(SteeringEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"gain": ratio(chance, 0.01, 0.4)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return replace(rows, steering=rows.steering / values["gain"])
 
 
-class SteeringAsymmetry(SteeringEdit):
+class SteeringAsymmetryEdit(SteeringEdit):
     """Gains sqrt(q) to the left and 1 / sqrt(q) to the right."""
 
     name: ClassVar[str] = "steering_asymmetry"
@@ -50,13 +50,13 @@ class SteeringAsymmetry(SteeringEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"left_to_right": ratio(chance, 0.02, 0.5)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         root = values["left_to_right"] ** 0.5
         steering = np.where(rows.steering > 0, rows.steering / root, rows.steering * root)
         return replace(rows, steering=steering)
 
 
-class SteeringBacklash(SteeringEdit):
+class SteeringBacklashEdit(SteeringEdit):
     """Play between command and wheels: steering' = steering + width / 2, the way it moves.
 
     Exact of a play ahead of the servo's lag; at a reversal the command jumps by the width within a
@@ -68,7 +68,7 @@ class SteeringBacklash(SteeringEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"width": round(log_uniform(chance, 0.01, 0.25), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         taken_up = values["width"] / 2 * last_direction(rows.steering)
         return replace(rows, steering=rows.steering + taken_up)
 

@@ -8,7 +8,7 @@ import random
 from collections.abc import Mapping
 from typing import ClassVar
 
-from buggy_rl.proof.real.edits.base import DIGITS, Edit, Rows, log_uniform, ratio
+from buggy_rl.proof.real.edits.base import DIGITS, Edit, LogRows, log_uniform, ratio
 
 MINUTE = 60.0  # [s]
 
@@ -20,7 +20,7 @@ class ThrottleEdit(Edit):
     varies: ClassVar[str] = "throttle"
 
 
-class ThrottleGain(ThrottleEdit):
+class ThrottleGainEdit(ThrottleEdit):
     """Another gain: drive = gain drive'."""
 
     name: ClassVar[str] = "throttle_gain"
@@ -28,11 +28,11 @@ class ThrottleGain(ThrottleEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"gain": ratio(chance, 0.01, 0.4)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return rows.with_drive(rows.drive / values["gain"])
 
 
-class ThrottleDeadband(ThrottleEdit):
+class ThrottleDeadbandEdit(ThrottleEdit):
     """Drive below a width does nothing: drive = (drive' - w) (1 + restored w / (1 - w)).
 
     A recorded drive of 0 stays 0: any value inside the band gave it.
@@ -44,12 +44,12 @@ class ThrottleDeadband(ThrottleEdit):
         width = round(log_uniform(chance, 0.005, 0.2), DIGITS)
         return {"width": width, "restored": float(chance.random() < 0.5)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         width, restored = values["width"], values["restored"]
         return rows.with_drive(width + rows.drive / (1 + restored * width / (1 - width)))
 
 
-class BatterySag(ThrottleEdit):
+class BatterySagEdit(ThrottleEdit):
     """A drive that weakens with time: drive = (1 - loss t) drive', t since the recording began."""
 
     name: ClassVar[str] = "battery_sag"
@@ -58,5 +58,5 @@ class BatterySag(ThrottleEdit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"loss_per_minute": round(log_uniform(chance, 0.005, 0.25), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return rows.with_drive(rows.drive / (1 - values["loss_per_minute"] * rows.t / MINUTE))

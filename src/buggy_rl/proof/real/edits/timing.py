@@ -10,25 +10,25 @@ from dataclasses import replace
 from typing import ClassVar
 
 from buggy_rl.core.vehicle import CONTROL_PERIOD
-from buggy_rl.proof.real.edits.base import Edit, Rows, whole_rows
+from buggy_rl.proof.real.edits.base import Edit, LogRows, whole_rows
 
 LONGEST = 20  # [rows] 0.2 s: twice what radio and servo of a small car need together
 LONGEST_OF_A_SENSOR = 8  # [rows] two frames and a half at 30 Hz
 
 
-class DeadTime(Edit):
+class DeadTimeEdit(Edit):
     """A command that acts late: its column is moved earlier."""
 
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"dead_time": whole_rows(chance, 1, LONGEST, CONTROL_PERIOD)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         late = round(values["dead_time"] / rows.dt)
         column = getattr(rows, self.varies)[late:]
         return replace(rows.between(0, len(column)), **{self.varies: column})
 
 
-class SteeringDeadTime(DeadTime):
+class SteeringDeadTimeEdit(DeadTimeEdit):
     """Steering that acts late."""
 
     name: ClassVar[str] = "steering_dead_time"
@@ -36,7 +36,7 @@ class SteeringDeadTime(DeadTime):
     varies: ClassVar[str] = "steering"
 
 
-class ThrottleDeadTime(DeadTime):
+class ThrottleDeadTimeEdit(DeadTimeEdit):
     """A throttle that acts late."""
 
     name: ClassVar[str] = "throttle_dead_time"
@@ -44,7 +44,7 @@ class ThrottleDeadTime(DeadTime):
     varies: ClassVar[str] = "throttle"
 
 
-class SensorLatency(Edit):
+class SensorLatencyEdit(Edit):
     """Measurements that are stamped late."""
 
     name: ClassVar[str] = "sensor_latency"
@@ -53,7 +53,7 @@ class SensorLatency(Edit):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"dead_time": whole_rows(chance, 1, LONGEST_OF_A_SENSOR, CONTROL_PERIOD)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         late = round(values["dead_time"] / rows.dt)
         shown = rows.between(0, max(0, len(rows) - late))
         later = rows.between(late, len(rows))

@@ -17,7 +17,7 @@ from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.proof.real.edits.base import (
     DIGITS,
     Edit,
-    Rows,
+    LogRows,
     log_uniform,
     signed,
     whole_rows,
@@ -27,13 +27,13 @@ MOST_ROWS = 20  # [rows] longest periodic dead time: 0.2 s
 HELD = 0.2  # [s] between the commands of a log at 5 Hz
 
 
-class Unknown(Edit):
+class UnknownEdit(Edit):
     """An edit without a name in the library."""
 
     known: ClassVar[bool] = False
 
 
-class ThrottleExponent(Unknown):
+class ThrottleExponentEdit(UnknownEdit):
     """A curved throttle: drive = drive'^exponent."""
 
     name: ClassVar[str] = "throttle_exponent"
@@ -43,11 +43,11 @@ class ThrottleExponent(Unknown):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"exponent": round(math.exp(log_uniform(chance, 0.05, 0.9)), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return rows.with_drive(rows.drive.clip(0) ** (1 / values["exponent"]))
 
 
-class SteeringExponent(Unknown):
+class SteeringExponentEdit(UnknownEdit):
     """A curved steering of a power law: |steering| = |steering'|^exponent; no cubic makes it."""
 
     name: ClassVar[str] = "steering_exponent"
@@ -57,12 +57,12 @@ class SteeringExponent(Unknown):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"exponent": round(math.exp(log_uniform(chance, 0.05, 0.9)), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         size = np.abs(rows.steering) ** (1 / values["exponent"])
         return replace(rows, steering=np.sign(rows.steering) * size)
 
 
-class CrossTalk(Unknown):
+class CrossTalkEdit(UnknownEdit):
     """Drive that turns the wheels: steering = steering' + share drive."""
 
     name: ClassVar[str] = "cross_talk"
@@ -72,11 +72,11 @@ class CrossTalk(Unknown):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"share": signed(chance, log_uniform(chance, 0.01, 0.3))}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         return replace(rows, steering=rows.steering - values["share"] * rows.drive.clip(0))
 
 
-class QuantisedLog(Unknown):
+class QuantisedLogEdit(UnknownEdit):
     """Commands that were written down in steps."""
 
     name: ClassVar[str] = "quantised_log"
@@ -86,14 +86,14 @@ class QuantisedLog(Unknown):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"step": round(log_uniform(chance, 0.05, 0.5), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         step = values["step"]
         commands = (rows.throttle, rows.steering)
         throttle, steering = (np.clip(np.round(c / step) * step, -1, 1) for c in commands)
         return replace(rows, throttle=throttle, steering=steering)
 
 
-class HeldLog(Unknown):
+class HeldLogEdit(UnknownEdit):
     """Commands that were written down five times a second, and held in between."""
 
     name: ClassVar[str] = "held_log"
@@ -103,13 +103,13 @@ class HeldLog(Unknown):
     def drawn(self, chance: random.Random) -> dict[str, float]:
         return {"phase": round(chance.uniform(0, HELD), DIGITS)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         every, first = round(HELD / rows.dt), round(values["phase"] / rows.dt)
         row = np.arange(len(rows))
         return _read_at(rows, (row - (row + first) % every).clip(0))
 
 
-class PeriodicDeadTime(Unknown):
+class PeriodicDeadTimeEdit(UnknownEdit):
     """Commands that were written down early by up to a dead time, which comes and goes."""
 
     name: ClassVar[str] = "periodic_dead_time"
@@ -120,14 +120,14 @@ class PeriodicDeadTime(Unknown):
         longest = whole_rows(chance, 2, MOST_ROWS, CONTROL_PERIOD)
         return {"longest": longest, "period": round(chance.uniform(2.0, 10.0), 2)}
 
-    def edited(self, rows: Rows, values: Mapping[str, float]) -> Rows:
+    def edited(self, rows: LogRows, values: Mapping[str, float]) -> LogRows:
         share = 0.5 * (1 - np.cos(2 * np.pi * rows.t / values["period"]))
         late = np.round(share * values["longest"] / rows.dt).astype(int)
         kept = max(0, len(rows) - round(values["longest"] / rows.dt))
         return _read_at(rows, np.arange(len(rows)) + late, kept)
 
 
-def _read_at(rows: Rows, index: ndarray, kept: int | None = None) -> Rows:
+def _read_at(rows: LogRows, index: ndarray, kept: int | None = None) -> LogRows:
     """The first rows with the commands of others."""
     own, index = rows.between(0, len(index[:kept])), index[:kept]
     return replace(own, throttle=rows.throttle[index], steering=rows.steering[index])
