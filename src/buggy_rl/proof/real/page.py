@@ -97,7 +97,8 @@ def _wrong(outcome: RealOutcome) -> list[str]:
 
 def _said(answer: CaseAnswer) -> str:
     said = "; ".join(
-        f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in answer.said
+        " ".join(filter(None, (s.name, _numbers(s.values, ".3g"), f"({s.confidence:.2f})")))
+        for s in answer.said
     )
     verdict = answer.verdict.replace("_", " ") or answer.status
     return f"{verdict}: {said}" if said else verdict

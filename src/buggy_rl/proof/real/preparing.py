@@ -8,16 +8,18 @@ from typing import Any
 import yaml
 
 from buggy_rl.core.files import write_atomically
-from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.jobs import Job, run_jobs
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.proof.cases.simulators import COLUMNS, MODEL
 from buggy_rl.proof.real.dataset import Dataset, pieces
-from buggy_rl.recordings import Recording, save_command, save_recording
+from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.simulators import read_simulator
 
 PIECE = 20.0  # [s] longest piece of a recording: two of them are kept from the fit
 ENDINGS = {"learned": ".pt"}
+CHECKED = {"agreement_distance": 10.0, "agreement_angle": 10.0}
+"""Limits of what was checked once: velocities that a filter made of a noisy pose would be compared
+with that pose as if they had a sensor of their own."""
 
 
 def simulator_file(folder: Path, dataset: str, half: str, engine: str) -> Path:
@@ -54,7 +56,7 @@ def preparing(
         f"data.validation=[{cut[0].name}]",
         f"data.held_out=[{cut[-1].name}]",
         f"output={folder / f'{name}_study'}",
-        *([f"data.columns={drives / COLUMNS}"] if cut[0].command != ONE_WAY else []),
+        f"data.columns={drives / COLUMNS}",
         *dataset.config.fits.get(engine, []),
     ]
     if engine == "learned":
@@ -105,7 +107,7 @@ def give_simulator(file: Path, folder: Path) -> str:
 
 
 def save_recordings(recordings: Sequence[Recording], folder: Path, name: str = "") -> None:
-    """Writes recordings, and the column map of a command that is no one-way throttle.
+    """Writes recordings, and the column map that reads them as they are.
 
     Args:
         recordings: Sensors beside the tracker are written too.
@@ -116,5 +118,5 @@ def save_recordings(recordings: Sequence[Recording], folder: Path, name: str = "
     for number, recording in enumerate(recordings):
         file = folder / f"{f'{name}_{number:02d}' if name else recording.name}.csv"
         save_recording(recording, file)
-    if recordings[0].command != ONE_WAY:
-        save_command(recordings[0].command, folder / COLUMNS)
+    content = {"command": recordings[0].command.plain_fields, "limits": CHECKED}
+    write_atomically(folder / COLUMNS, yaml.safe_dump(content, sort_keys=False))

@@ -159,8 +159,11 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
             row(f"{name}: something named above one half", [bool(o.wrong) for o in same]),
             row("  called unknown", [o.scored.calls_unknown for o in same]),
         ]
-    crashed = [o.scored.answer.status != "answered" for o in outcomes]
-    return [*found, row("crashed or timed out", crashed)]
+    return [
+        *found,
+        row("crashed or timed out", [o.scored.answer.status != "answered" for o in outcomes]),
+        row("could not be weighed", [bool(o.scored.failed) for o in outcomes]),
+    ]
 
 
 def _at_least(outcomes: Sequence[RealOutcome], bound: float) -> StrengthRow:

@@ -17,7 +17,6 @@ from typing import Any
 import yaml
 
 from buggy_rl.core.files import clear_folder, write_atomically
-from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.proof.cases.sealing import INPUTS, CaseStore, sealed_text
 from buggy_rl.proof.cases.simulators import COLUMNS
 from buggy_rl.proof.real.case import RealCase
@@ -140,16 +139,16 @@ def write_question(
         ValueError: A reader refuses a recording, or cuts more than `LOST` of it.
     """
     clear_folder(folder, INPUTS)
-    content: dict[str, Any] = {"recordings": ["recordings"], "car": config.car, **question.plain}
+    content: dict[str, Any] = {"recordings": ["recordings"]}
+    content |= {"car": config.car, "columns": COLUMNS, **question.plain}
     save_recordings(_tracked(recordings), folder / "recordings", "drive")
     if baseline:
         content["baseline"] = ["baseline"]
         save_recordings(_tracked(baseline), folder / "baseline", "drive")
-    if recordings[0].command != ONE_WAY:
-        content["columns"] = COLUMNS
-        for part in ("recordings", "baseline") if baseline else ("recordings",):
+    for part, given in (("recordings", recordings), ("baseline", baseline)):
+        if given:
             (folder / part / COLUMNS).replace(folder / COLUMNS)
-    _refuse_unread(folder, content, sum(len(recording) for recording in recordings))
+            _refuse_unread(folder, part, config.car, sum(map(len, given)))
     content["simulator"] = give_simulator(simulator, folder)
     write_atomically(folder / "question.yaml", yaml.safe_dump(content, sort_keys=False))
 
@@ -160,12 +159,11 @@ def _tracked(recordings: Sequence[Recording]) -> list[Recording]:
     return [Recording(r.name, r.data.select(*kept), r.dt, command=r.command) for r in recordings]
 
 
-def _refuse_unread(folder: Path, content: Mapping[str, Any], rows: int) -> None:
-    columns = folder / COLUMNS if "columns" in content else None
-    found, refusals = load_recordings([str(folder / "recordings")], columns, car=content["car"])
+def _refuse_unread(folder: Path, part: str, car: str, rows: int) -> None:
+    found, refusals = load_recordings([str(folder / part)], folder / COLUMNS, car=car)
     if refusals:
         raise ValueError(f"an edited recording is refused: {refusals[0]}")
     read = sum(len(recording) for recording in found)
     if read < (1 - LOST) * rows:
         notes = "; ".join(note for recording in found for note in recording.notes)
-        raise ValueError(f"{folder}: {rows - read} of {rows} edited rows are cut: {notes}")
+        raise ValueError(f"{folder / part}: {rows - read} of {rows} rows are cut: {notes}")
