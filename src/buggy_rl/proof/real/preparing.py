@@ -16,6 +16,7 @@ from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.simulators import read_simulator
 
 PIECE = 20.0  # [s] longest piece of a recording: two of them are kept from the fit
+LEAST_PIECES = 8  # of which a fit has all but two
 ENDINGS = {"learned": ".pt"}
 CHECKED = {"agreement_distance": 10.0, "agreement_angle": 10.0}
 """Limits of what was checked once: velocities that a filter made of a noisy pose would be compared
@@ -49,7 +50,8 @@ def preparing(
         recordings: What it is fitted to, where that is no half.
     """
     drives, name = folder / f"{dataset.name}_{half}_drives", f"{dataset.name}_{half}_{engine}"
-    cut = list(pieces(recordings or dataset.half(half), PIECE))
+    own = recordings or dataset.half(half)
+    cut = list(pieces(own, min(PIECE, sum(r.duration for r in own) / LEAST_PIECES)))
     save_recordings(cut, drives)
     options = [
         f"data.recordings=[{drives}]",
