@@ -7,7 +7,13 @@ import pytest
 import torch
 
 from buggy_rl.core import keys
-from buggy_rl.proof.real.dataset import DatasetConfig, halves, load_dataset, pieces, refuse_copies
+from buggy_rl.proof.real.dataset import (
+    DatasetConfig,
+    cut_pieces,
+    halves,
+    load_dataset,
+    refuse_copies,
+)
 from tests.proof.real.plant import commands, recording
 
 
@@ -67,7 +73,7 @@ def test_copied_files_are_refused(drives, tmp_path):
 
 def test_pieces_are_the_recording_in_order():
     drive = recording(commands(250))
-    made = list(pieces([drive, drive], 1.0))
+    made = list(cut_pieces([drive, drive], 1.0))
     assert [piece.name for piece in made] == [f"piece_{n:03d}" for n in range(6)]
     assert max(len(piece) for piece in made) <= 100
     joined = torch.cat([piece.data[keys.POSE] for piece in made[:3]])

@@ -15,7 +15,7 @@ from buggy_rl.proof.real.known import (
     KnownChange,
     KnownConfig,
     KnownResult,
-    chosen,
+    chosen_recordings,
     id_of,
     known_job,
     known_results,
@@ -23,7 +23,7 @@ from buggy_rl.proof.real.known import (
 )
 from buggy_rl.proof.real.measures import MEASURES
 from buggy_rl.proof.real.preparing import simulator_file
-from buggy_rl.proof.real.sealing import Question
+from buggy_rl.proof.real.sealing import QuestionConfig
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredEffect
 from buggy_rl.recordings import load_recordings
 
@@ -40,12 +40,12 @@ def written(tmp_path, dataset, config, monkeypatch):
     asked = KnownConfig(config, ["drive_3"], changes=CHANGES)
     file = simulator_file(store.prepared, dataset.name, "fitted", "single_track")
     write_atomically(file, yaml.safe_dump({"engine": "single_track"}))
-    assert write_known(store, dataset, asked, Question()) == ["known_fast", "known_same"]
+    assert write_known(store, dataset, asked, QuestionConfig()) == ["known_fast", "known_same"]
     return store, asked
 
 
 def test_a_part_of_a_recording_is_named_by_its_seconds(dataset):
-    whole, first, rest = chosen(dataset, ["drive_2", "drive_2@0:4.5", "drive_2@4.5:"])
+    whole, first, rest = chosen_recordings(dataset, ["drive_2", "drive_2@0:4.5", "drive_2@4.5:"])
     assert (len(whole), len(first), len(rest)) == (900, 450, 450)
     assert float(rest.data[keys.TIME][0, 0]) == pytest.approx(4.5)
 
@@ -56,7 +56,7 @@ def test_a_part_of_a_recording_is_named_by_its_seconds(dataset):
 )
 def test_what_is_not_there_is_said(dataset, name, said):
     with pytest.raises(ValueError, match=said):
-        chosen(dataset, [name])
+        chosen_recordings(dataset, [name])
 
 
 def test_both_sides_are_written_and_measured(written):
@@ -73,7 +73,7 @@ def test_both_sides_are_written_and_measured(written):
 def test_what_was_written_stays(written, dataset):
     store, asked = written
     before = {f: f.stat().st_mtime_ns for f in store.output.rglob("*") if f.is_file()}
-    write_known(store, dataset, asked, Question())
+    write_known(store, dataset, asked, QuestionConfig())
     assert {f: f.stat().st_mtime_ns for f in before} == before
     assert known_job(store, dataset, asked, store.output) == {}
 
@@ -82,7 +82,7 @@ def test_a_recording_on_both_sides_is_refused(tmp_path, dataset, config):
     store = CaseStore(tmp_path / "open", tmp_path / "safe")
     both = KnownConfig(config, changes={"both": KnownChange("", ["drive_0"], ["drive_0@2:6"])})
     with pytest.raises(ValueError, match="rows in common"):
-        write_known(store, dataset, both, Question())
+        write_known(store, dataset, both, QuestionConfig())
 
 
 def test_answers_stand_beside_what_was_measured(written):
@@ -123,9 +123,9 @@ def test_the_shipped_config_names_recordings_that_are_there(dart_folder, reposit
     assert config.known.data is not None
     dataset = load_dataset("known", config.known.data)
     used = {name for change in config.known.changes.values() for name in change.after}
-    assert chosen(dataset, config.known.fit)
+    assert chosen_recordings(dataset, config.known.fit)
     assert not used & {*config.known.fit}
     for change in config.known.changes.values():
-        assert chosen(dataset, change.baseline)
-        assert chosen(dataset, change.after)
+        assert chosen_recordings(dataset, change.baseline)
+        assert chosen_recordings(dataset, change.after)
         assert not {*change.baseline} & {*config.known.fit}

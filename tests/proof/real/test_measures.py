@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
-from buggy_rl.proof.real.measures import measured, windows
+from buggy_rl.proof.real.measures import cut_windows, measured
 from buggy_rl.recordings import Recording
 
 
@@ -62,7 +62,7 @@ def test_windows_in_which_a_command_moved_are_not_steady():
     drive = circle(1.0, 0.8)
     drive.data[keys.ACTION] = drive.data[keys.ACTION].clone()
     drive.data[keys.ACTION][400:, 0] = 0.3
-    seen = windows([drive])
+    seen = cut_windows([drive])
     # Windows begin at 1.0, 1.5, ...; of those whose second before or own half holds 4.0 s, none is.
     start = 1.0 + 0.5 * np.arange(len(seen))
     assert start[seen.steady == 0].tolist() == [4.0, 4.5]
@@ -70,4 +70,4 @@ def test_windows_in_which_a_command_moved_are_not_steady():
 
 def test_a_car_that_stands_is_said_to_show_nothing():
     with pytest.raises(ValueError, match="parked: the car moves in no window"):
-        windows([circle(0.1, 0.8, name="parked")])
+        cut_windows([circle(0.1, 0.8, name="parked")])

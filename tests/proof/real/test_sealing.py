@@ -15,7 +15,7 @@ from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.real.edits import EDITS, edited
 from buggy_rl.proof.real.preparing import simulator_file
 from buggy_rl.proof.real.sealing import (
-    Question,
+    QuestionConfig,
     publish_secret,
     seal_edited,
     secret_of,
@@ -47,7 +47,7 @@ def sealed(tmp_path_factory, config) -> CaseStore:
     made = store(tmp_path_factory.mktemp("sealed"))
     secret = secret_of(made)
     publish(made, CASES, secret)
-    assert seal_edited(made, CASES, {"small": config}, secret, Question()) == 3
+    assert seal_edited(made, CASES, {"small": config}, secret, QuestionConfig()) == 3
     return made
 
 
@@ -143,4 +143,4 @@ def test_a_recording_that_a_reader_would_cut_is_refused(tmp_path, dataset, confi
     file = tmp_path / "simulator.yaml"
     write_atomically(file, yaml.safe_dump(SIMULATOR))
     with pytest.raises(ValueError, match=r"rows are cut|is refused"):
-        write_question(tmp_path / "case", [leaping], [], file, config, Question())
+        write_question(tmp_path / "case", [leaping], [], file, config, QuestionConfig())

@@ -144,7 +144,7 @@ def _seconds(recordings: Sequence[Recording]) -> float:
     return sum(recording.duration for recording in recordings)
 
 
-def pieces(recordings: Sequence[Recording], seconds: float) -> Iterator[Recording]:
+def cut_pieces(recordings: Sequence[Recording], seconds: float) -> Iterator[Recording]:
     """Yields recordings cut into pieces no longer than so many seconds, numbered."""
     number = 0
     for recording in recordings:

@@ -16,7 +16,7 @@ from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.real.dataset import Dataset, DatasetConfig, refuse_copies
 from buggy_rl.proof.real.measures import Measured, measured
 from buggy_rl.proof.real.preparing import preparing, simulator_file
-from buggy_rl.proof.real.sealing import Question, write_question
+from buggy_rl.proof.real.sealing import QuestionConfig, write_question
 from buggy_rl.proof.running import answers
 from buggy_rl.proof.score.outcome import CaseAnswer
 from buggy_rl.recordings import Recording
@@ -45,7 +45,7 @@ class KnownConfig:
     """Known changes of one car."""
 
     data: DatasetConfig | None = None
-    """Its recordings; None for no known changes."""
+    """Recordings of the car; None for no known changes."""
     fit: list[str] = field(default_factory=list)
     """Names of the recordings that the simulator is fitted to."""
     engine: str = "single_track"
@@ -77,7 +77,7 @@ def id_of(name: str) -> str:
     return f"{NAME}_{name}"
 
 
-def chosen(dataset: Dataset, names: Sequence[str]) -> list[Recording]:
+def chosen_recordings(dataset: Dataset, names: Sequence[str]) -> list[Recording]:
     """Recordings by name, or parts of them.
 
     Raises:
@@ -110,7 +110,7 @@ def known_job(
     file = _simulator(store, dataset, config)
     if file.exists():
         return {}
-    fitted = chosen(dataset, config.fit)
+    fitted = chosen_recordings(dataset, config.fit)
     job = preparing(dataset, FITTED, config.engine, store.prepared, scripts, fitted)
     return {file: job}
 
@@ -120,7 +120,7 @@ def _simulator(store: CaseStore, dataset: Dataset, config: KnownConfig) -> Path:
 
 
 def write_known(
-    store: CaseStore, dataset: Dataset, config: KnownConfig, question: Question
+    store: CaseStore, dataset: Dataset, config: KnownConfig, question: QuestionConfig
 ) -> list[str]:
     """Measures every change and writes what its diagnosis is given; the names of their folders.
 
@@ -128,7 +128,10 @@ def write_known(
         ValueError: A recording is not there, or lies on both sides of a change.
     """
     for name, change in config.changes.items():
-        baseline, after = chosen(dataset, change.baseline), chosen(dataset, change.after)
+        baseline, after = (
+            chosen_recordings(dataset, change.baseline),
+            chosen_recordings(dataset, change.after),
+        )
         if not (store.inputs(id_of(name)) / "question.yaml").exists():
             refuse_copies([*baseline, *after])
             found = [asdict(m) for m in measured(baseline, after)]

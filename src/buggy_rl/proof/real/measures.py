@@ -50,7 +50,7 @@ class Windows:
         return Windows(**{name: values[index] for name, values in vars(self).items()})
 
 
-def windows(recordings: Sequence[Recording]) -> Windows:
+def cut_windows(recordings: Sequence[Recording]) -> Windows:
     """Windows of recordings in which the car moves.
 
     Raises:
@@ -137,7 +137,8 @@ def measured(baseline: Sequence[Recording], after: Sequence[Recording]) -> list[
     return [
         result
         for name, (unit, quantity) in MEASURES.items()
-        if (result := compared(name, unit, quantity, windows(baseline), windows(after))) is not None
+        if (result := compared(name, unit, quantity, cut_windows(baseline), cut_windows(after)))
+        is not None
     ]
 
 

@@ -11,7 +11,7 @@ from buggy_rl.core.files import write_atomically
 from buggy_rl.jobs import Job, run_jobs
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.proof.cases.simulators import COLUMNS, MODEL
-from buggy_rl.proof.real.dataset import Dataset, pieces
+from buggy_rl.proof.real.dataset import Dataset, cut_pieces
 from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.simulators import read_simulator
 
@@ -51,7 +51,7 @@ def preparing(
     """
     drives, name = folder / f"{dataset.name}_{half}_drives", f"{dataset.name}_{half}_{engine}"
     own = recordings or dataset.half(half)
-    cut = list(pieces(own, min(PIECE, sum(r.duration for r in own) / LEAST_PIECES)))
+    cut = list(cut_pieces(own, min(PIECE, sum(r.duration for r in own) / LEAST_PIECES)))
     save_recordings(cut, drives)
     options = [
         f"data.recordings=[{drives}]",

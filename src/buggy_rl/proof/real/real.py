@@ -11,7 +11,7 @@ from buggy_rl.proof.real.dataset import Dataset, DatasetConfig, load_dataset
 from buggy_rl.proof.real.draw import RealDrawConfig
 from buggy_rl.proof.real.known import NAME, KnownConfig, known_job, write_known
 from buggy_rl.proof.real.preparing import prepared, preparing, simulator_file
-from buggy_rl.proof.real.sealing import Question, seal_edited, unsealed_groups
+from buggy_rl.proof.real.sealing import QuestionConfig, seal_edited, unsealed_groups
 from buggy_rl.proof.running import ProofStep, SealedRun, asked, diagnoses, parallel
 
 STAGES = ("prepare", "seal", "ask", "weigh", "settle", "score", "known", "page")
@@ -26,7 +26,7 @@ class RealProofConfig(SealedRun):
     datasets: dict[str, DatasetConfig] = field(default_factory=dict)
     """Name -> recordings of one car."""
     draw: RealDrawConfig = field(default_factory=RealDrawConfig)
-    question: Question = field(default_factory=Question)
+    question: QuestionConfig = field(default_factory=QuestionConfig)
     rivals: int = 6
     """Other effects that are fitted to a case to see how strongly the true one shows."""
     known: KnownConfig = field(default_factory=KnownConfig)

@@ -74,7 +74,7 @@ class RealScore:
 
     rows: list[ScoreRow]
     classes: dict[str, dict[str, list[Figure]]]
-    """By what -> class -> first name right and above one half; a wrong name above one half."""
+    """Property -> class -> first name right and above one half; a wrong name above one half."""
     strengths: list[StrengthRow]
     wrong: list[RealOutcome]
     """Every answer with a wrong name above one half."""

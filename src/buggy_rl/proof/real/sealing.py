@@ -31,7 +31,7 @@ LOST = 0.02  # share of the rows that a reader may cut
 
 
 @dataclass(frozen=True)
-class Question:
+class QuestionConfig:
     """What every diagnosis is asked beside simulator and recordings."""
 
     stretches: int = 0
@@ -94,7 +94,7 @@ def seal_edited(
     cases: Sequence[RealCase],
     datasets: Mapping[str, DatasetConfig],
     secret: str,
-    question: Question,
+    question: QuestionConfig,
 ) -> int:
     """Edits the recordings of cases of one dataset and writes what may be seen; how many.
 
@@ -109,7 +109,9 @@ def seal_edited(
     return len(cases)
 
 
-def write_case(store: CaseStore, case: RealCase, dataset: Dataset, question: Question) -> None:
+def write_case(
+    store: CaseStore, case: RealCase, dataset: Dataset, question: QuestionConfig
+) -> None:
     """Writes what may be seen of a case."""
     simulator = simulator_file(store.prepared, case.dataset, case.other, case.engine)
     changed = edited_half(dataset, case.half, case.concealed)
@@ -123,7 +125,7 @@ def write_question(
     baseline: Sequence[Recording],
     simulator: Path,
     config: DatasetConfig,
-    question: Question,
+    question: QuestionConfig,
 ) -> None:
     """Writes the folder that a diagnosis is given.
 
