@@ -128,10 +128,8 @@ def write_known(
         ValueError: A recording is not there, or lies on both sides of a change.
     """
     for name, change in config.changes.items():
-        baseline, after = (
-            chosen_recordings(dataset, change.baseline),
-            chosen_recordings(dataset, change.after),
-        )
+        baseline = chosen_recordings(dataset, change.baseline)
+        after = chosen_recordings(dataset, change.after)
         if not (store.inputs(id_of(name)) / "question.yaml").exists():
             refuse_copies([*baseline, *after])
             found = [asdict(m) for m in measured(baseline, after)]
@@ -147,7 +145,7 @@ def _measures(store: CaseStore, name: str) -> Path:
 
 
 def known_results(store: CaseStore, changes: Mapping[str, KnownChange]) -> list[KnownResult]:
-    """Of every change that was measured, what is known of it."""
+    """Results of all changes that were measured."""
     found = []
     for name, change in changes.items():
         if _measures(store, name).exists():

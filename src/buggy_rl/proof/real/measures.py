@@ -134,12 +134,9 @@ class Measured:
 
 def measured(baseline: Sequence[Recording], after: Sequence[Recording]) -> list[Measured]:
     """Every quantity of which both sets have windows at equal commands."""
-    return [
-        result
-        for name, (unit, quantity) in MEASURES.items()
-        if (result := compared(name, unit, quantity, cut_windows(baseline), cut_windows(after)))
-        is not None
-    ]
+    before, since = cut_windows(baseline), cut_windows(after)
+    found = (compared(name, *how, before, since) for name, how in MEASURES.items())
+    return [result for result in found if result is not None]
 
 
 def compared(
