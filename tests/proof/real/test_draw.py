@@ -78,7 +78,6 @@ def test_where_no_edit_can_be_made_that_is_said(dataset):
     still = copy_of(dataset, "still")
     for drive in still.recordings:
         drive.data[keys.ACTION][:, 1] = 0.0
-    still = Dataset("still", dataset.config, straight)
     only = replace(MANY, families=["one"], edits=["steering_gain"], cases=1)
     with pytest.raises(ValueError, match="no edit of the family 'one' leaves 15 s of a half"):
         drawn(only, {"still": still})
