@@ -15,7 +15,8 @@ from buggy_rl.core import keys
 from buggy_rl.effects import STACK, effect_class, in_order
 from buggy_rl.proof.real.edits import EDITS, NAMED, UNKNOWN, applicable, edited
 from buggy_rl.proof.real.edits.base import log_rows
-from tests.proof.real.plant import SPEED, commands, driven, neutral, recording
+from buggy_rl.recordings import load_recording
+from tests.proof.real.plant import RESTING, SPEED, commands, driven, neutral, recording
 
 VALUES = {
     "battery_sag": {"loss_per_minute": 0.2},
@@ -33,6 +34,7 @@ VALUES = {
     "speed_scale": {"ratio": 0.9},
     "gyro_bias": {"bias": -0.1},
 }
+SMALLER = {"steering_backlash": {"width": 0.08}, "steering_offset": {"offset": 0.08}}  # in range
 PAIRS = [
     ("throttle_gain", "throttle_dead_time"),
     ("steering_offset", "steering_dead_time"),
@@ -51,14 +53,14 @@ def untouched(**told):
     return recording(commands(**told), **told)
 
 
-def deviation(concealed, effects=None, command=None) -> float:
+def deviation(concealed, effects=None, drive=None) -> float:
     """Greatest difference between what the edited recording shows and the car with the effect."""
-    told = {} if command is None else {"command": command}
-    changed = edited(untouched(**told), concealed)
+    drive = drive or untouched()
+    changed = edited(drive, concealed)
     assert changed is not None
     first = round(float(changed.data[keys.TIME][0, 0]) / changed.dt)
-    given = torch.cat([commands(**told)[:first], changed.data[keys.ACTION]])
-    shown = driven(given, concealed if effects is None else effects, **told)
+    given = torch.cat([drive.data[keys.ACTION][:first], changed.data[keys.ACTION]])
+    shown = driven(given, concealed if effects is None else effects, drive.command)
     return max(
         float((shown[key][first:] - changed.data[key]).abs().max())
         for key in (keys.POSE, keys.VELOCITY)
@@ -97,12 +99,23 @@ def test_two_edits_are_the_car_with_both_effects(names):
 
 @pytest.mark.parametrize("name", [n for n in NAMED if EDITS[n].speed_too])
 def test_edits_of_a_speed_command_are_as_exact(name):
-    assert deviation({name: VALUES[name]}, command=SPEED) < EXACT
+    assert deviation({name: VALUES[name]}, drive=untouched(command=SPEED)) < EXACT
 
 
 def test_a_deadband_of_which_nothing_is_restored_is_exact_too():
     concealed = {"throttle_deadband": {"width": 0.1, "restored": 0.0}}
     assert deviation(concealed) < EXACT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMED)
+def test_logs_of_the_real_car_are_edited_as_exactly(name, dart_folder, repository):
+    [file] = dart_folder.rglob("*09_04_2024_12_34_30.csv")  # neither lock is reached
+    drive = load_recording(file, repository / "configs" / "columns" / "dart.yaml", car="dart")
+    log = drive.data[keys.ACTION][800:1200]
+    assert float(log[:, 1].std()) > 0.3
+    resting = recording(torch.cat([commands()[:RESTING], log]))  # the car rests, then gets it
+    assert deviation({name: VALUES[name] | SMALLER.get(name, {})}, drive=resting) < EXACT
 
 
 def test_edits_stand_in_the_order_of_the_effects():

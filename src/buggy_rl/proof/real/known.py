@@ -10,6 +10,7 @@ import torch
 
 from buggy_rl.core import keys
 from buggy_rl.core.files import write_json
+from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.jobs import Job
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.ledger import OURS
@@ -68,7 +69,7 @@ class KnownResult:
         """Whether what is said above one half is right: nothing, where nothing changed."""
         if self.answer is None:
             return None
-        sure = {effect.effect for effect in self.answer.said if effect.confidence > 0.5}
+        sure = {effect.effect for effect in self.answer.said if effect.confidence > EVEN}
         return bool(sure & {*self.change.effects}) if self.change.effects else not sure
 
 

@@ -18,7 +18,7 @@ import yaml
 
 from buggy_rl.core.files import clear_folder, write_atomically
 from buggy_rl.proof.cases.sealing import INPUTS, CaseStore, sealed_text
-from buggy_rl.proof.cases.simulators import COLUMNS
+from buggy_rl.proof.cases.simulators import CAR, COLUMNS
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.real.dataset import Dataset, DatasetConfig, load_dataset
 from buggy_rl.proof.real.draw import edited_half
@@ -143,6 +143,9 @@ def write_question(
     clear_folder(folder, INPUTS)
     content: dict[str, Any] = {"recordings": ["recordings"]}
     content |= {"car": config.car, "columns": COLUMNS, **question.plain}
+    if Path(config.car).is_file():  # else a name in configs/cars
+        content["car"] = CAR
+        write_atomically(folder / CAR, Path(config.car).read_bytes())
     save_recordings(_tracked(recordings), folder / "recordings", "drive")
     if baseline:
         content["baseline"] = ["baseline"]
