@@ -21,7 +21,7 @@ from buggy_rl.diagnosis.search.joint import joint_search
 from buggy_rl.effects import measuring
 from buggy_rl.estimation import baseline
 from buggy_rl.jobs import OUTCOME, Job, Outcome, Progress
-from buggy_rl.proof import proof
+from buggy_rl.proof import running
 from buggy_rl.proof.calibrate import development
 
 QUICK = ("minutes=0.001", "workers=1")
@@ -39,8 +39,8 @@ def jobs_here() -> Iterator[None]:
         patch.object(baseline, "STEPS", 50),
         patch.object(development, "results", called),
         patch.object(development, "joint_search", partial(joint_search, budget=SHORT)),
-        patch.object(proof, "results", called),
-        patch.object(proof, "run_jobs", diagnosed),
+        patch.object(running, "results", called),
+        patch.object(running, "run_jobs", diagnosed),
     ):
         yield
 

@@ -18,7 +18,7 @@ from buggy_rl.proof.cases.sealing import (
     seal,
     suggested_manoeuvres,
 )
-from buggy_rl.proof.proof import asked, open_entry
+from buggy_rl.proof.running import asked, open_entry
 from buggy_rl.recordings import load_recordings
 
 CASE = Case(21, "reference", "reference", concealed={"steering_gain": {"gain": 0.8}}, seconds=1.3)

@@ -14,16 +14,8 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.draw import DrawConfig
 from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
 from buggy_rl.proof.ledger import OURS, Entry, Ledger, searched
-from buggy_rl.proof.proof import (
-    ProofConfig,
-    asked,
-    complete,
-    open_entry,
-    open_once,
-    opened,
-    openings,
-    settle,
-)
+from buggy_rl.proof.proof import ProofConfig, complete, settle
+from buggy_rl.proof.running import asked, open_entry, open_once, opened, openings
 from tests.diagnosis import observations
 
 CASE = Case(31, "reference", "reference", concealed={"payload": {"mass_ratio": 1.3}}, seconds=1.3)

@@ -14,7 +14,7 @@ import pytest
 from buggy_rl.jobs import run_jobs
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
-from buggy_rl.proof.proof import asked, diagnosis_job
+from buggy_rl.proof.running import asked, diagnosis_job
 from tests.proof.here import jobs_here
 from tests.running import Done, run_script
 

@@ -50,6 +50,7 @@ VERBS = {  # subject -> verb -> module of this package, and script of that name
     "How good the diagnosis is": {
         "blind-demo": "blind_demo",
         "prove": "prove",
+        "prove-real": "prove_real",
         "develop": "develop",
         "calibrate": "calibrate",
         "transfer": "transfer",

@@ -28,7 +28,8 @@ def main() -> None:
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.proof.cases.draw import drawn
     from buggy_rl.proof.ledger import OURS
-    from buggy_rl.proof.proof import open_once, opened, openings, settle, steps
+    from buggy_rl.proof.proof import settle, steps
+    from buggy_rl.proof.running import open_once, opened, openings
     from buggy_rl.proof.score.score import score
 
     store, ledger = config.store, config.lines

@@ -18,14 +18,18 @@ from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
 from buggy_rl.diagnosis.search.posterior import Calibration, Posterior, posterior
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.equivalents import of_same_name
-from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase
+from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.score.outcome import CaseAnswer, Kind, ScoredCase
 
 OURS = "ours"
 KINDS = {
     "development": "seeds to calibrate on",
     "sealed": "seeds to publish",
     "recall": "of benchmarks/recall.py",
+    "real": "edited recordings of real cars",
 }
+CASES = {"real": RealCase}
+"""Kind -> class of its cases; `Case` where it is not named."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Entry:
     id: str
     kind: str = "development"
     """Kind of the line, of `KINDS`."""
-    opened: Case | None = None
+    opened: Any = None
     """What was drawn; None while it is sealed."""
     seal: str = ""
     """SHA-256 of what was sealed; empty for a case that never was."""
@@ -57,9 +61,11 @@ class Entry:
     """Answer of the diagnosis when the manoeuvre that it asked for was driven too."""
     weighed: Mapping[str, Any] = field(default_factory=dict)
     """What the oracle found, as its file has it: it tells the truth, so it is sealed too."""
+    made: Mapping[str, str] = field(default_factory=dict)
+    """Commit, time and hash of the source of the diagnosis; empty in earlier ledgers."""
 
     @property
-    def case(self) -> Case:
+    def case(self) -> Any:
         """What was drawn.
 
         Raises:
@@ -125,7 +131,8 @@ class Entry:
             line["steps"] = [dict(step) for step in self.steps]
         line["answers"] = {method: asdict(answer) for method, answer in self.answers.items()}
         line |= {"again": self.again and asdict(self.again), "weighed": dict(self.weighed)}
-        absent = ("seal", "case", "failed", "answers", "again", "weighed")
+        line |= {"made": dict(self.made)}
+        absent = ("seal", "case", "failed", "answers", "again", "weighed", "made")
         return {name: value for name, value in line.items() if value or name not in absent}
 
     @classmethod
@@ -135,10 +142,11 @@ class Entry:
         Raises:
             ValueError: It is no line of a ledger.
         """
-        plain = ("id", "kind", "seal", "seconds", "failed", "rank", "weighed")
+        plain = ("id", "kind", "seal", "seconds", "failed", "rank", "weighed", "made")
         told = {name: content[name] for name in plain if name in content}
         if "case" in content:
-            told["opened"] = Case(**content["case"])
+            kind = CASES.get(content.get("kind", ""), Case)
+            told["opened"] = kind(**content["case"])
             told["id"] = told["opened"].id
         if content.get("hypotheses"):
             told["evidence"] = CaseEvidence.from_dict(content)
@@ -183,7 +191,7 @@ class Ledger:
                 ) from error
         return found
 
-    def left(self, cases: Sequence[Case], seals: Mapping[str, str] | None = None) -> list[Case]:
+    def left(self, cases: Sequence[Kind], seals: Mapping[str, str] | None = None) -> list[Kind]:
         """Cases that are not entered yet.
 
         Args:

@@ -16,6 +16,13 @@ def test_all_that_the_question_names_is_opened(drives, tmp_path):
     assert open_question(seen) is question
 
 
+def test_a_car_may_have_a_name_instead_of_a_file(drives, tmp_path):
+    seen = shown(tmp_path, drives["nothing"])
+    with open(seen / "question.yaml", "a") as question:
+        question.write("\ncar: buggy\n")
+    assert open_question(seen).config.car == "buggy"
+
+
 def test_segments_are_thinned_evenly(drives, tmp_path):
     question = open_question(shown(tmp_path, drives["nothing"]))
     few = question.segments(question.recordings, 5)

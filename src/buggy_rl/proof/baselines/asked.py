@@ -68,7 +68,7 @@ def open_question(seen: Path) -> Asked:
     """
     question = yaml.safe_load((seen / "question.yaml").read_text())
     for name in ("simulator", "columns", "car"):
-        if name in question:
+        if (seen / question.get(name, "")).is_file():  # a car may have a name instead
             question[name] = str(seen / question[name])
     config = DiagnosisConfig(**question, output="")
     return Asked(

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from buggy_rl.core.car_file import BUGGY_SPEED, CarFile, CarLimits
 from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
@@ -70,6 +70,45 @@ COMMANDS = {
 }
 """What the first command of a case's car may be; the last two with the manoeuvring driver."""
 RATES = (20, 25, 50, 100)  # [Hz] of command and recording; cars move on at 100 Hz in between
+
+
+class Concealing(Protocol):
+    """What asking, entering and counting need to know of a case, whatever it is made of."""
+
+    @property
+    def seed(self) -> int:
+        """What it was drawn from."""
+        ...
+
+    @property
+    def id(self) -> str:
+        """Name of its folders; independent of what is concealed."""
+        ...
+
+    @property
+    def plant(self) -> str:
+        """What was driven."""
+        ...
+
+    @property
+    def concealed(self) -> dict[str, dict[str, float]]:
+        """Effect -> parameter -> value."""
+        ...
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """What is concealed, sorted."""
+        ...
+
+    @property
+    def family(self) -> str:
+        """nothing, one, two, three, or unknown."""
+        ...
+
+    @property
+    def unknown(self) -> bool:
+        """Whether something differs that no effect describes; that may be the simulator's form."""
+        ...
 
 
 @dataclass(frozen=True)

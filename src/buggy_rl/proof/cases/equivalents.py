@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from buggy_rl.effects import EFFECTS
 from buggy_rl.estimation.hypothesis import OWN
-from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.case import Concealing
 
 SAME = {  # a simulator's own parameter -> the effect that it is: "the lag is 0.12 s, not 0.06 s"
     parameter: effect
@@ -103,7 +103,7 @@ MASS_SHARE = {
 SCALED = {"floor_slope", "motor_power_limit"}  # effects whose numbers are scaled by that share
 
 
-def expected(case: Case, effect: str) -> dict[str, float]:
+def expected(case: Concealing, effect: str) -> dict[str, float]:
     """The numbers that a right answer has for an effect of a case."""
     factor = MASS_SHARE.get(case.plant, 1.0) if effect in SCALED else 1.0
     return {name: factor * value for name, value in case.concealed[effect].items()}

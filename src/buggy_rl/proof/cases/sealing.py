@@ -12,8 +12,9 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 import yaml
@@ -24,7 +25,7 @@ from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES, TIMES, Manoeuvre
 from buggy_rl.jobs import OUTCOME
 from buggy_rl.policies.controllers.replay import ReplayDriver
-from buggy_rl.proof.cases.case import BUGGY, Case, written
+from buggy_rl.proof.cases.case import BUGGY, Case, Concealing, written
 from buggy_rl.proof.cases.drives import (
     TrueMotion,
     acting,
@@ -62,6 +63,8 @@ class CaseStore:
     sealed: Path
     published: Path | None = None
     """File of hashes that is shown to others; OUTPUT/hashes.txt by default."""
+    cases: type = Case
+    """Class of its cases."""
 
     def inputs(self, id_: str) -> Path:
         """Folder of all that the diagnosis is given."""
@@ -111,7 +114,7 @@ class CaseStore:
         lines = (line.split() for line in self.hashes.read_text().splitlines())
         return {id_: digest for digest, id_ in lines}
 
-    def sealed_case(self, id_: str, digest: str = "") -> Case:
+    def sealed_case(self, id_: str, digest: str = "") -> Any:
         """Opens a case: only for scoring.
 
         Args:
@@ -128,7 +131,11 @@ class CaseStore:
         text = file.read_bytes()
         if hashlib.sha256(text).hexdigest() != (digest or self.digests()[id_]):
             raise ValueError(f"{file} is not what was sealed: its hash differs")
-        return Case(**json.loads(text)["case"])
+        return self.read(text)
+
+    def read(self, text: str | bytes) -> Any:
+        """The case that a sealed text holds."""
+        return self.cases(**json.loads(text)["case"])
 
 
 def unsealed(store: CaseStore, cases: Sequence[Case]) -> list[list[Case]]:
@@ -174,11 +181,11 @@ def seal(
         numbers = {f"drive_{n}": n for n in range(case.drives, case.drives + case.held_out)}
         save_drives(case, motion.changed[case.drives :], held_out, numbers)
         # Last: a case whose sealed file is there is complete.
-        write_atomically(store.truth(case.id), _sealed_text(case, secret))
+        write_atomically(store.truth(case.id), sealed_text(case, secret))
     return len(cases)
 
 
-def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
+def publish(store: CaseStore, cases: Sequence[Concealing], secret: str = "") -> None:
     """Writes the hashes of answers; they stand before anything is diagnosed, and stay.
 
     `secret` makes the salts of those that are not sealed yet.
@@ -188,10 +195,10 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
     """
     digests = store.digests()
     for case in cases:
-        text, file = _sealed_text(case, secret), store.truth(case.id)
+        text, file = sealed_text(case, secret), store.truth(case.id)
         if file.exists():
             text = file.read_text()
-            if Case(**json.loads(text)["case"]) != case:
+            if store.read(text) != case:
                 raise ValueError(f"{file} was sealed by other settings: use another output")
         digest = hashlib.sha256(text.encode()).hexdigest()
         if digests.setdefault(case.id, digest) != digest:
@@ -203,9 +210,10 @@ def publish(store: CaseStore, cases: Sequence[Case], secret: str = "") -> None:
     write_atomically(store.hashes, "".join(lines))
 
 
-def _sealed_text(case: Case, secret: str) -> str:
+def sealed_text(case: Concealing, secret: str) -> str:
+    """What is sealed of a case: all of it, with a salt made from a secret."""
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    return json.dumps({"case": asdict(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
+    return json.dumps({"case": vars(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: TrueMotion) -> None:
@@ -242,7 +250,7 @@ def suggested_manoeuvres(store: CaseStore, case: Case) -> list[Manoeuvre]:
     return [m for m in MANOEUVRES if any(line.startswith(m.words) for line in lines)]
 
 
-def again(case: Case) -> str:
+def again(case: Concealing) -> str:
     """Name of the case's second run."""
     return f"{case.id}_again"
 

@@ -19,7 +19,7 @@ from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments, cut_segments
 from buggy_rl.estimation.sparse import screened
-from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.case import Case, Concealing
 from buggy_rl.proof.cases.equivalents import expected
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.recordings import ColumnMap, load_recordings
@@ -66,16 +66,13 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     noise = noise_model(simulation, segments, extra=extra)
     problem = Problem(simulation, segments, noise, library)
     [null] = fitted(problem, [library.hypothesis(())], ITERATIONS)
-    truth = _truth(problem, case) if _described(case) else None
+    truth: Fit | None = None
     result: dict[str, Any] = {"null": problem.cost(null)}
-    if truth is not None:
-        # The truth's own misfit is the dispersion that is expected.
-        dispersion = max(1.0, float(truth.square.median()) / noise.dimension)
-        problem = replace(problem, dispersion=dispersion)
-        [truth] = fitted(problem, [truth], ITERATIONS)
+    if _described(case):
+        problem, truth = true_fit(problem, case)
         own = problem.cost(truth)
         result |= {
-            "temper": dispersion,
+            "temper": problem.dispersion,
             "nats": problem.cost(null) - own,
             "parameters": {e: v for e, v in truth.values().items() if e},
         }
@@ -89,8 +86,17 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     return result
 
 
-def _truth(problem: Problem, case: Case) -> Fit:
-    """The true structure, fitted from the true numbers on."""
+def true_fit(problem: Problem, case: Concealing) -> tuple[Problem, Fit]:
+    """The true structure, fitted from the true numbers on, and the dispersion that it expects."""
+    first = _truth(problem, case)
+    # The truth's own misfit is the dispersion that is expected.
+    dispersion = max(1.0, float(first.square.median()) / problem.noise.dimension)
+    problem = replace(problem, dispersion=dispersion)
+    [truth] = fitted(problem, [first], ITERATIONS)
+    return problem, truth
+
+
+def _truth(problem: Problem, case: Concealing) -> Fit:
     start = problem.library.hypothesis(case.truth)
     values = {effect: expected(case, effect) for effect in case.truth}
     known = {

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from buggy_rl.diagnosis.search.posterior import EVEN, Posterior, certainly_missing
-from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.case import Concealing
 from buggy_rl.proof.cases.equivalents import error, expected, meant, of_same_name, same_group
 
 DECIDABLE = 10.0  # [nats] by which the truth must beat what is nearest to it
+Kind = TypeVar("Kind", bound=Concealing)
 NAMELESS = ("no_mismatch", "unknown_physics")  # verdicts under which no effect is claimed
 
 
@@ -135,10 +136,10 @@ class CaseAnswer:
 
 
 @dataclass(frozen=True)
-class ScoredCase:
+class ScoredCase(Generic[Kind]):
     """A case, its answer, and what could be known of it."""
 
-    case: Case
+    case: Kind
     answer: CaseAnswer = CaseAnswer()
     nats: float | None = None
     """Nats by which the true structure beats the simulator as given."""

@@ -1,0 +1,86 @@
+"""Conceals effects in recordings of real cars, diagnoses them, and scores the answers.
+
+    python scripts/prove_real.py configs/proof_real.yaml
+    python scripts/prove_real.py configs/proof_real.yaml workers=8 draw.cases=400
+    python scripts/prove_real.py configs/proof_real.yaml stages=known,page
+
+A real car driven by u gave y. For an effect on the commands there is a log u' such that the car
+with the effect, driven by u', gives exactly y; for an effect of the sensor y' follows from y. One
+half of a car's recordings is edited so, the other is the baseline.
+
+Stages: prepare (a simulator is fitted to each untouched half), seal (the hashes of all answers and
+of the secret are published, then recordings are edited), ask (scripts/diagnose.py, which is given
+one case and no answer), weigh (how strongly what is concealed shows), settle (complete cases are
+entered in the ledger, with the hash of the truth), score (opens what is sealed and publishes the
+secret), known (real changes that are known, measured without a simulator and diagnosed), page. A
+stage does nothing twice: stop it, start it.
+"""
+
+from pathlib import Path
+
+from buggy_rl.commands import command_line
+from buggy_rl.core.config import from_command_line, run, save_run
+
+
+def main() -> None:
+    """Runs the stages of the config."""
+    config = from_command_line(__doc__, "buggy_rl.proof.real.real:RealProofConfig")
+
+    from buggy_rl.proof.real.dataset import load_dataset
+    from buggy_rl.proof.real.draw import drawn
+    from buggy_rl.proof.real.real import known_steps, settle, steps
+    from buggy_rl.proof.real.sealing import secret_of
+    from buggy_rl.proof.running import opened, openings
+
+    store, ledger, scripts = config.store, config.lines, Path(__file__).parent
+    for folder in (store.output, store.sealed, store.prepared):
+        folder.mkdir(parents=True, exist_ok=True)
+    cases = []
+    if {*config.stages} - {"known"}:
+        secret = secret_of(store)
+        datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
+        cases = drawn(config.draw, datasets, secret)
+        _run(steps(config, datasets, cases, secret, scripts))
+        save_run(config, store.sealed)
+    if "settle" in config.stages:
+        count = settle(config, cases)
+        print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
+    if "known" in config.stages and config.known.data is not None:
+        _run(known_steps(config, scripts))
+    if {"score", "page"} & {*config.stages}:
+        from buggy_rl.proof.real.known import known_results
+        from buggy_rl.proof.real.page import write_real_page
+        from buggy_rl.proof.real.score import RealOutcome, real_score
+
+        score = real_score([RealOutcome.of(entry) for entry in opened(config, cases)])
+        if "score" in config.stages:
+            _counted(config, score)
+        if "page" in config.stages:
+            known = known_results(store, config.known.changes)
+            command = command_line(without="stages=")
+            times = openings(config.counter)
+            print(f"written: {write_real_page(config, score, known, command, times)}")
+
+
+def _run(steps) -> None:
+    from buggy_rl.jobs.bar import tqdm
+
+    for step in steps:
+        with tqdm(desc=step.title, total=step.total, unit="case") as bar:
+            for count, message in step.results:
+                bar.update(count)
+                if message:
+                    bar.write(message)
+
+
+def _counted(config, score) -> None:
+    from buggy_rl.proof.real.sealing import publish_secret
+    from buggy_rl.proof.running import open_once
+
+    open_once(config.counter)
+    print("\n".join(score.lines()))
+    print(f"published: {publish_secret(config.store)}")
+
+
+if __name__ == "__main__":
+    run(main)

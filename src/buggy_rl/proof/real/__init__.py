@@ -1,0 +1,1 @@
+"""Effects concealed in recordings of real cars, and real changes that are known."""

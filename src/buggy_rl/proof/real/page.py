@@ -1,0 +1,131 @@
+"""The page of the proof on real recordings, as Markdown."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from buggy_rl.core.files import write_atomically
+from buggy_rl.proof.real.known import KnownResult
+from buggy_rl.proof.real.real import RealProofConfig
+from buggy_rl.proof.real.score import RealOutcome, RealScore, StrengthRow
+from buggy_rl.proof.real.strength import VISIBLE
+from buggy_rl.proof.score.outcome import CaseAnswer
+from buggy_rl.proof.score.score import written
+
+VERDICTS = {True: "right", False: "**not right**", None: "not diagnosed"}
+
+
+def real_page(
+    config: RealProofConfig,
+    score: RealScore,
+    known: Sequence[KnownResult],
+    command: str,
+    opened: int,
+) -> str:
+    """The whole page.
+
+    Args:
+        config: Of the run.
+        score: Of all cases that were opened.
+        known: Known changes that were measured.
+        command: That makes the page again.
+        opened: How often the cases were counted.
+    """
+    templates = Environment(
+        loader=PackageLoader("buggy_rl.proof.real", ""),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
+    return templates.get_template("real.md.jinja").render(
+        command=command,
+        opened=opened,
+        hashes=config.store.hashes.name,
+        least=config.draw.least,
+        visible=VISIBLE,
+        rows=[[_indented(r.name), written(r.figure), r.figure.count] for r in score.rows],
+        strengths=[_strength(row) for row in score.strengths],
+        classes={
+            name: [[label, *map(written, both), both[0].count] for label, both in rows.items()]
+            for name, rows in score.classes.items()
+        },
+        wrong=[_wrong(outcome) for outcome in score.wrong],
+        measured=[row for result in known for row in _measured(result)],
+        known=[_known(result) for result in known],
+    )
+
+
+def write_real_page(
+    config: RealProofConfig,
+    score: RealScore,
+    known: Sequence[KnownResult],
+    command: str,
+    opened: int,
+) -> Path:
+    """Writes the page to the file of the config; its path."""
+    file = Path(config.page or config.store.output / "proof_real.md")
+    write_atomically(file, real_page(config, score, known, command, opened))
+    return file
+
+
+def _indented(name: str) -> str:
+    """An indent shows that a figure is a part of the one above."""
+    return name.replace("  ", "– ", 1) if name.startswith("  ") else name
+
+
+def _strength(row: StrengthRow) -> list[str]:
+    least = "any" if math.isinf(row.least) else f"{row.least:g}"
+    both = (row.recall, row.precision)
+    return [least, *(text for f in both for text in (written(f), str(f.count)))]
+
+
+def _wrong(outcome: RealOutcome) -> list[str]:
+    case, weakest = outcome.case, outcome.weakest
+    true = "; ".join(f"{name} {_numbers(values)}" for name, values in case.concealed.items())
+    return [
+        case.id,
+        f"{case.dataset} {case.half}",
+        case.engine,
+        "given" if case.baseline else "",
+        true or "nothing",
+        "" if weakest is None else f"{weakest:.0f}",
+        _said(outcome.scored.answer),
+    ]
+
+
+def _said(answer: CaseAnswer) -> str:
+    said = "; ".join(
+        " ".join(filter(None, (s.name, _numbers(s.values, ".3g"), f"({s.confidence:.2f})")))
+        for s in answer.said
+    )
+    verdict = answer.verdict.replace("_", " ") or answer.status
+    return f"{verdict}: {said}" if said else verdict
+
+
+def _numbers(values: Mapping[str, float], digits: str = "g") -> str:
+    return ", ".join(f"{name} {value:{digits}}" for name, value in values.items())
+
+
+def _measured(result: KnownResult) -> list[list[str]]:
+    changed = result.change.change or "nothing"
+    return [
+        [
+            *(result.name.replace("_", " "), changed, m.name),
+            *(f"{m.before:.3g} {m.unit}", f"{m.after:.3g} {m.unit}"),
+            f"{m.ratio:.2f} ({m.low:.2f} to {m.high:.2f})",
+        ]
+        for m in result.measured
+    ]
+
+
+def _known(result: KnownResult) -> list[str]:
+    change = result.change
+    return [
+        result.name.replace("_", " "),
+        change.change or "nothing",
+        ", ".join(f"`{name}`" for name in change.effects) or "nothing above one half",
+        _said(result.answer) if result.answer else "",
+        VERDICTS[result.right],
+    ]

@@ -1,0 +1,178 @@
+"""Figures of edited recordings: what is named above one half, rightly and wrongly, by class."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from buggy_rl.diagnosis.search.posterior import EVEN
+from buggy_rl.proof.ledger import Entry
+from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.real.strength import VISIBLE
+from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.score import Figure, ScoreRow, classes, of, row, share
+
+STRENGTHS = (-math.inf, 0.0, VISIBLE, 12.0, 30.0, 100.0, 300.0, 1000.0)
+"""[nats] bounds of the classes of strength."""
+
+
+@dataclass(frozen=True)
+class RealOutcome:
+    """A case beside its answer, and how strongly each of its effects shows."""
+
+    scored: ScoredCase[RealCase]
+    strength: Mapping[str, float]
+    """Effect -> nats; empty where it was not weighed."""
+
+    @classmethod
+    def of(cls, entry: Entry) -> "RealOutcome":
+        """What a line that was opened comes to."""
+        return cls(entry.scored(), entry.weighed.get("strength", {}))
+
+    @property
+    def case(self) -> RealCase:
+        """The case."""
+        return self.scored.case
+
+    @property
+    def sure(self) -> frozenset[str]:
+        """What is named above one half."""
+        said = self.scored.answer.said
+        return frozenset(effect.effect for effect in said if effect.confidence > EVEN)
+
+    @property
+    def first_sure(self) -> bool:
+        """Whether the first name is right and above one half."""
+        first = self.scored.answer.first
+        return first is not None and first.confidence > EVEN and first.effect in self.case.truth
+
+    @property
+    def wrong(self) -> frozenset[str]:
+        """What is named above one half and is not concealed."""
+        return self.sure - {*self.case.truth}
+
+    @property
+    def weakest(self) -> float | None:
+        """Strength of the effect that shows least [nats]; None where none was weighed."""
+        return min(self.strength.values(), default=None)
+
+
+@dataclass(frozen=True)
+class StrengthRow:
+    """Effects of at least so many nats, and what is named above one half in their cases."""
+
+    least: float
+    """[nats]"""
+    recall: Figure
+    """Share of the effects that are named."""
+    precision: Figure
+    """Share of the names that are right, in cases all of whose effects are so strong."""
+
+
+@dataclass(frozen=True)
+class RealScore:
+    """All figures."""
+
+    rows: list[ScoreRow]
+    classes: dict[str, dict[str, list[Figure]]]
+    """Property -> class -> first name right and above one half; a wrong name above one half."""
+    strengths: list[StrengthRow]
+    wrong: list[RealOutcome]
+    """Every answer with a wrong name above one half."""
+
+    def lines(self) -> list[str]:
+        """The figures in plain text."""
+        from buggy_rl.proof.score.score import written
+
+        return [f"{r.name:64} {written(r.figure):>24}  n = {r.figure.count:4}" for r in self.rows]
+
+
+KEYS: dict[str, Callable[[RealOutcome], str]] = {  # a property of a case with one edit -> its class
+    "edit": lambda o: o.case.truth[0],
+    "dataset": lambda o: o.case.dataset,
+    "simulator": lambda o: o.case.engine,
+    "baseline": lambda o: "given" if o.case.baseline else "not given",
+    "strength": lambda o: strength_class(o.weakest),
+}
+
+
+def strength_class(nats: float | None) -> str:
+    """Class of a strength, numbered in its order."""
+    if nats is None:
+        return "not weighed"
+    place = sum(nats >= bound for bound in STRENGTHS[1:])
+    if place == 0:
+        return "0: below 0 nats"
+    if place == len(STRENGTHS) - 1:
+        return f"{place}: above {STRENGTHS[place]:g} nats"
+    return f"{place}: {STRENGTHS[place]:g} to {STRENGTHS[place + 1]:g} nats"
+
+
+def real_score(outcomes: Sequence[RealOutcome]) -> RealScore:
+    """The score of all that was opened."""
+    one = _of(outcomes, "one")
+    return RealScore(
+        rows=_rows(outcomes),
+        classes={
+            name: {label: _both(same) for label, same in _classes(one, key)}
+            for name, key in KEYS.items()
+        },
+        strengths=[_at_least(outcomes, bound) for bound in STRENGTHS],
+        wrong=[o for o in outcomes if o.wrong],
+    )
+
+
+def _of(outcomes: Sequence[RealOutcome], family: str) -> list[RealOutcome]:
+    wanted = {id(scored) for scored in of([o.scored for o in outcomes], family)}
+    return [o for o in outcomes if id(o.scored) in wanted]
+
+
+def _classes(
+    outcomes: Sequence[RealOutcome], key: Callable[[RealOutcome], str]
+) -> list[tuple[str, list[RealOutcome]]]:
+    return classes(outcomes, key)  # type: ignore[arg-type]
+
+
+def _both(outcomes: Sequence[RealOutcome]) -> list[Figure]:
+    return [share([o.first_sure for o in outcomes]), share([bool(o.wrong) for o in outcomes])]
+
+
+def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
+    one, two, outside, nothing = (
+        _of(outcomes, name) for name in ("one", "two", "unknown", "nothing")
+    )
+    visible = [o for o in one if (o.weakest or 0.0) >= VISIBLE]
+    found = [
+        row("one edit: first name right and above one half", [o.first_sure for o in one]),
+        row(f"  of strength above {VISIBLE:g} nats", [o.first_sure for o in visible]),
+        row("  first name right, however sure", [o.scored.right for o in one]),
+        row("one edit: a wrong name above one half", [bool(o.wrong) for o in one]),
+        row("two edits: both named above one half", [o.sure >= {*o.case.truth} for o in two]),
+        row("  one of them at least", [bool(o.sure & {*o.case.truth}) for o in two]),
+        row("two edits: a wrong name above one half", [bool(o.wrong) for o in two]),
+        row("unknown edit: a name above one half", [bool(o.wrong) for o in outside]),
+        row("unknown edit: called unknown", [o.scored.calls_unknown for o in outside]),
+    ]
+    for given, words in ((True, "with a baseline"), (False, "without one")):
+        same = [o for o in nothing if o.case.baseline == given]
+        name = f"nothing edited, {words}"
+        found += [
+            row(f"{name}: something named above one half", [bool(o.wrong) for o in same]),
+            row("  called unknown", [o.scored.calls_unknown for o in same]),
+        ]
+    return [
+        *found,
+        row("crashed or timed out", [o.scored.answer.status != "answered" for o in outcomes]),
+        row("could not be weighed", [bool(o.scored.failed) for o in outcomes]),
+    ]
+
+
+def _at_least(outcomes: Sequence[RealOutcome], bound: float) -> StrengthRow:
+    effects = [
+        name in o.sure
+        for o in outcomes
+        for name, nats in o.strength.items()
+        if nats >= bound
+    ]  # fmt: skip
+    strong = [o for o in outcomes if o.weakest is not None and o.weakest >= bound]
+    names = [name in o.case.truth for o in strong for name in sorted(o.sure)]
+    return StrengthRow(bound, share(effects), share(names))
