@@ -28,13 +28,13 @@ class Envelope(nn.Module):
         super().__init__()
         self.low = nn.Buffer(torch.full((5,), -1.0))
         self.high = nn.Buffer(torch.full((5,), 1.0))
-        pairs = list(combinations(range(5), 2))
+        pairs = torch.tensor(list(combinations(range(5), 2)))
         self.occupied = nn.Buffer(torch.ones(len(pairs) * BINS * BINS, dtype=torch.bool))
-        first, second = torch.tensor(pairs).T
-        self.distance = nn.Buffer(torch.zeros(len(self.occupied)), persistent=False)
-        self.first = nn.Buffer(first, persistent=False)
-        self.second = nn.Buffer(second, persistent=False)
-        self.offset = nn.Buffer(torch.arange(len(pairs)) * BINS * BINS, persistent=False)
+        # Of each cell its distance, and those of the next ones: second input, first, both.
+        self.distances = nn.Buffer(torch.zeros(len(self.occupied), 4), persistent=False)
+        self.inputs = nn.Buffer(pairs.T.flatten(), persistent=False)  # first ones, second ones
+        offset = torch.arange(float(len(pairs))) * BINS * BINS
+        self.offset = nn.Buffer(offset, persistent=False)
 
     def fit(self, rows: Tensor) -> None:
         """Fits range and occupancy to training rows [N, 5]."""
@@ -42,7 +42,7 @@ class Envelope(nn.Module):
         cut = int(TAIL * len(rows))
         self.low.copy_(ordered[cut])
         self.high.copy_(ordered[len(rows) - 1 - cut])
-        cells = self._cells(rows)  # (N, 10)
+        cells = self._flat(self._places(self._share(rows)).floor().clamp(0, BINS - 1))  # (N, 10)
         counts = torch.zeros_like(self.occupied, dtype=torch.float32)
         counts.index_add_(0, cells.flatten(), torch.ones(cells.numel(), device=rows.device))
         grid = (counts > 0).float().view(-1, 1, BINS, BINS)
@@ -56,9 +56,7 @@ class Envelope(nn.Module):
 
     def outside(self, rows: Tensor) -> Tensor:
         """Whether inputs [*, 5] lie outside the training data; bool [*, 1]."""
-        beyond = ((rows < self.low) | (rows > self.high)).any(-1)
-        unseen = ~self.occupied[self._cells(rows)].all(-1)
-        return (beyond | unseen).unsqueeze(-1)
+        return self.measured(rows)[0]
 
     def excess(self, rows: Tensor) -> Tensor:
         """How far inputs [*, 5] are from the training data, in widths of its range; [*, 1].
@@ -66,33 +64,49 @@ class Envelope(nn.Module):
         The sum over inputs of the distance from their range, and over pairs of that from the
         nearest cell that is not outside: linear between the centres of cells, so with a slope.
         """
-        width = (self.high - self.low).clamp_min(1e-6)
-        share = (rows - self.low) / width
-        beyond = (-share).clamp_min(0.0) + (share - 1.0).clamp_min(0.0)
-        place = (share * BINS - 0.5).clamp(0.0, BINS - 1.0)
-        cell = place.detach().floor().clamp_max(BINS - 2)
-        part, index = place - cell, cell.long()
-        corner = self.offset + index[..., self.first] * BINS + index[..., self.second]
-        x, y = part[..., self.first], part[..., self.second]
-        near = torch.lerp(self.distance[corner], self.distance[corner + 1], y)
-        far = torch.lerp(self.distance[corner + BINS], self.distance[corner + BINS + 1], y)
-        return (beyond.sum(-1) + torch.lerp(near, far, x).sum(-1)).unsqueeze(-1)
+        return self.measured(rows)[1]
+
+    def measured(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """`outside` and `excess`, which share their work."""
+        share = self._share(rows)
+        beyond = (share - share.clamp(0.0, 1.0)).abs()
+        between = (self._places(share) - 0.5).clamp(0.0, BINS - 1.0)  # centres of cells
+        cell = between.detach().floor().clamp_max(BINS - 2)
+        x, y = (between - cell).chunk(2, -1)  # (*, 10)
+        corners = nn.functional.embedding(self._flat(cell), self.distances)  # (*, 10, 4)
+        here, beside, ahead, across = corners.unbind(-1)
+        away = torch.lerp(torch.lerp(here, beside, y), torch.lerp(ahead, across, y), x)
+        second = y >= 0.5
+        own = torch.where(
+            x >= 0.5, torch.where(second, across, ahead), torch.where(second, beside, here)
+        )
+        outside = (beyond > 0.0).any(-1) | (own > 0.0).any(-1)
+        return outside.unsqueeze(-1), (beyond.sum(-1) + away.sum(-1)).unsqueeze(-1)
+
+    def _share(self, rows: Tensor) -> Tensor:
+        """Inputs [*, 5] in widths of their range, from its lower end."""
+        return (rows - self.low) / (self.high - self.low).clamp_min(1e-6)
+
+    def _places(self, share: Tensor) -> Tensor:
+        """Places [*, 20] on the grids of all pairs, in cells: first inputs, then second ones."""
+        return (share * BINS).index_select(-1, self.inputs)
+
+    def _flat(self, cells: Tensor) -> Tensor:
+        """Numbers [*, 10] of cells [*, 20], in the order of `occupied`."""
+        first, second = cells.chunk(2, -1)
+        return (torch.add(second, first, alpha=BINS) + self.offset).long()
 
     def _measure(self) -> None:
         """Distances of cells from the nearest one that is not outside, in widths of the range."""
         grids = self.occupied.view(-1, BINS, BINS).cpu().numpy()
         away = np.stack([np.asarray(distance_transform_edt(~grid)) for grid in grids])
-        self.distance.copy_(torch.from_numpy(away).flatten() / BINS)
+        flat = torch.from_numpy(away).flatten().to(self.distances) / BINS
+        self.distances.copy_(torch.stack([flat.roll(-n) for n in (0, 1, BINS, BINS + 1)], -1))
 
     def clamp_velocity(self, velocity: Tensor, margin: float) -> Tensor:
         """Clamps a velocity [*, 3] to the training range widened by `margin` of its width."""
         room = margin * (self.high - self.low)[:3]
         return torch.clamp(velocity, self.low[:3] - room, self.high[:3] + room)
-
-    def _cells(self, rows: Tensor) -> Tensor:
-        width = (self.high - self.low).clamp_min(1e-6)
-        index = ((rows - self.low) / width * BINS).long().clamp(0, BINS - 1)  # (*, 5)
-        return self.offset + index[..., self.first] * BINS + index[..., self.second]
 
 
 INPUTS = 5  # vx, vy, yaw_rate, throttle, steering

@@ -74,10 +74,11 @@ class LearnedEngine(Engine):
         """
         row = torch.cat([state[keys.VELOCITY], action], -1)  # (*, 5)
         history = torch.cat([state[keys.HISTORY], row.unsqueeze(-2)], -2)  # (*, rows, 5)
+        outside, excess = self.model.envelope.measured(row)
         return history, {
             keys.HISTORY: history[..., 1:, :].clone(),
-            keys.OUT_OF_RANGE: self.model.envelope.outside(row),
-            keys.RANGE_EXCESS: self.model.envelope.excess(row),
+            keys.OUT_OF_RANGE: outside,
+            keys.RANGE_EXCESS: excess,
         }
 
     def _options(self) -> dict[str, Any]:
