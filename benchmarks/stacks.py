@@ -2,20 +2,22 @@
 
     python -m benchmarks.stacks
     python -m benchmarks.stacks draw.first=420000 draw.cases=40 workers=2 output=runs/stacks.jsonl
+    python -m benchmarks.stacks cases=false weigh=true output=runs/stacks.jsonl
 
 Each case is driven, diagnosed as a user would, and rolled out on a drive that nothing was fitted
 to: as given, by what is delivered, with the simulator's own parameters alone, and with a learned
 residual alone. One JSON line a case; run again, cases that are in `output` are not repeated.
+With `weigh=true` the truth of each is fitted too (OUTPUT.weighed.jsonl): what could be found.
 """
 
 import json
-import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import torch
@@ -41,13 +43,14 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.draw import DrawConfig, drawn
 from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
+from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows
+from buggy_rl.proof.score.oracle import true_numbers
+from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase
+from buggy_rl.proof.score.score import written
+from buggy_rl.proof.score.stack import SIMPLER, StackErrors
+from buggy_rl.proof.score.strength import strengths
+from buggy_rl.proof.score.terms import TermMatch, in_grammar, matches
 from buggy_rl.recordings import load_recordings
-
-SLIGHT = 0.001  # [m] by which one distance must be larger to be called so
-WORTH = 0.02  # [-] likewise, of the smaller one
-SURELY = 2.0  # [standard errors] likewise
-SEEN = 1.5  # [-] of what a simulator without fault has, beyond which there is a mismatch to close
-ALONE = ("as_given", "retuned", "residual")
 
 
 def _pairings() -> DrawConfig:
@@ -82,6 +85,10 @@ class StacksConfig:
     """JSON lines, appended."""
     cases: bool = True
     """Whether the cases that are left are run; else the lines are only read."""
+    weigh: bool = False
+    """Whether cases are weighed that were run: how strongly what is concealed shows."""
+    rivals: int = 6
+    """Other effects that are fitted to weigh a case."""
 
 
 def main() -> None:
@@ -90,7 +97,15 @@ def main() -> None:
     output = Path(config.output)
     if config.cases:
         _run(config, output)
-    print(summary(read(output)))
+    if config.weigh:
+        _weigh(config, output)
+    weighed = {line["seed"]: line for line in read(_beside(output))}
+    print(summary([answer_of(line, weighed) for line in read(output) if "failed" not in line]))
+
+
+def _beside(output: Path) -> Path:
+    """File of what was weighed."""
+    return output.with_suffix(".weighed.jsonl")
 
 
 def _run(config: StacksConfig, output: Path) -> None:
@@ -173,7 +188,7 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
         "posterior": {k: said["posterior"][k] for k in ("nothing", "unknown")},
         "fit": said["fit"],
         "held_out": {k: of.median.get(SAID) for k, of in held_out.items()},
-        "farther": {k: _farther(held_out["stack"], held_out[k]) for k in ALONE},
+        "farther": {k: _farther(held_out["stack"], held_out[k]) for k in SIMPLER},
         "floor": _without_fault(done, aside),
         "diagnosis_seconds": round(took, 1),
     }
@@ -226,50 +241,89 @@ def _without_fault(done: Diagnosed, aside: Segments) -> float:
     return errors.median[SAID]
 
 
-def summary(lines: Sequence[Mapping[str, Any]]) -> str:
-    """What the lines came to."""
-    done = [line for line in lines if "failed" not in line]
-    text = [f"{len(lines)} cases, {len(lines) - len(done)} of them failed"]
-    seen = [x for x in done if x["held_out"]["as_given"] > SEEN * x["floor"]]
-    sorts: dict[str, list[Mapping[str, Any]]] = {"all": seen}
-    for line in seen:
-        sorts.setdefault(line["family"], []).append(line)
-        own = line["case"]["plant"] == line["case"]["simulator"]
-        sorts.setdefault("own make" if own else "another make", []).append(line)
-    text += [
-        "| cases | number | gap closed, median | by re-tuning | by a residual | beaten | [s] |",
-        "|---|--:|--:|--:|--:|--:|--:|",
-    ]
-    for name, of in sorts.items():
-        if of:
-            gaps = (statistics.median(closed(x, k) for x in of) for k in ("stack", *ALONE[1:]))
-            took = statistics.median(x["diagnosis_seconds"] for x in of)
-            shares = " | ".join(f"{100 * gap:.0f} %" for gap in gaps)
-            text.append(f"| {name} | {len(of)} | {shares} | {sum(map(beaten, of))} | {took:.0f} |")
-    text += ["", f"beaten: {', '.join(x['case']['seed'] for x in map(_named, done) if beaten(x))}"]
-    return "\n".join(text)
+def _weigh(config: StacksConfig, output: Path) -> None:
+    known = {line["seed"] for line in read(_beside(output))}
+    cases = [Case(**line["case"]) for line in read(output) if "failed" not in line]
+    left = [case for case in cases if case.seed not in known]
+    with (
+        tqdm(desc="weighing", total=len(left), unit="case") as bar,
+        ProcessPoolExecutor(config.workers, get_context("spawn")) as pool,
+    ):
+        for job in as_completed([pool.submit(_weighed, config, case) for case in left]):
+            bar.update(job.result())
 
 
-def _named(line: Mapping[str, Any]) -> dict[str, Any]:
-    held = ", ".join(f"{k} {1000 * v:.0f}" for k, v in line["held_out"].items())
-    case = {**line["case"], "seed": f"{line['case']['seed']} ({held} mm)"}
-    return {**line, "case": case}
+def _weighed(config: StacksConfig, case: Case) -> int:
+    """Writes how strongly what is concealed in a case shows; 1, the number of cases."""
+    torch.set_num_threads(1)
+    folder = Path(config.folder)
+    seen = CaseStore(folder, folder / "truth").inputs(case.id)
+    line: dict[str, Any] = {"seed": case.seed, "terms": {}, "strength": {}}
+    true = true_numbers(case) if case.family != "unknown" else {}
+    try:
+        if case.disturbances:
+            drives = [recording.data for recording in open_question(seen).recordings]
+            found = matches(case.disturbances[0], drives)
+            line["terms"] = {name: asdict(match) for name, match in found.items()}
+            if (term := in_grammar(found)) is not None:
+                true = {term.name: {"coefficient": term.coefficient}}
+        if true:
+            line["strength"] = strengths(seen, true, config.rivals)["strength"]
+    except (ValueError, RuntimeError) as error:  # a drive in too many pieces
+        line["failed"] = f"{type(error).__name__}: {error}"
+    text = json.dumps(line) + "\n"
+    with _beside(Path(config.output)).open("a", buffering=len(text) + 1) as lines:
+        lines.write(text)
+    return 1
 
 
-def closed(line: Mapping[str, Any], name: str) -> float:
-    """Share [-] of the distance between as given and a simulator without fault that is closed."""
-    given, now, floor = line["held_out"]["as_given"], line["held_out"][name], line["floor"]
-    return (given - now) / (given - floor)
+def answer_of(line: Mapping[str, Any], weighed: Mapping[int, Mapping[str, Any]]) -> WeighedAnswer:
+    """A line beside what was weighed of its case."""
+    case = Case(**line["case"])
+    about = {"status": "answered", "seconds": line["diagnosis_seconds"]}
+    known = weighed.get(case.seed, {"strength": {}, "terms": {}})
+    return WeighedAnswer(
+        ScoredCase(case, CaseAnswer.from_diagnosis(line, about)),
+        strength=dict(known["strength"]),
+        terms={name: TermMatch(**match) for name, match in known["terms"].items()},
+        stack=StackErrors.from_line(line),
+        more=line["more"],
+    )
 
 
-def beaten(line: Mapping[str, Any]) -> bool:
-    """Whether something simpler is nearer than the stack, by the median and surely."""
-    stack = line["held_out"]["stack"]
-    for name in ALONE:
-        other, (more, error) = line["held_out"][name], line["farther"][name]
-        if stack > max(other + SLIGHT, (1 + WORTH) * other) and more > SURELY * error:
-            return True
-    return False
+def summary(cases: Sequence[WeighedAnswer]) -> str:
+    """What the cases came to."""
+    text = ["| figure | measured | n | aim |", "|---|---|--:|---|"]
+    for row in answer_rows(cases):
+        aim = "" if row.met is None else "met" if row.met else "**not met**"
+        text.append(
+            f"| {row.name} | {written(row.figure, row.percent)} | {row.figure.count} | {aim} |"
+        )
+    text += ["", "| cases | number | gap closed, median | re-tuned | residual | beaten | [s] |"]
+    text += ["|---|--:|--:|--:|--:|--:|--:|", *_by_family(cases)]
+    beaten = [_told(case) for case in cases if case.stack is not None and case.stack.beaten]
+    return "\n".join([*text, "", f"beaten: {', '.join(beaten)}"])
+
+
+def _by_family(cases: Sequence[WeighedAnswer]) -> Iterator[str]:
+    sorts: dict[str, list[WeighedAnswer]] = {}
+    for case in cases:
+        if case.stack is not None and case.stack.seen:
+            make = "own make" if case.scored.case.own_make else "another make"
+            for name in (case.family, make):
+                sorts.setdefault(name, []).append(case)
+    for name, own in sorts.items():
+        stacks = [case.stack for case in own if case.stack is not None]
+        gaps = (median(s.closed(k) for s in stacks) for k in ("stack", *SIMPLER[1:]))
+        took = median(case.scored.answer.seconds for case in own)
+        shares = " | ".join(f"{100 * gap:.0f} %" for gap in gaps)
+        yield f"| {name} | {len(own)} | {shares} | {sum(s.beaten for s in stacks)} | {took:.0f} |"
+
+
+def _told(case: WeighedAnswer) -> str:
+    assert case.stack is not None
+    held = ", ".join(f"{k} {1000 * v:.0f}" for k, v in case.stack.distance.items())
+    return f"{case.scored.case.seed} ({held} mm)"
 
 
 if __name__ == "__main__":

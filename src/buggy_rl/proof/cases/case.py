@@ -110,6 +110,11 @@ class Concealing(Protocol):
         """Whether something differs that no effect describes; that may be the simulator's form."""
         ...
 
+    @property
+    def differs_unseen(self) -> bool:
+        """Whether simulator and car differ in their form, and no baseline shows how."""
+        ...
+
 
 @dataclass(frozen=True)
 class Case:

@@ -171,7 +171,7 @@ class Disturbance:
         where, action = self.sort.where, state[keys.ACTION]
         if where in SEEN:
             return state
-        added = self._added(state[keys.POSE], state[keys.VELOCITY], action)
+        added = self.added(state[keys.POSE], state[keys.VELOCITY], action)
         if where in COMMANDS:
             changed = action.clone()
             changed[..., COMMANDS[where]] += added.to(action)
@@ -187,13 +187,13 @@ class Disturbance:
         self._memory = {}
         key, column = SEEN[self.sort.where]
         columns = [motion[k].unsqueeze(1) for k in (keys.POSE, keys.VELOCITY, keys.ACTION)]
-        added = torch.cat([self._added(*row) for row in zip(*columns, strict=True)])
+        added = torch.cat([self.added(*row) for row in zip(*columns, strict=True)])
         changed = motion[key].clone()
         changed[:, column] += added.to(changed)
         return TensorDict({**motion, key: changed}, motion.batch_size)
 
-    def _added(self, pose: Tensor, velocity: Tensor, action: Tensor) -> Tensor:
-        """What is added [n] in this control period."""
+    def added(self, pose: Tensor, velocity: Tensor, action: Tensor) -> Tensor:
+        """What is added [n] in this control period; it remembers what was before."""
         # At rest nothing pushes: a force that acts only in motion, as friction does.
         moving = torch.tanh(torch.linalg.vector_norm(velocity[..., :2], dim=-1) / 0.1)
         size = self.numbers["size"]

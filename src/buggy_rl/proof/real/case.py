@@ -59,7 +59,12 @@ class RealCase:
 
         Without a baseline that is the form of the simulator, which is never that of a real car.
         """
-        return self.family == "unknown" or not (self.concealed or self.baseline)
+        return self.family == "unknown" or (not self.concealed and self.differs_unseen)
+
+    @property
+    def differs_unseen(self) -> bool:
+        """Whether no baseline shows how simulator and car differ: in their form they always do."""
+        return not self.baseline
 
     @property
     def other(self) -> str:

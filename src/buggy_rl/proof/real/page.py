@@ -10,9 +10,9 @@ from buggy_rl.core.files import write_atomically
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.score import RealOutcome, RealScore, StrengthRow
-from buggy_rl.proof.real.strength import VISIBLE
 from buggy_rl.proof.score.outcome import CaseAnswer
 from buggy_rl.proof.score.score import written
+from buggy_rl.proof.score.strength import VISIBLE
 
 VERDICTS = {True: "right", False: "**not right**", None: "not diagnosed"}
 

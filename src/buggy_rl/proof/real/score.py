@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.real.case import RealCase
-from buggy_rl.proof.real.strength import VISIBLE
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import Figure, ScoreRow, classes, of, row, share
+from buggy_rl.proof.score.strength import VISIBLE
 
 STRENGTHS = (-math.inf, 0.0, VISIBLE, 12.0, 30.0, 100.0, 300.0, 1000.0)
 """[nats] bounds of the classes of strength."""

@@ -1,6 +1,6 @@
 """What could be known of a case: its true structure, fitted to the drives that the tool had."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -69,7 +69,7 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     truth: Fit | None = None
     result: dict[str, Any] = {"null": problem.cost(null)}
     if _described(case):
-        problem, truth = true_fit(problem, case)
+        problem, truth = true_fit(problem, true_numbers(case))
         own = problem.cost(truth)
         result |= {
             "temper": problem.dispersion,
@@ -86,28 +86,36 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     return result
 
 
-def true_fit(problem: Problem, case: Concealing) -> tuple[Problem, Fit]:
+Numbers = Mapping[str, Mapping[str, float]]
+"""Effect -> parameter -> value."""
+
+
+def true_numbers(case: Concealing) -> dict[str, dict[str, float]]:
+    """What is concealed in a case, by the numbers that a right answer has."""
+    return {effect: expected(case, effect) for effect in case.truth}
+
+
+def true_fit(problem: Problem, truth: Numbers) -> tuple[Problem, Fit]:
     """The true structure, fitted from the true numbers on, and the dispersion that it expects."""
-    first = _truth(problem, case)
+    first = _truth(problem, truth)
     # The truth's own misfit is the dispersion that is expected.
     dispersion = max(1.0, float(first.square.median()) / problem.noise.dimension)
     problem = replace(problem, dispersion=dispersion)
-    [truth] = fitted(problem, [first], ITERATIONS)
-    return problem, truth
+    [found] = fitted(problem, [first], ITERATIONS)
+    return problem, found
 
 
-def _truth(problem: Problem, case: Concealing) -> Fit:
-    start = problem.library.hypothesis(case.truth)
-    values = {effect: expected(case, effect) for effect in case.truth}
+def _truth(problem: Problem, truth: Numbers) -> Fit:
+    start = problem.library.hypothesis(tuple(truth))
     known = {
         # What a plant has no number for begins at neutral.
         (c.effect, c.parameter.name): float(
-            c.parameter.coordinate(values[c.effect].get(c.parameter.name, c.parameter.value))
+            c.parameter.coordinate(truth[c.effect].get(c.parameter.name, c.parameter.value))
         )
         for c in start.coordinates
         if c.effect
     }
-    return fitted(problem, [problem.library.at(case.truth, known)], ITERATIONS)[0]
+    return fitted(problem, [problem.library.at(tuple(truth), known)], ITERATIONS)[0]
 
 
 def _others(problem: Problem, null: Fit, truth: Fit, most: int) -> Sequence[Hypothesis]:

@@ -1,0 +1,176 @@
+"""What answers came to: names over strength, terms, what else is missing, and repaired simulators.
+
+A name is given where its probability is above one half. An effect can be found where its strength,
+the held-out gain over the best set without it, is 6 nats at least.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from buggy_rl.diagnosis.search.posterior import EVEN
+from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.score import Figure, ScoreRow, bootstrapped, middle, row, share
+from buggy_rl.proof.score.stack import StackErrors
+from buggy_rl.proof.score.strength import VISIBLE
+from buggy_rl.proof.score.tables import listed
+from buggy_rl.proof.score.terms import TermMatch, is_term
+
+SEVERAL = ("two", "three")
+COUNTED = ("nothing", "one", *SEVERAL)
+"""Families of which every right name is known."""
+AT_SENSOR = "yaw"
+"""Place of composed physics that pushes at the sensor, where a term's is at the centre of gravity:
+its coefficient is another number."""
+
+
+@dataclass(frozen=True)
+class WeighedAnswer:
+    """A case beside its answer, with what can be known of both."""
+
+    scored: ScoredCase
+    strength: dict[str, float] = field(default_factory=dict)
+    """Effect, or term that is what was composed, -> nats; empty where nothing was weighed."""
+    terms: dict[str, TermMatch] = field(default_factory=dict)
+    """Terms at the place of what was composed, best ones first; empty where nothing was."""
+    stack: StackErrors | None = None
+    more: float | None = None
+    """Probability that more is missing than is named."""
+
+    @property
+    def family(self) -> str:
+        """Family of the case; what was composed is `term` where the grammar has it."""
+        return "term" if self.composed is not None else self.scored.case.family
+
+    @property
+    def composed(self) -> TermMatch | None:
+        """The term that was composed, if the grammar has it."""
+        return next((match for match in self.terms.values() if match.right), None)
+
+    @property
+    def lacking(self) -> bool:
+        """Whether more is missing than any effect says: physics, or the simulator's form."""
+        return self.scored.case.family == "unknown" or self.scored.case.differs_unseen
+
+    @property
+    def given(self) -> list[str]:
+        """Effects of the library that are named above one half."""
+        said = self.scored.answer.said
+        return [s.effect for s in said if s.confidence > EVEN and not is_term(s.name)]
+
+    @property
+    def wrong(self) -> list[str]:
+        """Effects given that are not concealed."""
+        return [name for name in self.given if name not in self.scored.case.truth]
+
+    @property
+    def visible(self) -> dict[str, float]:
+        """What is concealed and strong enough to be found."""
+        return {name: nats for name, nats in self.strength.items() if nats >= VISIBLE}
+
+    @property
+    def found_term(self) -> str:
+        """Name of a term of the answer that is what was composed; empty where there is none."""
+        said = (s.name for s in self.scored.answer.said)
+        return next((n for n in said if n in self.terms and self.terms[n].right), "")
+
+    @property
+    def covered(self) -> bool | None:
+        """Whether the interval of the term that was found holds the coefficient.
+
+        None where no term was found, or its coefficient is another number than that of what was
+        composed.
+        """
+        name = self.found_term
+        if not name or self.scored.case.truth[0].startswith(AT_SENSOR):
+            return None
+        [said] = [s for s in self.scored.answer.said if s.name == name]
+        number = said.parameters["coefficient"]
+        return number["low"] <= self.terms[name].coefficient <= number["high"]
+
+
+def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
+    """Figures with their targets."""
+    known = [c for c in cases if c.family in COUNTED]
+    inside = [c for c in of(cases, "term") if c.visible]
+    outside = of(cases, "unknown")
+    one, several = (
+        [n in c.given for c in cases if c.family in families for n in c.visible]
+        for families in (("one",), SEVERAL)
+    )
+    covered = [c.covered for c in of(cases, "term") if c.covered is not None]
+    return [
+        row("names above one half that are right", _right(known), 0.95),
+        row(f"effects above {VISIBLE:g} nats that are named, of one", one, 0.9),
+        row("  of two and three", several, 0.8),
+        _brier(known),
+        row("nothing concealed: something named", [bool(c.wrong) for c in of(cases, "nothing")]),
+        row("in the grammar: term found", [bool(c.found_term) for c in inside], 0.8),
+        ScoreRow("  its interval holds the coefficient", share(covered), 0.92, ceiling=0.97),
+        row("in the grammar: an effect named", [bool(c.wrong) for c in of(cases, "term")]),
+        row("outside of it: an effect named", [bool(c.wrong) for c in outside], 0.05, most=True),
+        *_stack_rows([c.stack for c in cases if c.stack is not None]),
+        *_more_rows(cases),
+    ]
+
+
+def of(cases: Iterable[WeighedAnswer], family: str) -> list[WeighedAnswer]:
+    """Cases of one family."""
+    return [case for case in cases if case.family == family]
+
+
+def named_curve(
+    cases: Sequence[WeighedAnswer], bounds: Sequence[float]
+) -> list[tuple[float, Figure, Figure]]:
+    """Shares of effects of so many nats that are named, and of names that are right, by bound.
+
+    Names are those of cases all of whose effects are so strong.
+    """
+    found = []
+    for bound in bounds:
+        strong = [c for c in cases if c.strength and min(c.strength.values()) >= bound]
+        strong = [c for c in strong if c.family in COUNTED]
+        named = [
+            name in c.given
+            for c in cases
+            if c.family in COUNTED
+            for name, nats in c.strength.items()
+            if nats >= bound
+        ]
+        found.append((bound, share(named), share(_right(strong))))
+    return found
+
+
+def _right(cases: Sequence[WeighedAnswer]) -> list[bool]:
+    return [name in c.scored.case.truth for c in cases for name in c.given]
+
+
+def _brier(cases: Sequence[WeighedAnswer]) -> ScoreRow:
+    squares = [(p - right) ** 2 for c in cases for p, right in listed(c.scored)]
+    mean: Callable[[Any], float] = lambda values: sum(values) / len(values)  # noqa: E731
+    figure = bootstrapped(squares, mean)
+    return ScoreRow("Brier score of all listed names", figure, 0.06, most=True, percent=False)
+
+
+def _stack_rows(stacks: Sequence[StackErrors]) -> list[ScoreRow]:
+    seen = [stack for stack in stacks if stack.seen]
+    return [
+        ScoreRow("gap closed on held-out drives, median", middle([s.closed() for s in seen]), 0.9),
+        ScoreRow("  by re-tuning alone", middle([s.closed("retuned") for s in seen])),
+        ScoreRow("  by a learned residual alone", middle([s.closed("residual") for s in seen])),
+        row("surely beaten by something simpler", [s.beaten for s in stacks], 0.0, most=True),
+    ]
+
+
+def _more_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
+    """Whether more is missing, as it is said and as it is."""
+    said = [(c.more, c.lacking) for c in cases if c.more is not None]
+    rows = []
+    for name, low, high in (
+        ("below one fifth", 0.0, 0.2),
+        ("in between", 0.2, 0.8),
+        ("above four fifths", 0.8, 1.01),
+    ):
+        inside = [truly for p, truly in said if low <= p < high]
+        rows.append(row(f"more is missing, said {name}: it is", inside))
+    return rows

@@ -1,0 +1,105 @@
+"""Figures of answers: names over strength, terms, what else is missing, repaired simulators."""
+
+import pytest
+
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows, named_curve
+from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
+from buggy_rl.proof.score.stack import StackErrors
+from buggy_rl.proof.score.terms import TermMatch
+
+GAIN, OFFSET = {"gain": 0.8}, {"offset": 0.1}
+TERM = "term.forward.steering"
+
+
+def answered(concealed, said, simulator="reference", baseline=False, **known):
+    """A case of the reference car and an answer: effect -> probability."""
+    case = Case(1, "reference", simulator, baseline, concealed)
+    effects = tuple(ScoredEffect(name, p) for name, p in said.items())
+    return WeighedAnswer(ScoredCase(case, CaseAnswer("missing_physics", effects)), **known)
+
+
+def value(cases, name):
+    """A figure by the beginning of its name."""
+    [row] = [row for row in answer_rows(cases) if row.name.startswith(name)]
+    return row.figure.value, row.figure.count
+
+
+def test_names_count_from_one_half_on():
+    cases = [
+        answered({"steering_gain": GAIN}, {"steering_gain": 0.9, "steering_offset": 0.4}),
+        answered({"steering_gain": GAIN}, {"steering_offset": 0.6}),
+        answered({}, {"payload": 0.7}),
+    ]
+    assert value(cases, "names above one half") == (pytest.approx(1 / 3), 3)
+    assert value(cases, "nothing concealed") == (1.0, 1)
+
+
+def test_a_term_is_no_name_of_the_library():
+    assert answered({}, {TERM: 0.9}).given == []
+
+
+def test_only_what_is_strong_enough_has_to_be_named():
+    both = {"steering_gain": GAIN, "steering_offset": OFFSET}
+    strength = {"steering_gain": 50.0, "steering_offset": 5.0}
+    cases = [
+        answered(both, {"steering_gain": 0.8}, strength=strength),
+        answered({"steering_gain": GAIN}, {}, strength={"steering_gain": 7.0}),
+    ]
+    assert value(cases, "  of two and three") == (1.0, 1)
+    assert value(cases, "effects above 6 nats") == (0.0, 1)
+    [(_, recall, precision), *_] = named_curve(cases, [6.0])
+    assert (recall.value, recall.count) == (0.5, 2)
+    assert precision.count == 0  # the pair has one that is too faint
+
+
+def composed(low, high, said=TERM, misfit=0.01):
+    """A case whose physics is a term, and an answer that says one."""
+    match = TermMatch(TERM, misfit, 0.5, alike=misfit < 0.05)
+    case = Case(1, "reference", "reference", concealed={"forward.steering.linear.none": {}})
+    number = {"coefficient": {"value": (low + high) / 2, "low": low, "high": high}}
+    answer = CaseAnswer("missing_physics", (ScoredEffect(said, 0.5, number),))
+    return WeighedAnswer(ScoredCase(case, answer), strength={TERM: 20.0}, terms={match.name: match})
+
+
+def test_a_term_is_found_by_its_name_and_its_interval_by_the_coefficient():
+    cases = [
+        composed(0.4, 0.6),
+        composed(0.6, 0.8),
+        composed(0.4, 0.6, said="term.forward.yaw_rate"),
+    ]
+    assert value(cases, "in the grammar: term found") == (pytest.approx(2 / 3), 3)
+    assert value(cases, "  its interval") == (0.5, 2)
+
+
+def test_what_the_grammar_has_not_is_outside():
+    case = composed(0.4, 0.6, misfit=0.4)
+    assert case.family == "unknown"
+    assert value([case], "outside of it: an effect named") == (0.0, 1)
+
+
+def test_more_is_missing_where_the_form_differs_unseen():
+    cases = [
+        answered({"steering_gain": GAIN}, {}, more=0.9, simulator="mujoco"),
+        answered({"steering_gain": GAIN}, {}, more=0.9, simulator="mujoco", baseline=True),
+    ]
+    assert value(cases, "more is missing, said above") == (0.5, 2)
+
+
+def errors(stack, residual, farther=0.0, error=1.0, given=0.1, floor=0.004):
+    """Distances of a case."""
+    names = {"as_given": given, "retuned": 0.09, "residual": residual, "stack": stack}
+    more = {name: (farther, error) for name in ("as_given", "retuned", "residual")}
+    return StackErrors(names, more, floor)
+
+
+def test_a_gap_is_closed_down_to_what_a_simulator_without_fault_has():
+    assert errors(0.052, 0.1).closed() == pytest.approx(0.5)
+    assert errors(0.004, 0.1).closed() == pytest.approx(1.0)
+    assert not errors(0.004, 0.1, given=0.005).seen
+
+
+def test_a_stack_is_beaten_only_where_another_is_nearer_surely():
+    assert errors(0.05, 0.02, farther=0.9, error=0.1).beaten
+    assert not errors(0.05, 0.02, farther=0.9, error=0.6).beaten
+    assert not errors(0.02, 0.0195, farther=0.9, error=0.1).beaten
