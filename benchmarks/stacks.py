@@ -24,19 +24,9 @@ import torch
 
 from buggy_rl.core.config import from_command_line, run
 from buggy_rl.diagnosis.pipeline import Diagnosed, run_diagnosis
-from buggy_rl.diagnosis.repair.proof import Repair, repair_candidates
-from buggy_rl.diagnosis.repair.validation import (
-    SAID,
-    Errors,
-    Validation,
-    add_without_fault,
-    delivered,
-    retunable,
-)
+from buggy_rl.diagnosis.repair.proof import repair_candidates
 from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.estimation.hypothesis import Hypothesis
-from buggy_rl.estimation.residual_process import Recipe
-from buggy_rl.estimation.segments import Segments
 from buggy_rl.jobs.bar import tqdm
 from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.case import Case
@@ -44,6 +34,7 @@ from buggy_rl.proof.cases.draw import DrawConfig, drawn
 from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows
+from buggy_rl.proof.score.held_out import stack_errors
 from buggy_rl.proof.score.oracle import true_numbers
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase
 from buggy_rl.proof.score.score import written
@@ -177,7 +168,8 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
     if refusals:
         raise ValueError("; ".join(map(str, refusals)))
     aside, said = segments_of(drives, config), done.answer.to_dict()
-    held_out = _aside(done, aside)
+    stack = done.answer.repair.simulation(done.case)
+    errors = stack_errors(done.case, stack, aside, {"named": _named(done)})
     return {
         "verdict": said["verdict"],
         "effects": said["effects"],
@@ -187,58 +179,17 @@ def _diagnosed(store: CaseStore, case: Case, minutes: float) -> dict[str, Any]:
         "evidence": done.found.observed.rounded.to_dict() if done.found.observed else None,
         "posterior": {k: said["posterior"][k] for k in ("nothing", "unknown")},
         "fit": said["fit"],
-        "held_out": {k: of.median.get(SAID) for k, of in held_out.items()},
-        "farther": {k: _farther(held_out["stack"], held_out[k]) for k in SIMPLER},
-        "floor": _without_fault(done, aside),
+        "held_out": errors.distance,
+        "farther": errors.farther,
+        "floor": errors.floor,
         "diagnosis_seconds": round(took, 1),
     }
 
 
-def _aside(done: Diagnosed, aside: Segments) -> dict[str, Errors]:
-    """Errors on drives that nothing was fitted to, of what is delivered and what is simpler."""
-    case = done.case
-    problem = replace(case.problem, simulation=case.given, library=case.as_given, dispersion=1.0)
-    nothing = problem.library.hypothesis(())
-
-    def simple(start: Hypothesis, recipe: Recipe | None = None) -> Repair:
-        file = delivered(problem, start, case.budget.iterations, recipe)
-        return Repair(residual=file.residual, fit=file.fit)
-
+def _named(done: Diagnosed) -> Hypothesis:
+    """The first set of the answer, about the simulator as given."""
     named = repair_candidates(done.found)[0].fit
-    if case.retuned_from is not None:
-        named = case.about_given(named)
-    repairs = {
-        "as_given": Repair(),
-        "named": simple(named),
-        "stack": done.answer.repair,
-        "retuned": simple(problem.library.hypothesis(retunable(problem.library))),
-        "residual": simple(nothing, Validation(problem).residuals().recipe),
-    }
-    return {name: _errors(done, repair, aside) for name, repair in repairs.items()}
-
-
-def _errors(done: Diagnosed, repair: Repair, aside: Segments) -> Errors:
-    simulation, settings = repair.simulation(done.case)
-    errors, instants = Errors(), simulation.instants(aside)
-    [found] = simulation.residuals(aside, settings)
-    away = found[..., :2].square().sum(-1)
-    errors.add(away, instants, aside.dt)
-    errors.distance = away[:, instants <= round(SAID / aside.dt)].mean(1).sqrt()
-    return errors
-
-
-def _farther(stack: Errors, other: Errors) -> tuple[float, float]:
-    """Mean over segments of the logarithm of one distance over another, and its standard error."""
-    ratio = (stack.distance / other.distance).log().double()
-    return float(ratio.mean()), float(ratio.std() / len(ratio) ** 0.5)
-
-
-def _without_fault(done: Diagnosed, aside: Segments) -> float:
-    """Median distance [m] of a simulator without fault."""
-    simulation, settings = done.answer.repair.simulation(done.case)
-    errors = Errors()
-    add_without_fault(errors, simulation, aside, settings)
-    return errors.median[SAID]
+    return named if done.case.retuned_from is None else done.case.about_given(named)
 
 
 def _weigh(config: StacksConfig, output: Path) -> None:
