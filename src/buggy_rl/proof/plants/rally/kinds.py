@@ -1,0 +1,22 @@
+"""Which of the rally car's unknown effects are drawn as unknown: not those that have a name."""
+
+from buggy_rl.proof.plants.rally.unknowns import UNKNOWNS
+
+LIKE_THE_LIBRARY = {
+    "controller_heat": "thermal_foldback: drive that heat takes away, here by a threshold",
+    "voltage_recovery": "voltage_sag: a loss that goes with the current, here with a memory",
+    "cold_grease": "viscous_drag while it lasts: a drag that grows with the speed",
+    "shell_lift": "aerodynamic_drag: a drag area, here above a speed",
+    "panel_rub": "cornering_drag: braked in bends by the lateral acceleration",
+    "kingpin_shimmy": "understeer: wheels turned back by the side force, quicker than 9 Hz alike",
+    "whip_mast": "payload: a mass that goes along with all slower than 2.5 Hz",
+    "slosh_tank": "payload: likewise, along the car and slower than 1.6 Hz",
+    "marker_mast": "term.shown_left.lateral_acceleration: a sensor that roll shifts aside",
+    "gyro_warmup": "gyro_bias and heading_drift, 3 s after the start",
+}
+"""Unknown effect -> what the library or its grammar of terms has, and in what it would pass for it.
+
+They can be concealed, but are not drawn: a name would not be wrong.
+"""
+UNKNOWN = tuple(kind for kind in UNKNOWNS if kind not in LIKE_THE_LIBRARY)
+"""Unknown effects that no equation of the library or of its grammar has, even in the limit."""
