@@ -302,7 +302,7 @@ def _drawable(able: Sequence[str], pairing: Pairing, settings: DrawConfig) -> li
     if settings.names:
         return list(able)
     if settings.library == "published":
-        return [n for n in able if n in PUBLISHED]
+        return [n for n in able if n in PUBLISHED or n in UNKNOWN]
     known = {*offered(COMMANDS[pairing.command]), *UNKNOWN_SIZES, *UNKNOWN}
     return [n for n in able if n in known and n not in NAMED_SINCE]
 
