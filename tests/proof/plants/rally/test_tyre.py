@@ -3,7 +3,7 @@
 import numpy as np
 
 from buggy_rl.proof.plants.rally.car import RallyCar
-from buggy_rl.proof.plants.rally.tyre import CELLS, advance_bristles, tyre_force
+from buggy_rl.proof.plants.rally.tyre import CELLS, advance_bristles, bristle_force
 from tests.proof.plants.rally.drives import parameters
 
 
@@ -15,7 +15,7 @@ def hold_slip(slip: float, speed: float, steps: int) -> tuple[dict, np.ndarray, 
     bristle, sides, moments = np.zeros((5, 4, 2, CELLS)), [], []
     for _ in range(steps):
         bristle = advance_bristles(k, bristle, sliding, speed * one, 0.7 * one, 0.001)
-        _, side, moment = tyre_force(k, bristle, sliding, speed * one, one)
+        _, side, moment = bristle_force(k, bristle, sliding, speed * one, one)
         sides.append(side)
         moments.append(moment)
     return k, np.array(sides), np.array(moments)

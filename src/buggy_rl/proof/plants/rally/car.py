@@ -18,7 +18,7 @@ from buggy_rl.proof.plants.rally.drivetrain import spin_energy, step_drivetrain
 from buggy_rl.proof.plants.rally.steering import (
     HISTORY,
     PERIOD,
-    delayed,
+    delayed_command,
     push_command,
     step_servo,
     wheel_angles,
@@ -27,8 +27,8 @@ from buggy_rl.proof.plants.rally.tyre import (
     CELLS,
     advance_bristles,
     bristle_energy,
+    bristle_force,
     friction_level,
-    tyre_force,
 )
 from buggy_rl.proof.plants.rally.unknowns import make_unknowns
 
@@ -140,7 +140,7 @@ class RallyCar:
     def _inputs(self, state: Arrays) -> Arrays:
         """Neutral values of all quantities that unknown effects may alter."""
         n = self.cars
-        inputs = {name: np.ones(n) for name in _ONES}
+        inputs: Arrays = {name: np.ones(n) for name in _ONES}
         inputs.update({name: np.zeros(n) for name in _ZEROS})
         inputs.update({name: np.zeros((n, 4)) for name in _ZEROS_WHEEL})
         inputs["grip"] = floor_grip(self.constants, state) if self._patch else np.ones((n, 4))
@@ -153,8 +153,8 @@ class RallyCar:
         inputs = self._inputs(state)
         for effect in self.unknowns:
             effect.before(inputs, state, dt)
-        throttle = delayed(state["history"], 0, k["throttle_dead_time"], elapsed)
-        steer = delayed(state["history"], 1, k["steering_dead_time"], elapsed)
+        throttle = delayed_command(state["history"], 0, k["throttle_dead_time"], elapsed)
+        steer = delayed_command(state["history"], 1, k["steering_dead_time"], elapsed)
         step_servo(k, state, inputs, steer, dt)
         angle = wheel_angles(k, state["rack"], inputs["toe"])
         load, tyre, slip = self._tyres(state, inputs, angle)
@@ -195,4 +195,4 @@ class RallyCar:
         level = friction_level(k, load, slide, inputs["grip"])
         bristle = advance_bristles(k, state["bristle"], slip, rolling, level, self.dt)
         state["bristle"] = bristle
-        return load, tyre_force(k, bristle, slip, rolling, load), slip
+        return load, bristle_force(k, bristle, slip, rolling, load), slip

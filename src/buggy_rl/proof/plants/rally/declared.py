@@ -69,7 +69,7 @@ def _parameters() -> tuple[Parameter, ...]:
 
 
 PARAMETERS = _parameters()
-"""In the middle of the author's ranges: a car with rear-wheel drive."""
+"""The middle of the author's ranges: a car with rear-wheel drive."""
 
 
 def drawn_parameters(seed: int) -> dict[str, float]:

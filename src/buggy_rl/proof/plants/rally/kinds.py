@@ -1,4 +1,9 @@
-"""Which of the rally car's unknown effects are drawn as unknown: not those that have a name."""
+"""Unknown effects of the rally car that are drawn as unknown, and those that have a name after all.
+
+A kind has a name where it becomes an effect of the library or a term of its grammar when its own
+memory has settled, or for motions slower than its own. One whose memory stays (a film that grows
+and is wiped off, a cable that has run out, a gear tooth that catches) has none.
+"""
 
 from buggy_rl.proof.plants.rally.unknowns import UNKNOWNS
 
@@ -14,9 +19,9 @@ LIKE_THE_LIBRARY = {
     "marker_mast": "term.shown_left.lateral_acceleration: a sensor that roll shifts aside",
     "gyro_warmup": "gyro_bias and heading_drift, 3 s after the start",
 }
-"""Unknown effect -> what the library or its grammar of terms has, and in what it would pass for it.
+"""Unknown effect -> what the library or its grammar of terms has, and what is alike.
 
 They can be concealed, but are not drawn: a name would not be wrong.
 """
 UNKNOWN = tuple(kind for kind in UNKNOWNS if kind not in LIKE_THE_LIBRARY)
-"""Unknown effects that no equation of the library or of its grammar has, even in the limit."""
+"""Unknown effects that no equation of the library or of its grammar has, in no such limit."""

@@ -18,7 +18,7 @@ def push_command(history: Array, command: Array) -> Array:
     return np.concatenate([command[:, None, :], history[:, :-1, :]], axis=1)
 
 
-def delayed(history: Array, column: int, dead_time: Array, elapsed: float) -> Array:
+def delayed_command(history: Array, column: int, dead_time: Array, elapsed: float) -> Array:
     """Command that acts now, [N]; column 0 throttle, 1 steering.
 
     dead_time [N] s; elapsed: seconds since the start of this control period. The command is held

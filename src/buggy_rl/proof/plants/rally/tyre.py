@@ -95,7 +95,7 @@ def _upwind(source: Array, inverse: Array, flow: Array) -> Array:
     return new
 
 
-def tyre_force(
+def bristle_force(
     k: Arrays, bristle: Array, slip: tuple[Array, Array, Array], roll_speed: Array, load: Array
 ) -> tuple[Array, Array, Array]:
     """Forces on the car in the wheel frame (F_x, F_y), N, and aligning moment M_z, N m: [N, 4].
