@@ -15,6 +15,7 @@ DRAWN = parameters(8)
 
 
 SENSORS = {kind.name for kind in SENSOR}
+MOVING = [n for n in UNKNOWNS if n not in SENSORS | {"board_bounce"}]  # its floor does work
 
 
 @lru_cache(maxsize=1)
@@ -101,6 +102,7 @@ def test_neutral_changes_do_nothing() -> None:
     assert np.array_equal(run(commands, **NEUTRAL)["pose"], run(commands)["pose"])
 
 
+@pytest.mark.slow
 def test_sizes_of_changes() -> None:
     """An end of the range of every change moves a 1 s weave by more than 3 mm."""
     commands, plain = weave(100), plain_drive()
@@ -114,6 +116,7 @@ def test_sizes_of_changes() -> None:
         assert max(ends) > 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWNS)
 def test_unknown_moves_the_car(name: str) -> None:
     """The severe size moves a 1 s drive, size zero moves nothing; sensors leave the motion."""
@@ -133,6 +136,7 @@ def test_unknown_moves_the_car(name: str) -> None:
     assert np.isfinite(high).all()
 
 
+@pytest.mark.slow
 def test_unknowns_stay_bounded() -> None:
     """All effects together at full size, 4 s of random commands: finite and bounded."""
     car = RallyCar(DRAWN, unknown={name: row[1] for name, row in UNKNOWNS.items()})
@@ -142,11 +146,10 @@ def test_unknowns_stay_bounded() -> None:
     assert np.abs(result["velocity"][..., :2]).max() < 10.0
 
 
-@pytest.mark.parametrize("name", [name for name in UNKNOWNS if name not in SENSORS])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOVING)
 def test_unknown_makes_no_energy(name: str) -> None:
     """A coasting car with a severe effect gains no lasting speed (external boards excepted)."""
-    if name == "board_bounce":
-        pytest.skip("a tilting floor does work on the car")
     car = RallyCar(DRAWN, unknown={name: UNKNOWNS[name][1]})
     state = car.start(np.zeros(3), np.array([3.0, 0.5, 2.0]))
     first = car.energy(state)
