@@ -22,7 +22,7 @@ from buggy_rl.proof.cases.sizes import CAMERA, COMMANDED_SIZES, RALLY_SIZES, SIZ
 from buggy_rl.proof.plants import PLANTS, abilities
 from buggy_rl.proof.plants.rally.kinds import LIKE_THE_LIBRARY, UNKNOWN
 from buggy_rl.proof.plants.rally.textbook import EFFECTS as TEXTBOOK
-from buggy_rl.proof.score.oracle import _described
+from buggy_rl.proof.score.oracle import _cut, _described
 
 ROOT = Path(__file__).parents[2]
 SECRET = "a secret for tests alone"
@@ -188,3 +188,13 @@ def test_camera_errors_of_a_rally_car_are_the_cameras():
     case = Case(5, "rally", "learned", concealed={"gyro_bias": {"bias": 0.1}})
     assert set(case.camera) == {CAMERA["gyro_bias"]["bias"]}
     assert not case.faults
+
+
+def test_drives_that_the_reader_refuses_are_a_case_that_could_not_be_weighed(tmp_path):
+    # As of a compass that the motor deflects: heading and yaw rate contradict each other.
+    time = [0.01 * row for row in range(400)]
+    rows = (f"{t:.2f},{2 * t},0.0,0.0,2.0,0.0,1.5,0.0,0.0" for t in time)
+    text = "\n".join(["t,x,y,yaw,vx,vy,yaw_rate,throttle,steering", *rows])
+    (tmp_path / "drive_0.csv").write_text(text)
+    with pytest.raises(ValueError, match=r"no recording in .*: recording .*yaw_rate"):
+        _cut(tmp_path, 10, None)
