@@ -7,13 +7,14 @@ import pytest
 
 from buggy_rl.effects import EFFECTS, effect_class
 from buggy_rl.proof.cases.draw import PAIRINGS, PUBLISHED, REFITTED, DrawConfig, draw, draw_all
-from buggy_rl.proof.cases.sizes import CAMERA, NAMED_SINCE, SIZES, UNKNOWN_SIZES
+from buggy_rl.proof.cases.sizes import CAMERA, NAMED_SINCE, RALLY_SIZES, SIZES, UNKNOWN_SIZES
 from buggy_rl.proof.plants import PLANTS, abilities
 from buggy_rl.proof.plants.composed import SORTS, UNNAMED, WHERE, Sort
 from buggy_rl.simulators.reference.faults import TEXTBOOK, UNKNOWN
 
 CAR = frozenset(fault.name.partition(".")[0] for fault in (*TEXTBOOK, *UNKNOWN))
 ABLE = {"reference": CAR, "mujoco": CAR - set(UNKNOWN_SIZES), "commonroad": CAR}
+ABLE["rally"] = abilities("rally")
 OLD = ("reference", "mujoco_fitted", "dropped", ("tire_grip", "top_speed"), "steady", 20.0, 0.0)
 COMPOSED = DrawConfig(cases=300, families=["composed"])
 MANY = draw_all(DrawConfig(cases=600), ABLE)
@@ -23,7 +24,7 @@ def test_every_effect_of_the_library_and_every_fault_of_a_car_has_a_range():
     assert set(SIZES) == set(EFFECTS)
     assert CAR | set(CAMERA) == set(SIZES) | set(UNKNOWN_SIZES)
     for plant in PLANTS:
-        assert abilities(plant) <= set(SIZES) | set(UNKNOWN_SIZES)
+        assert abilities(plant) <= set(SIZES) | set(UNKNOWN_SIZES) | set(RALLY_SIZES)
 
 
 def test_ranges_are_not_the_librarys():
@@ -129,8 +130,11 @@ def test_fresh_development_cases_have_the_effects_of_today():
 def test_a_plant_is_drawn_only_where_its_simulator_is_its_own_or_fitted_anew():
     cases = draw_all(DrawConfig(cases=200, spread=[0.1], pairings=list(PAIRINGS)), ABLE)
     for case in cases:
-        assert bool(case.spread) == (case.simulator in REFITTED)
+        drawn = case.simulator in REFITTED and case.plant != "rally"  # whose are drawn anyway
+        assert bool(case.spread) == drawn
     assert len({case.spread for case in cases}) == 2
+    each = DrawConfig(cases=60, spread=[0.1], pairings=list(PAIRINGS), fitted_to_each=True)
+    assert all(case.own_car for case in draw_all(each, ABLE))
 
 
 def test_older_draws_are_as_they_were():

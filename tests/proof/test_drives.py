@@ -225,3 +225,16 @@ def test_hands_differ():
     seen = {name: drive(kind)[keys.VELOCITY][:, SETTLED:] for name, kind in DRIVERS.items()}
     assert float(seen["timid"][..., 0].mean()) < float(seen["rich"][..., 0].mean())
     assert float(seen["wild"][..., 0].mean()) > float(seen["timid"][..., 0].mean())
+
+
+def test_a_rally_drive_is_recorded_as_its_misled_sensor_shows_it():
+    drives = []
+    for size in (0.0, 0.5):  # the share of the floor where the tracker holds its last pose
+        case = Case(5, "rally", "learned", concealed={"glare_hold": {"size": size}}, seconds=3.0)
+        drives.append(drive_cases([case])[0].changed)
+    plain, held = (drive[keys.POSE][..., :2].diff(dim=1).norm(dim=-1) for drive in drives)
+    moving = plain > 0.005  # [m] a row
+    assert moving.float().mean() > 0.2
+    assert (held[moving] == 0).float().mean() > 0.1
+    assert not (plain[moving] == 0).any()
+    assert torch.equal(drives[0][keys.ACTION], drives[1][keys.ACTION])  # the driver sees the car

@@ -19,7 +19,7 @@ from buggy_rl.proof.cases.equivalents import (
     meant,
     same_group,
 )
-from buggy_rl.proof.plants import PLANTS, make_plant
+from buggy_rl.proof.plants import PLANTS, abilities, make_plant
 from buggy_rl.simulators.reference import ReferenceEngine
 
 
@@ -32,7 +32,9 @@ def test_a_slope_moves_the_wheels_too():
     assert expected(slope, "floor_slope")["along_x"] == pytest.approx(0.3 / share, rel=1e-3)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize(
+    "plant", [plant for plant in PLANTS if "motor_power_limit" in abilities(plant)]
+)
 def test_power_at_the_shaft_arrives_as_acceleration_of_car_and_wheels(plant):
     # What full throttle gives over coasting, times the speed, is the power over all that moves.
     limit, speed = 3.0, torch.tensor([2.0, 3.0])

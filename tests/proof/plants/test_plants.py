@@ -169,7 +169,7 @@ def test_what_a_plant_does_not_have_is_refused_with_what_there_is(plant):
 def test_an_unknown_plant_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="no plant 'bicycle'; available: reference, mujoco"):
         make_plant("bicycle", 1, {})
-    assert PLANTS == ("reference", "mujoco", "commonroad")
+    assert PLANTS == ("reference", "mujoco", "commonroad", "rally")
 
 
 def test_a_missing_library_is_named_with_what_installs_it(monkeypatch):

@@ -1,13 +1,19 @@
 """A case: a car in which something is concealed, and how it is driven and measured."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
-from buggy_rl.core.car_file import BUGGY_SPEED, CarFile, CarLimits
+from buggy_rl.core.car_file import BUGGY_SPEED, CarFile, CarLimits, SteeringGeometry
 from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.core.vehicle import VehicleDimensions
-from buggy_rl.proof.cases.sizes import CAMERA, COMMANDED_SIZES, SIZES, UNKNOWN_SIZES
+from buggy_rl.proof.cases.sizes import (
+    CAMERA,
+    COMMANDED_SIZES,
+    RALLY_SIZES,
+    SIZES,
+    UNKNOWN_SIZES,
+)
 from buggy_rl.proof.plants.composed import Disturbance, is_composed
 
 BUGGY = 1.0  # scale of the buggy itself, a car of 1:10
@@ -36,12 +42,20 @@ def car_of(scale: float, command: LongitudinalCommand) -> CarFile:
 def written(car: CarFile) -> dict[str, Any]:
     """The content of the file of such a car."""
     speed = {} if car.command.full_speed is None else {"full_speed": car.command.full_speed}
-    return {
+    limits = {} if car.limits.top_speed is None else {"top_speed": car.limits.top_speed}
+    content: dict[str, Any] = {
         "about": car.about,
         "dimensions": dict(car.dimensions),
-        "limits": {"top_speed": car.limits.top_speed},
+        "limits": limits,
         "command": car.command.plain_fields | speed,
     }
+    if car.drive != "rear":
+        content["drive"] = car.drive
+    if car.steering != SteeringGeometry():
+        content["steering"] = asdict(car.steering)
+    if car.sensor.ahead is not None:
+        content["sensor"] = {"ahead": car.sensor.ahead}
+    return content
 
 
 NUISANCES = {
@@ -122,7 +136,7 @@ class Case:
 
     seed: int
     plant: str
-    """What is driven: reference, mujoco, commonroad."""
+    """What is driven: reference, mujoco, commonroad, rally."""
     simulator: str
     """What is to be repaired: reference, mujoco, mujoco_fitted, single_track_fitted, learned."""
     baseline: bool = False
@@ -144,9 +158,12 @@ class Case:
     """Rate at which it is commanded and recorded [Hz], of `RATES`."""
     scale: float = BUGGY
     """Length of a reference car over the buggy's; its speeds and times go with the root."""
+    salt: str = ""
+    """What the numbers of its car, and of its nuisance, depend on beside the seed; drawn with a
+    secret, and empty where the seed alone decides."""
 
     def __post_init__(self) -> None:
-        known = {*SIZES, *UNKNOWN_SIZES, *COMMANDED_SIZES}
+        known = {*SIZES, *UNKNOWN_SIZES, *COMMANDED_SIZES, *RALLY_SIZES}
         for what, name, names in (
             ("nuisance", self.nuisance, NUISANCES),
             ("driving", self.driving, DRIVING),
@@ -166,6 +183,16 @@ class Case:
     def id(self) -> str:
         """Name of its folders; independent of what is concealed."""
         return f"{self.seed:07d}"
+
+    @property
+    def key(self) -> str:
+        """What all is drawn from that is no field of its own."""
+        return f"{self.salt}{self.seed}"
+
+    @property
+    def own_car(self) -> bool:
+        """Whether the numbers of its car are no other case's: simulators are fitted to it alone."""
+        return bool(self.spread) or self.plant == "rally"
 
     @property
     def truth(self) -> tuple[str, ...]:
@@ -197,7 +224,7 @@ class Case:
     def _is_unknown(self, effect: str) -> bool:
         """Whether no effect describes it: a drag brake is known of a car whose command has one."""
         named = self.command != "throttle" and effect in COMMANDED_SIZES
-        return effect in UNKNOWN_SIZES and not named
+        return (effect in UNKNOWN_SIZES and not named) or effect in RALLY_SIZES
 
     @property
     def every(self) -> int:

@@ -7,20 +7,25 @@ from dataclasses import dataclass, field, replace
 from buggy_rl.effects import offered
 from buggy_rl.proof import plants
 from buggy_rl.proof.cases.case import BUGGY, COMMANDS, RATES, Case
+from buggy_rl.proof.cases.classes import CLASSES, class_of
 from buggy_rl.proof.cases.sizes import (
     CAMERA,
     COMMANDED_SIZES,
     NAMED_SINCE,
+    RALLY_SIZES,
     SIZES,
     UNKNOWN_SIZES,
+    LogUniform,
     Uniform,
     composed_sizes,
     scaled_effect,
 )
 from buggy_rl.proof.plants.composed import SORTS, UNNAMED, WHERE, is_composed
+from buggy_rl.proof.plants.rally.kinds import UNKNOWN
 from buggy_rl.proof.plants.reference import abilities_of
 
-FIRST = {"development": 0, "sealed": 1_000_000}  # seeds of a split begin here
+# Seeds of a split begin here.
+FIRST = {"development": 0, "sealed": 1_000_000, "third": 2_000_000}
 PUBLISHED = frozenset(
     {
         *{"aerodynamic_drag", "battery_sag", "cornering_drag", "floor_slope", "grip_balance"},
@@ -58,6 +63,12 @@ PAIRINGS = {
     "mujoco_single_track": Pairing("mujoco", "single_track_fitted", True),
     "commonroad_mujoco": Pairing("commonroad", "mujoco_fitted", True),
     "commonroad_single_track": Pairing("commonroad", "single_track_fitted", True),
+    "rally_single_track": Pairing("rally", "single_track_fitted", True),
+    "rally_mujoco": Pairing("rally", "mujoco_fitted", True),
+    "rally_learned": Pairing("rally", "learned", True),
+    "rally_single_track_alone": Pairing("rally", "single_track_fitted", False),
+    "rally_mujoco_alone": Pairing("rally", "mujoco_fitted", False),
+    "rally_learned_alone": Pairing("rally", "learned", False),
     # Cars with brakes and reverse, or with a speed controller and reverse.
     "reference_brakes": Pairing("reference", "reference", False, "brakes"),
     "reference_speed": Pairing("reference", "reference", False, "speed"),
@@ -81,7 +92,7 @@ class DrawConfig:
     """What is drawn from; what stands in a list twice is drawn twice as often."""
 
     split: str = "development"
-    """Seeds to calibrate on (development), or to publish (sealed)."""
+    """Seeds to calibrate on (development), or to publish (sealed, third)."""
     first: int = 0
     """First seed of the split."""
     cases: int = 200
@@ -100,8 +111,11 @@ class DrawConfig:
             ["nothing"] * 5 + ["one"] * 9 + ["two"] * 3 + ["three"] + ["unknown"] * 2
         )
     )
-    """How many effects are concealed, or one that no entry of the library describes: of six plants'
-    own (unknown), or composed at random (composed)."""
+    """How many effects are concealed, or one that no entry of the library describes: of the
+    reference car's six (unknown), of the rally car's (rally), or composed at random (composed)."""
+    balanced: bool = False
+    """First a class of effects is drawn (`classes.CLASSES`), then an effect of it: sensors and
+    commands, which are many, are then no more frequent than tyres."""
     pairings: list[str] = field(
         default_factory=lambda: (
             ["reference"] * 3
@@ -129,7 +143,10 @@ class DrawConfig:
     """Drives that are sealed, to measure by."""
     spread: list[float] = field(default_factory=lambda: [0.0])
     """Shares by which the plant's parameters are drawn off their own; only where its simulator is
-    of its make, or quickly fitted anew."""
+    of its make, or quickly fitted anew. Those of a rally car are always drawn."""
+    fitted_to_each: bool = False
+    """Whether that is done where the simulator is a fitted MuJoCo or a learned one too: one is then
+    prepared for each case, in minutes."""
     rates: list[int] = field(default_factory=lambda: [100])
     """Rates at which cars are commanded and recorded [Hz]; learned simulators at 100 only."""
     scales: list[float] = field(default_factory=lambda: [BUGGY])
@@ -145,26 +162,40 @@ class DrawConfig:
             raise ValueError(f"no pairings {unknown}; available: {', '.join(PAIRINGS)}")
 
 
-def drawn(settings: DrawConfig) -> list[Case]:
-    """The cases of a run, by seed."""
+def drawn(settings: DrawConfig, secret: str = "") -> list[Case]:
+    """The cases of a run, by seed.
+
+    Args:
+        settings: What to draw from.
+        secret: Who does not know it cannot draw the cases; empty for seeds that decide alone.
+    """
     names = {PAIRINGS[name].plant for name in settings.pairings}
-    return draw_all(settings, {name: plants.abilities(name) for name in names})
+    return draw_all(settings, {name: plants.abilities(name) for name in names}, secret)
 
 
-def draw_all(settings: DrawConfig, abilities: dict[str, frozenset[str]]) -> list[Case]:
+def draw_all(
+    settings: DrawConfig, abilities: dict[str, frozenset[str]], secret: str = ""
+) -> list[Case]:
     """The cases of a run, by seed; the arguments are those of `draw`."""
     first = FIRST[settings.split] + settings.first
     if not settings.each:
-        return [draw(first + i, settings, abilities) for i in range(settings.cases)]
+        seeds = range(first, first + settings.cases)
+        return [draw(seed, settings, abilities, secret=secret) for seed in seeds]
     pairings = [PAIRINGS[p] for p in settings.pairings]
     own = [e for p in pairings for e in commanded(p)]
     names = settings.names or [*SIZES, *dict.fromkeys(own)]
     able = set(CAMERA).union(own, *(abilities[p.plant] for p in pairings))
     wanted = [(n,) for n in names if n in able] + [()] * settings.nothing
     # Shuffled: a number that told the effect would leak it.
-    random.Random(f"order {first}").shuffle(wanted)
+    _chance(secret, f"order {first}").shuffle(wanted)
     wanted = wanted[: settings.cases] if settings.cases else wanted
-    return [draw(first + i, settings, abilities, concealed) for i, concealed in enumerate(wanted)]
+    numbered = enumerate(wanted, first)
+    return [draw(seed, settings, abilities, concealed, secret) for seed, concealed in numbered]
+
+
+def _chance(secret: str, key: int | str) -> random.Random:
+    """What is drawn from a seed, or another key, and a secret."""
+    return random.Random(f"{secret}:{key}" if secret else key)
 
 
 def draw(
@@ -172,19 +203,21 @@ def draw(
     settings: DrawConfig,
     abilities: dict[str, frozenset[str]],
     names: Sequence[str] | None = None,
+    secret: str = "",
 ) -> Case:
     """The case of one seed.
 
     Args:
-        seed: Same seed and settings, same case.
+        seed: Same seed, settings and secret, same case.
         settings: What to draw from.
         abilities: Plant -> what can be concealed in it, beside errors of the camera.
         names: What is concealed, where that is not to be drawn.
+        secret: As for `drawn`.
 
     Raises:
         ValueError: None of the plants can have it.
     """
-    chance = random.Random(seed)
+    chance = _chance(secret, seed)
     able = {
         p: _able(p, abilities[p.plant], settings) for p in PAIRINGS.values() if p.plant in abilities
     }
@@ -195,6 +228,8 @@ def draw(
     elif family == "unknown":
         # Not every plant has something that the textbook has no name for.
         pairings = [p for p in pairings if set(able[p]) & (set(UNKNOWN_SIZES) - commanded(p))]
+    elif family == "rally":
+        pairings = [p for p in pairings if set(able[p]) & set(UNKNOWN)]
     if not pairings:
         raise ValueError(f"seed {seed}: no plant of {settings.pairings} can have {names or family}")
     pairing = chance.choice(pairings)
@@ -202,7 +237,8 @@ def draw(
         drawable = _drawable(able[pairing], pairing, settings)
         names = _names(chance, family, drawable, pairing, settings)
     nuisance = chance.choice([n for n in settings.nuisances if _suits(n, pairing.simulator)])
-    known = SIZES | UNKNOWN_SIZES | {n: COMMANDED_SIZES[n] for n in commanded(pairing)}
+    own = {n: COMMANDED_SIZES[n] for n in commanded(pairing)}
+    known = {**SIZES, **UNKNOWN_SIZES, **RALLY_SIZES, **own}
     sizes = {n: composed_sizes(n) if is_composed(n) else known[n] for n in names}
     case = Case(
         seed=seed,
@@ -215,11 +251,12 @@ def draw(
         seconds=chance.choice(settings.seconds),
         drives=settings.drives,
         held_out=settings.held_out,
-        spread=_spread(chance, settings, pairing.simulator),
+        spread=_spread(chance, settings, pairing),
         command=pairing.command,
         rate=_rate(chance, settings, pairing.simulator),
     )
-    return case_at_scale(case, chance.choice(settings.scales))
+    case = case_at_scale(case, chance.choice(settings.scales))
+    return replace(case, salt=f"{chance.getrandbits(64):016x}") if secret else case
 
 
 def case_at_scale(case: Case, scale: float) -> Case:
@@ -243,8 +280,11 @@ def commanded(pairing: Pairing) -> frozenset[str]:
     return abilities_of(COMMANDS[pairing.command])
 
 
-def _spread(chance: random.Random, settings: DrawConfig, simulator: str) -> float:
-    return chance.choice(settings.spread) if simulator in REFITTED else 0.0
+def _spread(chance: random.Random, settings: DrawConfig, pairing: Pairing) -> float:
+    if pairing.plant == "rally":
+        return 0.0
+    drawn = settings.fitted_to_each or pairing.simulator in REFITTED
+    return chance.choice(settings.spread) if drawn else 0.0
 
 
 def _rate(chance: random.Random, settings: DrawConfig, simulator: str) -> int:
@@ -262,8 +302,8 @@ def _drawable(able: Sequence[str], pairing: Pairing, settings: DrawConfig) -> li
     if settings.names:
         return list(able)
     if settings.library == "published":
-        return [n for n in able if n in PUBLISHED]
-    known = {*offered(COMMANDS[pairing.command]), *UNKNOWN_SIZES}
+        return [n for n in able if n in PUBLISHED or n in UNKNOWN]
+    known = {*offered(COMMANDS[pairing.command]), *UNKNOWN_SIZES, *UNKNOWN}
     return [n for n in able if n in known and n not in NAMED_SINCE]
 
 
@@ -275,7 +315,22 @@ def _names(
         return [chance.choice([n for n in able if n in UNKNOWN_SIZES and n not in own])]
     if family == "composed":
         return [_composed(chance, SORTS if settings.library == "published" else UNNAMED)]
-    return chance.sample([n for n in able if n in SIZES or n in own], COUNT[family])
+    if family == "rally":
+        return [chance.choice([n for n in able if n in UNKNOWN])]
+    named = [n for n in able if n in SIZES or n in own]
+    if settings.balanced:
+        return _balanced(chance, named, COUNT[family])
+    return chance.sample(named, COUNT[family])
+
+
+def _balanced(chance: random.Random, able: Sequence[str], count: int) -> list[str]:
+    """Effects, each of a class of its own drawing, without one twice."""
+    found: list[str] = []
+    for _ in range(count):
+        left = [n for n in able if n not in found]
+        drawn = chance.choice([c for c in CLASSES if any(class_of(n) == c for n in left)])
+        found.append(chance.choice([n for n in left if class_of(n) == drawn]))
+    return found
 
 
 def _composed(chance: random.Random, sorts: Sequence[str]) -> str:
@@ -290,9 +345,5 @@ def _suits(nuisance: str, simulator: str) -> bool:
     return simulator != "learned" or not nuisance.startswith("parameters")
 
 
-def _drawn(chance: random.Random, sizes: Mapping[str, Uniform]) -> dict[str, float]:
-    values = {}
-    for name, (low, high, signed, _) in sizes.items():
-        side = -1 if signed and chance.random() < 0.5 else 1
-        values[name] = round(side * chance.uniform(low, high), 4)
-    return values
+def _drawn(chance: random.Random, sizes: Mapping[str, Uniform | LogUniform]) -> dict[str, float]:
+    return {name: size.drawn(chance) for name, size in sizes.items()}

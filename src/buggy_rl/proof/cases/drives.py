@@ -12,14 +12,18 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl.core import keys
+from buggy_rl.core.car_file import CarFile
 from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.core.stepping import reset_at, trajectory
 from buggy_rl.core.vehicle import CONTROL_PERIOD
+from buggy_rl.effects.sensing.base import sensed_motion
 from buggy_rl.policies.controllers.at_scale import ManoeuvringDriver, RoomAtScale
-from buggy_rl.policies.controllers.room import RoomDriver
+from buggy_rl.policies.controllers.room import RoomConfig, RoomDriver
 from buggy_rl.proof.cases.case import BUGGY, Case
 from buggy_rl.proof.plants import make_plant
 from buggy_rl.proof.plants.composed import Disturbance
+from buggy_rl.proof.plants.rally.declared import drawn_parameters
+from buggy_rl.proof.plants.rally.owner import car_file, room
 from buggy_rl.proof.plants.reference import make_reference
 from buggy_rl.simulators.reference import ReferenceEngine
 from buggy_rl.simulators.reference.faults import NEUTRAL
@@ -141,10 +145,22 @@ def driver_of(case: Case, seed: int) -> RoomAtScale | ManoeuvringDriver | RoomDr
 
 def _driver_of(case: Case, seed: int, dt: float) -> ManoeuvringDriver | RoomDriver:
     """The buggy's driver, with a command every `dt` [s] of the buggy's time."""
-    forward = DRIVERS[case.driving](seed=seed, dt=dt)
+    forward = DRIVERS[case.driving](_room(case), seed=seed, dt=dt)
     if case.longitudinal == ONE_WAY:
         return forward
     return ManoeuvringDriver(seed=seed, command=case.longitudinal, dt=dt, forward=forward)
+
+
+def _room(case: Case) -> RoomConfig | None:
+    """The room, and what the driver believes of the car; None for the buggy's."""
+    return room(plant_parameters(case)) if case.plant == "rally" else None
+
+
+def measured_car(case: Case) -> CarFile | None:
+    """The file of a case's unchanged car, as its owner measured it; None for the buggy."""
+    if case.plant == "rally":
+        return car_file(plant_parameters(case))
+    return None if case.scale == BUGGY else case.car
 
 
 def plant_of(
@@ -161,10 +177,15 @@ def plant_of(
 
 
 def plant_parameters(case: Case) -> dict[str, float]:
-    """The parameters of a case's plant that are not its own: each within `spread` of that."""
+    """The parameters of a case's plant that are not its own: each within `spread` of that.
+
+    Of a rally car they are all drawn.
+    """
+    chance = random.Random(f"plant {case.key}")
+    if case.plant == "rally":
+        return drawn_parameters(chance.getrandbits(64))
     if not case.spread:
         return {}
-    chance = random.Random(f"plant {case.seed}")
     found = {}
     for name, p in plant_of(case, 1, {}).declared.items():  # type: ignore[attr-defined]
         value = p.value * (1 + chance.uniform(-case.spread, case.spread))
@@ -259,6 +280,7 @@ def true_drive(
         return now if act is None else act(now)
 
     states = pairwise(trajectory(engine, state, commanded, rows))
-    trail = [now.select(keys.POSE, keys.VELOCITY).clone() for now, _ in states]
-    motion = TensorDict.stack(trail, 1)
+    seen = [tuple(value.clone() for value in sensed_motion(now)) for now, _ in states]
+    trail = zip((keys.POSE, keys.VELOCITY), zip(*seen, strict=True), strict=True)
+    motion = TensorDict({key: torch.stack(rows, 1) for key, rows in trail}, [len(pose), rows])
     return motion.set(keys.ACTION, torch.stack(given, 1))  # type: ignore[return-value]

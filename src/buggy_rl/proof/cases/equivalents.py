@@ -94,7 +94,8 @@ def same_group(one: str, other: str) -> bool:
 
 
 # Gravity, or power at the shaft, has to spin the wheels and the rotor too: the textbook's number is
-# the plant's times the share of the moved mass that is the car's.
+# the plant's times the share of the moved mass that is the car's. A rally car's slope is told by
+# the acceleration of the free car, since that share is another in each of them.
 MASS_SHARE = {
     "reference": 1 / 1.1176,  # wheels and rotor add 11.8 %
     "mujoco": 0.92,  # as the docstring of the plant has it

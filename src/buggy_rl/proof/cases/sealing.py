@@ -25,11 +25,12 @@ from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.diagnosis.answer.manoeuvres import MANOEUVRES, TIMES, Manoeuvre
 from buggy_rl.jobs import OUTCOME
 from buggy_rl.policies.controllers.replay import ReplayDriver
-from buggy_rl.proof.cases.case import BUGGY, Case, Concealing, written
+from buggy_rl.proof.cases.case import Case, Concealing, written
 from buggy_rl.proof.cases.drives import (
     TrueMotion,
     acting,
     drive_cases,
+    measured_car,
     plant_of,
     plant_parameters,
     true_drive,
@@ -226,8 +227,8 @@ def _write_inputs(store: CaseStore, case: Case, motion: TrueMotion) -> None:
         save_drives(case, motion.clean, folder / "baseline", numbers, changed=False)
     if case.longitudinal != ONE_WAY:
         save_command(case.longitudinal, folder / COLUMNS)
-    if case.scale != BUGGY:
-        (folder / CAR).write_text(yaml.safe_dump(written(case.car), sort_keys=False))
+    if (car := measured_car(case)) is not None:
+        (folder / CAR).write_text(yaml.safe_dump(written(car), sort_keys=False))
     content = simulator_content(case, store.prepared)
     if content["engine"] == MODEL:
         shutil.copyfile(store.prepared / f"{prepared_name(case)}.pt", folder / MODEL)

@@ -23,8 +23,8 @@ from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity
 from buggy_rl.effects import offered
 from buggy_rl.jobs import Job, run_jobs
-from buggy_rl.proof.cases.case import BUGGY, RATES, Case
-from buggy_rl.proof.cases.drives import drive_cases, plant_parameters
+from buggy_rl.proof.cases.case import BUGGY, RATES, Case, written
+from buggy_rl.proof.cases.drives import drive_cases, measured_car, plant_parameters
 from buggy_rl.recordings import Recording, save_recording
 from buggy_rl.recordings.camera import DECIMALS, NOISES, Camera, CameraConfig
 from buggy_rl.simulators import make_engine, read_simulator
@@ -62,7 +62,7 @@ def recorded_case_drive(case: Case, true: TensorDict, changed: bool, place: int)
     for disturbance in case.disturbances if changed else ():
         true = disturbance.seen(true)
     if case.nuisance == "stamps":
-        early = random.Random(f"stamps {case.seed}").random() < 0.5
+        early = random.Random(f"stamps {case.key}").random() < 0.5
         true = stamped_off(true, early, case.every)
     if case.nuisance == "thrice":
         config = replace(config, **{name: 3 * getattr(config, name) for name in NOISES})
@@ -155,7 +155,7 @@ def prepared_name(case: Case) -> str:
     """File, without its ending, that has to be prepared for a case; empty if none has."""
     if case.simulator in PLAIN:
         return ""
-    own = f"_{case.id}" if case.spread else ""  # fitted anew to this very plant
+    own = f"_{case.id}" if case.own_car else ""  # fitted anew to this very plant
     return f"{case.plant}_{case.simulator}{own}"
 
 
@@ -181,11 +181,11 @@ def simulator_content(case: Case, prepared: Path) -> dict[str, Any]:
         content["options"] = content.get("options", {}) | COARSE[content["engine"]]
     if case.nuisance.startswith("parameters"):
         share = float(case.nuisance.rpartition("_")[2]) / 100
-        content["parameters"] = off(content, share, case.seed)
+        content["parameters"] = off(content, share, case.key)
     return content
 
 
-def off(content: dict[str, Any], share: float, seed: int) -> dict[str, float]:
+def off(content: dict[str, Any], share: float, seed: int | str) -> dict[str, float]:
     """All parameters of a simulator, each up or down by a share of itself, within its range."""
     chance = random.Random(f"parameters {seed}")
     engine = make_engine(content["engine"], 1, **content.get("options", {}))
@@ -210,9 +210,9 @@ def prepare(case: Case, folder: Path, scripts: Path) -> Path:
     Raises:
         ValueError: The script failed; the message holds the end of its log.
     """
-    drives = folder / (f"{prepared_name(case)}_drives" if case.spread else f"{case.plant}_drives")
+    drives = folder / (f"{prepared_name(case)}_drives" if case.own_car else f"{case.plant}_drives")
     if not (drives / f"drive_{DRIVES - 1}.csv").exists():
-        seed = case.seed if case.spread else SEED
+        seed = case.seed if case.own_car else SEED
         car = Case(
             seed,
             case.plant,
@@ -221,12 +221,13 @@ def prepare(case: Case, folder: Path, scripts: Path) -> Path:
             drives=DRIVES,
             held_out=0,
             spread=case.spread,
+            salt=case.salt,
         )
         # Noise behind that of all other drives of the case.
-        numbers = {f"drive_{n}": n + (PREPARING if case.spread else 0) for n in range(DRIVES)}
+        numbers = {f"drive_{n}": n + (PREPARING if case.own_car else 0) for n in range(DRIVES)}
         save_drives(car, drive_cases([car])[0].changed, drives, numbers, changed=False)
     study = folder / f"{prepared_name(case)}_study"
-    options = (f"data.recordings=[{drives}]", f"output={study}")
+    options = (f"data.recordings=[{drives}]", f"output={study}", *_car_option(case, folder))
     if case.simulator == "learned":
         command = (str(scripts / "train_models.py"), *options, *LEARNED)
         made = study / "models" / "model.pt"
@@ -237,6 +238,16 @@ def prepare(case: Case, folder: Path, scripts: Path) -> Path:
     list(run_jobs([Job(prepared_name(case), study, command)], 1))
     write_atomically(_file(folder, case), made.read_bytes())
     return _file(folder, case)
+
+
+def _car_option(case: Case, folder: Path) -> list[str]:
+    """Writes the file of a car that is not the buggy, and names it."""
+    measured = measured_car(case)
+    if measured is None:
+        return []
+    file = folder / f"{prepared_name(case)}_{CAR}"
+    file.write_text(yaml.safe_dump(written(measured), sort_keys=False))
+    return [f"car={file}"]
 
 
 def _file(folder: Path, case: Case) -> Path:
@@ -261,7 +272,7 @@ def diagnosis_options(case: Case, effects: list[str], segments: int = 0) -> str:
         content["parameters"] = False
     if case.rate != RATES[-1]:
         content["rate"] = case.rate
-    if case.scale != BUGGY:
+    if measured_car(case) is not None:
         content["car"] = CAR
     if case.longitudinal != ONE_WAY:
         content["columns"] = COLUMNS

@@ -4,11 +4,14 @@ An effect library tuned on these ranges would know a part of the answer. The low
 driver notices, the upper one what makes him stop.
 """
 
+import math
+import random
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from buggy_rl.core.vehicle import Similarity
 from buggy_rl.proof.plants.composed import Sort
+from buggy_rl.proof.plants.rally.unknowns import UNKNOWNS
 from buggy_rl.simulators.reference.faults import FAULTS
 
 
@@ -20,6 +23,24 @@ class Uniform(NamedTuple):
     signed: bool
     """Whether the sign is drawn too."""
     why: str
+
+    def drawn(self, chance: random.Random) -> float:
+        """A value, rounded to what a ledger keeps."""
+        side = -1 if self.signed and chance.random() < 0.5 else 1
+        return round(side * chance.uniform(self.low, self.high), 4)
+
+
+class LogUniform(NamedTuple):
+    """Bounds of a distribution in which every factor of the size is as likely."""
+
+    low: float
+    high: float
+    why: str
+
+    def drawn(self, chance: random.Random) -> float:
+        """A value, rounded to four digits."""
+        value = math.exp(chance.uniform(math.log(self.low), math.log(self.high)))
+        return float(f"{min(max(value, self.low), self.high):.4g}")
 
 
 SIZES: dict[str, dict[str, Uniform]] = {
@@ -145,6 +166,11 @@ UNKNOWN_SIZES: dict[str, dict[str, Uniform]] = {
     "heating_motor": {"rise": Uniform(0.005, 0.015, False, "half the power after a burst")},
     "loose_differential": {"time_constant": Uniform(0.08, 0.2, False, "the left half comes later")},
 }
+RALLY_SIZES = {
+    kind: {"size": LogUniform(low, high, mechanism)}
+    for kind, (low, high, mechanism) in UNKNOWNS.items()
+}
+"""Unknown effects of the rally car, in the ranges of their author."""
 NAMED_SINCE = {  # unknown kinds that have got a name: they are drawn under it
     "sticky_servo": "servo_stiction",
     "heating_motor": "thermal_foldback",

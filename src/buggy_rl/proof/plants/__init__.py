@@ -1,4 +1,4 @@
-"""Plants: the simulated true cars of blind tests, of three kinds of physics, each with faults."""
+"""Plants: the simulated true cars of blind tests, of four kinds of physics, each with faults."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # at run time a name costs no two seconds of torchrl
     from torchrl.envs import EnvBase
 
-PLANTS: tuple[str, ...] = ("reference", "mujoco", "commonroad")
+PLANTS: tuple[str, ...] = ("reference", "mujoco", "commonroad", "rally")
 
 
 def abilities(plant: str) -> frozenset[str]:

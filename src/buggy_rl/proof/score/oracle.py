@@ -163,6 +163,12 @@ def _measured(
 
 
 def _cut(folder: Path, most: int, columns: ColumnMap | None) -> Segments:
-    """Segments of the recordings in a folder, at most so many."""
-    recordings, _ = load_recordings([str(folder)], columns)
+    """Segments of the recordings in a folder, at most so many.
+
+    Raises:
+        ValueError: The reader refuses all of them, as where a sensor contradicts itself.
+    """
+    recordings, refusals = load_recordings([str(folder)], columns)
+    if not recordings:
+        raise ValueError(f"no recording in {folder} can be read: {'; '.join(map(str, refusals))}")
     return cut_segments(recordings, SECONDS, SECONDS).spread(most)
