@@ -20,6 +20,7 @@ from buggy_rl.proof.cases.sizes import (
     composed_sizes,
     scaled_effect,
 )
+from buggy_rl.proof.cases.term_forms import sorts_with_terms
 from buggy_rl.proof.plants.composed import SORTS, UNNAMED, WHERE, is_composed
 from buggy_rl.proof.plants.rally.kinds import UNKNOWN
 from buggy_rl.proof.plants.reference import abilities_of
@@ -112,7 +113,8 @@ class DrawConfig:
         )
     )
     """How many effects are concealed, or one that no entry of the library describes: of the
-    reference car's six (unknown), of the rally car's (rally), or composed at random (composed)."""
+    reference car's six (unknown), of the rally car's (rally), composed at random (composed), or so
+    that the grammar of terms has it (term)."""
     balanced: bool = False
     """First a class of effects is drawn (`classes.CLASSES`), then an effect of it: sensors and
     commands, which are many, are then no more frequent than tyres."""
@@ -315,6 +317,8 @@ def _names(
         return [chance.choice([n for n in able if n in UNKNOWN_SIZES and n not in own])]
     if family == "composed":
         return [_composed(chance, SORTS if settings.library == "published" else UNNAMED)]
+    if family == "term":
+        return [_composed(chance, sorts_with_terms())]
     if family == "rally":
         return [chance.choice([n for n in able if n in UNKNOWN])]
     named = [n for n in able if n in SIZES or n in own]
@@ -334,8 +338,8 @@ def _balanced(chance: random.Random, able: Sequence[str], count: int) -> list[st
 
 
 def _composed(chance: random.Random, sorts: Sequence[str]) -> str:
-    """A sort: every place where it may act is as likely, however many signals it has."""
-    where = chance.choice(WHERE)
+    """A sort: every place where one may act is as likely, however many signals it has."""
+    where = chance.choice([w for w in WHERE if any(name.startswith(f"{w}.") for name in sorts)])
     return chance.choice([name for name in sorts if name.startswith(f"{where}.")])
 
 

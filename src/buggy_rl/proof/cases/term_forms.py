@@ -1,5 +1,7 @@
 """Which terms of the grammar have the form of a composed sort: place, signal, shape and memory."""
 
+from functools import cache
+
 from buggy_rl.effects.terms.grammar import Term, terms
 from buggy_rl.proof.plants.composed import UNNAMED, Sort
 
@@ -30,7 +32,8 @@ def has_form(term: Term, sort: Sort) -> bool:
     )
 
 
-def sorts_with_terms() -> list[str]:
+@cache
+def sorts_with_terms() -> tuple[str, ...]:
     """Sorts without a name in the library of which some term has the form."""
     every = terms()
-    return [name for name in UNNAMED if any(has_form(t, Sort.named(name)) for t in every)]
+    return tuple(n for n in UNNAMED if any(has_form(t, Sort.named(n)) for t in every))
