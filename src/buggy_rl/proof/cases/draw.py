@@ -145,7 +145,7 @@ class DrawConfig:
             raise ValueError(f"no pairings {unknown}; available: {', '.join(PAIRINGS)}")
 
 
-def drawn(settings: DrawConfig) -> list[Case]:
+def drawn(settings: DrawConfig, secret: str = "") -> list[Case]:
     """The cases of a run, by seed."""
     names = {PAIRINGS[name].plant for name in settings.pairings}
     return draw_all(settings, {name: plants.abilities(name) for name in names})
