@@ -133,7 +133,8 @@ def main() -> None:
         sys.exit(f"error: {why}: nothing can be hidden from {given.command[0]}")
     code = run_confined(given.command, given.hidden, given.shown)
     if code < 0:
-        signal.signal(-code, signal.SIG_DFL)
+        with suppress(OSError):  # SIGKILL cannot be handled
+            signal.signal(-code, signal.SIG_DFL)
         os.kill(os.getpid(), -code)
     sys.exit(code)
 

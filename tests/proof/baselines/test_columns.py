@@ -59,7 +59,7 @@ def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
         ("sensor_lever_arm", 2, True),
         ("grip_patch", 16, True),
         ("steering_dead_time", 5, False),
-        ("sensor_latency", 3, False),  # 0.03, 0.06 and 0.09 s: it ends at 0.1 s
+        ("sensor_latency", 5, False),
     ],
 )
 def test_a_vector_has_a_column_for_each_part_a_patch_and_a_delay_for_each_place(

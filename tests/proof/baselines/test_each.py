@@ -84,11 +84,11 @@ def test_segments_are_those_of_the_diagnosis(cases):
 
 def test_a_loss_is_taken_at_its_best_dispersion():
     noise = NoiseModel(torch.eye(10, dtype=torch.float64).expand(1, 10, 10), torch.ones(6))
-    # Residuals of four times the variance: 20 segments of 10 numbers, near 100 ln 4 + 100.
-    # With h = 40, sum h/2 ln(1 + 10 / 40) = 20 * 20 * 0.2231 = 89.3 at phi = 4; 3.98 is tried.
+    # Residuals of four times the variance, 20 segments of 10 numbers: with h = 40 the density has
+    # its maximum at phi = 4, sum 50/2 ln(1 + 10 / 40) + 100 ln 4; the nearest tried is 3.98.
     square = torch.full((20,), 40.0, dtype=torch.float64)
-    at_four = 20 * 20 * math.log(1.25) + 100 * math.log(4.0)
-    assert at_four - 5 < least_loss(noise, square) <= at_four + 0.1
+    at_four = 20 * 25 * math.log(1.25) + 100 * math.log(4.0)
+    assert at_four <= least_loss(noise, square) < at_four + 0.01
     assert least_loss(noise, 0 * square) == 0.0
 
 

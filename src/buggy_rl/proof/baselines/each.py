@@ -6,10 +6,12 @@ clock, and M effects to choose from:
 
     BIC / 2          L(r) + k / 2 ln(N D) + ln C(M, m)
     held-out density L(r of each block, by a fit to the others) + ln C(M, m)
-    L(r)             min over phi of  sum h / 2 ln(1 + |r|^2 / (phi h)) + N D / 2 ln phi
+    L(r)             min over phi of  sum (h + D) / 2 ln(1 + |r|^2 / (phi h)) + N D / 2 ln phi
 
-L is the loss of the diagnosis at its best dispersion. The last term, of m effects that are named,
-is the extended criterion's: among fifty effects one fits better than nothing by chance.
+L is the density that belongs to the loss of the diagnosis, Student's t of h degrees of freedom, at
+its best dispersion. The last term, of m effects that are named,
+is the extended criterion's: among fifty effects one fits better than nothing by chance. An effect
+that is under a tenth of its prior scale is no candidate: smoothed starts alone bring about so much.
 
 Source: Schwarz 1978, Estimating the dimension of a model; Chen & Chen 2008, Extended Bayesian
 information criteria, eq. 2 (gamma = 1).
@@ -29,7 +31,7 @@ from torch import Tensor
 from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.estimation.evidence import DISPERSIONS, CrossValidated, cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
-from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.noise_model import HEAVY, NoiseModel
 from buggy_rl.estimation.sparse import screened
 from buggy_rl.proof.baselines.asked import (
     Asked,
@@ -39,6 +41,7 @@ from buggy_rl.proof.baselines.asked import (
     parameter_interval,
     unnamed,
 )
+from buggy_rl.proof.baselines.retune import MOVED
 
 ITERATIONS = 4  # of a fit
 REFITTED = 8  # effects that are fitted on, at the dispersion that the best of them leaves
@@ -100,9 +103,11 @@ def expected(fit: Fit, share: float = 1.0) -> float:
 
 def least_loss(noise: NoiseModel, square: Tensor) -> float:
     """L [nats] of segments with |W e|^2 = `square` [N], at its best dispersion."""
-    half = 0.5 * len(square) * noise.dimension
-    tried = DISPERSIONS.tolist()
-    return min(float(noise.loss(square, phi).sum()) + half * math.log(phi) for phi in tried)
+    half, normalised = 0.5 * len(square) * noise.dimension, 1 + 1 / HEAVY  # (h + D) / h
+    return min(
+        normalised * float(noise.loss(square, phi).sum()) + half * math.log(phi)
+        for phi in DISPERSIONS.tolist()
+    )
 
 
 def half_bic(problem: Problem, fit: Fit) -> float:
@@ -140,16 +145,33 @@ def by_held_out_density(seen: Path) -> dict[str, Any]:
     return _best(singles, singles.density)
 
 
+def large(fits: Sequence[Fit]) -> list[Fit]:
+    """Fits of which every effect has a number of `MOVED` prior scales at least."""
+    return [fit for fit in fits if all(_size(fit, name) >= MOVED for name in fit.effects)]
+
+
+def _size(fit: Fit, effect: str) -> float:
+    """Largest number of an effect [prior scales]."""
+    return max(
+        abs(z)
+        for c, z in zip(fit.coordinates, fit.vector.tolist(), strict=True)
+        if c.effect == effect
+    )
+
+
 def _best(singles: Singles, criterion: Sequence[float]) -> dict[str, Any]:
-    best = min(range(len(criterion)), key=criterion.__getitem__)
-    share = float(torch.softmax(-torch.tensor(criterion, dtype=torch.float64), 0)[best])
-    note = f"{criterion[0] - criterion[best]:.1f} nats better than nothing"
-    if not best:
-        runner_up = min(criterion[1:]) - criterion[0]
-        return unnamed("no_mismatch", f"the best effect is {runner_up:.1f} nats worse than nothing")
-    fit = singles.fits[best]
-    numbers = numbers_of(fit, fit.effects[0], singles.held_out[best].covariance)
-    return named("missing_physics", fit.effects[0], share, numbers, [note])
+    value = dict(zip(singles.fits, criterion, strict=True))
+    nothing, *effects = large(singles.fits)
+    best = min([nothing, *effects], key=value.__getitem__)
+    if best is nothing:
+        behind = min((value[fit] for fit in effects), default=math.inf) - value[nothing]
+        return unnamed("no_mismatch", f"the best effect is {behind:.1f} nats worse than nothing")
+    scores = torch.tensor([-value[fit] for fit in (best, nothing, *effects)], dtype=torch.float64)
+    share = float(torch.exp(scores[0] - scores[1:].logsumexp(0)))
+    [name] = best.effects
+    covariance = singles.held_out[singles.fits.index(best)].covariance
+    note = f"{value[nothing] - value[best]:.1f} nats better than nothing"
+    return named("missing_physics", name, share, numbers_of(best, name, covariance), [note])
 
 
 def numbers_of(fit: Fit, effect: str, covariance: Tensor) -> Numbers:

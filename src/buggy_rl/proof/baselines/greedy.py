@@ -13,6 +13,7 @@ from buggy_rl.proof.baselines.each import (
     ITERATIONS,
     expected,
     half_bic,
+    large,
     numbers_of,
     single_fits,
 )
@@ -31,7 +32,7 @@ def greedy(seen: Path) -> dict[str, Any]:
     asked = open_question(seen)
     singles = single_fits(asked)
     problem, chosen, gains = singles.problem, singles.fits[0], list[float]()
-    candidates = list(singles.fits[1:])
+    candidates = large(singles.fits[1:])
     while candidates:
         best = min(candidates, key=lambda fit: half_bic(problem, fit))
         gain = half_bic(problem, chosen) - half_bic(problem, best)
@@ -53,4 +54,4 @@ def greedy(seen: Path) -> dict[str, Any]:
 def _with_one_more(problem: Problem, chosen: Fit) -> list[Fit]:
     """The most promising sets of one effect more, fitted at the dispersion that is left."""
     problem = replace(problem, dispersion=expected(chosen))
-    return fitted(problem, screened(problem, chosen, CLOSEST), ITERATIONS)
+    return large(fitted(problem, screened(problem, chosen, CLOSEST), ITERATIONS))
