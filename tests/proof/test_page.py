@@ -8,7 +8,7 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.page import proof_page, reason, write_page
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
-from buggy_rl.proof.score.rivals import Comparison, McNemar
+from buggy_rl.proof.score.rivals import McNemar, MethodComparison
 from buggy_rl.proof.score.score import passed, score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -51,7 +51,7 @@ def test_the_table_has_targets_figures_and_who_else_answered(scores):
 
 
 def test_other_methods_stand_beside_with_their_test(scores):
-    row = Comparison("guessing", "all cases", 9, 7, 1, 2, McNemar(6, 0))
+    row = MethodComparison("guessing", "all cases", 9, 7, 1, 2, McNemar(6, 0))
     text = proof_page(ProofConfig(output="out"), scores, [row], "prove", 0, {})
     assert "| guessing | all cases | 9 | 7 | 1 | 6 | 0 | 0.031 | 2 |" in text
     assert "## Beside other methods" not in proof_page(

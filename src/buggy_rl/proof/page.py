@@ -17,7 +17,7 @@ from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.rivals import Comparison
+from buggy_rl.proof.score.rivals import MethodComparison
 from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
 
 GOOD, BAD = COLOURS[1], COLOURS[0]
@@ -135,7 +135,7 @@ CAPTIONS = {
 def proof_page(
     config: ProofConfig,
     scores: Mapping[str, Score],
-    compared: Sequence[Comparison],
+    compared: Sequence[MethodComparison],
     command: str,
     opened: int,
     images: Mapping[str, str],
@@ -178,7 +178,7 @@ def proof_page(
 def write_page(
     config: ProofConfig,
     scores: Mapping[str, Score],
-    compared: Sequence[Comparison],
+    compared: Sequence[MethodComparison],
     command: str,
     opened: int,
 ) -> Path:
@@ -218,7 +218,7 @@ def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
     return rows
 
 
-def _compared(c: Comparison) -> list[str]:
+def _compared(c: MethodComparison) -> list[str]:
     counts = (c.cases, c.ours, c.theirs, c.test.wins, c.test.losses)
     return [c.method, c.which, *map(str, counts), f"{c.test.p:.2g}", str(c.crashed)]
 

@@ -32,7 +32,7 @@ from buggy_rl.diagnosis.config import DEFAULTS
 from buggy_rl.estimation.evidence import DISPERSIONS, CrossValidated, cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.noise_model import HEAVY, NoiseModel
-from buggy_rl.estimation.sparse import screened
+from buggy_rl.estimation.sparse import screened, thinned
 from buggy_rl.proof.baselines.asked import (
     Asked,
     Numbers,
@@ -43,16 +43,19 @@ from buggy_rl.proof.baselines.asked import (
 )
 from buggy_rl.proof.baselines.retune import MOVED
 
-ITERATIONS = 4  # of a fit
-REFITTED = 8  # effects that are fitted on, at the dispersion that the best of them leaves
+SCREENED = 16  # segments that every effect is fitted to,
+SIZES = (0.7,)  # [prior scales] from either side of neutral,
+FIRST = 2  # in so many iterations;
+KEPT = 10  # effects, the best of these, that are fitted to all segments
+ITERATIONS = 4  # in so many
 
 
 @dataclass(frozen=True, eq=False)
 class Singles:
-    """Fits of nothing and of each effect alone, with their cross-validation in the same order."""
+    """Fits of nothing and of the best effects, with their cross-validation in the same order."""
 
     problem: Problem
-    """At the dispersion that the best of them leaves."""
+    """Problem at the dispersion that the best of them leaves."""
     fits: Sequence[Fit]
     """Nothing, then effects from the one that fits best."""
     held_out: Sequence[CrossValidated]
@@ -79,7 +82,11 @@ class Singles:
 
 @lru_cache(maxsize=1)
 def single_fits(asked: Asked) -> Singles:
-    """Fits every effect of a case's library alone; kept for one case."""
+    """Fits every effect of a case's library alone; kept for one case.
+
+    A simulator such as MuJoCo takes minutes for fifty effects on sixty segments: all are fitted to
+    `SCREENED` of them, and the best to all.
+    """
     ready = asked.ready
     library = copy(ready.problem.library)
     library.own = False  # parameters of the simulator's own are no effects
@@ -87,13 +94,21 @@ def single_fits(asked: Asked) -> Singles:
     [null] = fitted(problem, [library.hypothesis(())], ITERATIONS)
     problem = replace(problem, dispersion=expected(null, DEFAULTS.expected_left))
     [null] = fitted(problem, [null], ITERATIONS)
-    starts = screened(problem, null, len(library.effects))
-    found = fitted(problem, starts, ITERATIONS, reference=problem.cost(null))
-    found.sort(key=lambda fit: half_bic(problem, fit))
-    problem = replace(problem, dispersion=expected(found[0]))
-    found[:REFITTED] = fitted(problem, found[:REFITTED], ITERATIONS)
+    few, [thin] = thinned(problem, SCREENED, [null])
+    starts = screened(few, thin, len(library.effects), SIZES)
+    first = fitted(few, starts, FIRST, reference=few.cost(thin))
+    first.sort(key=lambda fit: half_bic(few, fit))
+    problem = replace(problem, dispersion=expected(first[0]))
+    found = fitted(problem, first[:KEPT], ITERATIONS)
     fits = [null, *sorted(found, key=lambda fit: half_bic(problem, fit))]
     return Singles(problem, fits, cross_validated(problem, fits, ready.criteria.group))
+
+
+def with_one_more(problem: Problem, chosen: Fit, keep: int) -> list[Fit]:
+    """The most promising sets of one effect more, fitted at the dispersion that is left."""
+    problem = replace(problem, dispersion=expected(chosen))
+    few, [thin] = thinned(problem, SCREENED, [chosen])
+    return fitted(problem, screened(few, thin, keep, SIZES), ITERATIONS)
 
 
 def expected(fit: Fit, share: float = 1.0) -> float:

@@ -1,25 +1,21 @@
 """Greedy forward selection by BIC: one effect after the other, until none lowers it."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from buggy_rl.estimation.evidence import cross_validated
-from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
-from buggy_rl.estimation.sparse import screened
 from buggy_rl.proof.baselines.asked import all_named, effect_said, open_question, unnamed
 from buggy_rl.proof.baselines.each import (
-    ITERATIONS,
-    expected,
     half_bic,
     large,
     numbers_of,
     single_fits,
+    with_one_more,
 )
 
 MOST = 3  # effects that are named
-CLOSEST = 8  # effects that are fitted beside those chosen, the most promising by a rollout of each
+CLOSEST = 6  # effects that are fitted beside those chosen, the most promising by a rollout of each
 
 
 def greedy(seen: Path) -> dict[str, Any]:
@@ -39,7 +35,7 @@ def greedy(seen: Path) -> dict[str, Any]:
         if gain <= 0:
             break
         chosen, gains = best, [*gains, gain]
-        candidates = _with_one_more(problem, chosen) if len(gains) < MOST else []
+        candidates = large(with_one_more(problem, chosen, CLOSEST)) if len(gains) < MOST else []
     if not gains:
         return unnamed("no_mismatch", "no effect lowers BIC")
     [held_out] = cross_validated(problem, [chosen], asked.ready.criteria.group)
@@ -49,9 +45,3 @@ def greedy(seen: Path) -> dict[str, Any]:
     ]
     told = ", ".join(f"{n} {gain:.1f}" for n, gain in zip(chosen.effects, gains, strict=True))
     return all_named("missing_physics", said, [f"gains in nats: {told}"])
-
-
-def _with_one_more(problem: Problem, chosen: Fit) -> list[Fit]:
-    """The most promising sets of one effect more, fitted at the dispersion that is left."""
-    problem = replace(problem, dispersion=expected(chosen))
-    return large(fitted(problem, screened(problem, chosen, CLOSEST), ITERATIONS))

@@ -34,7 +34,7 @@ class McNemar:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class MethodComparison:
     """The diagnosis and another method on the same cases."""
 
     method: str
@@ -66,7 +66,7 @@ def scores_of(entries: Sequence[Entry]) -> dict[str, Score]:
     }
 
 
-def comparisons(entries: Sequence[Entry]) -> list[Comparison]:
+def comparisons(entries: Sequence[Entry]) -> list[MethodComparison]:
     """The diagnosis and each other method: on all cases, and on those that it can represent.
 
     A case in which the method crashed is left out of both; where the diagnosis crashed, it is not
@@ -82,7 +82,7 @@ def comparisons(entries: Sequence[Entry]) -> list[Comparison]:
     return found
 
 
-def compared(method: str, which: str, entries: Sequence[Entry]) -> Comparison:
+def compared(method: str, which: str, entries: Sequence[Entry]) -> MethodComparison:
     """The diagnosis and another method on cases that both were asked.
 
     Args:
@@ -92,7 +92,7 @@ def compared(method: str, which: str, entries: Sequence[Entry]) -> Comparison:
     """
     answered = [entry for entry in entries if entry.answers[method].status == "answered"]
     ours, theirs = ([entry.scored(name) for entry in answered] for name in (OURS, method))
-    return Comparison(
+    return MethodComparison(
         method,
         which,
         cases=len(answered),
