@@ -9,12 +9,9 @@ clock, and M effects to choose from:
     L(r)             min over phi of  sum (h + D) / 2 ln(1 + |r|^2 / (phi h)) + N D / 2 ln phi
 
 L is the density that belongs to the loss of the diagnosis, Student's t of h degrees of freedom, at
-its best dispersion. The last term, of m effects that are named,
-is the extended criterion's: among fifty effects one fits better than nothing by chance. An effect
-that is under a tenth of its prior scale is no candidate: smoothed starts alone bring about so much.
-
-Source: Schwarz 1978, Estimating the dimension of a model; Chen & Chen 2008, Extended Bayesian
-information criteria, eq. 2 (gamma = 1).
+its best dispersion. The last term, of m effects that are named, is that of the extended BIC (Chen &
+Chen 2008): among fifty effects one fits better than nothing by chance. An effect that is under a
+tenth of its prior scale is no candidate: smoothed starts alone bring about so much.
 """
 
 import math
@@ -43,11 +40,11 @@ from buggy_rl.proof.baselines.asked import (
 )
 from buggy_rl.proof.baselines.retune import MOVED
 
-SCREENED = 16  # segments that every effect is fitted to,
-SIZES = (0.7,)  # [prior scales] from either side of neutral,
-FIRST = 2  # in so many iterations;
-KEPT = 10  # effects, the best of these, that are fitted to all segments
-ITERATIONS = 4  # in so many
+SCREENED = 16  # segments on which every effect is fitted; chosen for the run time
+SIZES = (0.7,)  # [prior scales] from neutral, to either side, at which such a fit begins
+FIRST = 2  # Gauss-Newton iterations of such a fit
+KEPT = 10  # effects, the best by such fits, that are fitted to all segments
+ITERATIONS = 4  # Gauss-Newton iterations of a fit to all segments
 
 
 @dataclass(frozen=True, eq=False)
