@@ -71,7 +71,7 @@ def test_of_two_effects_greedy_selection_names_both_and_the_others_one(cases):
 def test_the_fits_are_shared_by_all_methods(cases):
     asked = open_question(cases["draggy"])
     assert single_fits(asked) is single_fits(asked)
-    names = [fit.effects for fit in single_fits(asked).fits]  # the best ten of five
+    names = [fit.effects for fit in single_fits(asked).fits]  # all five are among the best eight
     assert names[0] == ()
     assert {*names[1:]} == {(name,) for name in FEW}
 

@@ -43,8 +43,8 @@ from buggy_rl.proof.baselines.retune import MOVED
 SCREENED = 16  # segments on which every effect is fitted; chosen for the run time
 SIZES = (0.7,)  # [prior scales] from neutral, to either side, at which such a fit begins
 FIRST = 2  # Gauss-Newton iterations of such a fit
-KEPT = 10  # effects, the best by such fits, that are fitted to all segments
-ITERATIONS = 4  # Gauss-Newton iterations of a fit to all segments
+KEPT = 8  # effects, the best by such fits, that are fitted to all segments
+ITERATIONS = 3  # Gauss-Newton iterations of a fit to all segments
 
 
 @dataclass(frozen=True, eq=False)

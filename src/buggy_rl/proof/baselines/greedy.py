@@ -15,7 +15,7 @@ from buggy_rl.proof.baselines.each import (
 )
 
 MOST = 3  # effects that are named
-CLOSEST = 6  # effects that are fitted beside those chosen, the most promising by a rollout of each
+CLOSEST = 4  # effects that are fitted beside those chosen, the most promising by a rollout of each
 
 
 def greedy(seen: Path) -> dict[str, Any]:
