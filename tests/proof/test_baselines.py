@@ -88,6 +88,8 @@ OUTSIDE = {"sticky_servo": {"breakaway": 0.2}}
         ("mujoco.sysid", "mujoco", GRIP, True),
         ("mujoco.sysid", "mujoco", {"wind": {"force_x": 0.2, "force_y": 0.1}}, False),
         ("mujoco.sysid", "single_track_fitted", LAG, False),
+        ("mujoco.sysid", "mujoco", {}, True),
+        ("mujoco.sysid", "reference", {}, False),  # it has no answer, not even nothing
         ("black-box residual", "mujoco", {}, True),
         ("black-box residual", "mujoco", LAG, False),
         ("black-box residual", "mujoco", OUTSIDE, True),

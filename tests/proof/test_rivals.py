@@ -57,7 +57,7 @@ def test_wins_losses_and_crashes_are_counted_on_all_cases_and_on_those_it_can_re
     assert every.test.p == pytest.approx(2 * (1 + 6 + 15) / 64)
     assert (able.cases, able.ours, able.theirs, able.crashed) == (6, 4, 3, 1)
     assert (able.test.wins, able.test.losses) == (3, 2)
-    assert "only one of both 2 : 3" in str(able)
+    assert "right alone 2, the diagnosis 3" in str(able)
 
 
 def test_a_method_that_was_not_asked_is_not_compared():

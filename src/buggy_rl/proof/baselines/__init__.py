@@ -27,7 +27,8 @@ class Method:
     answer: str
     """Function: folder of what may be seen -> answer."""
     names: str
-    """Function of `nameable`: case -> effects that it can name there."""
+    """Function of `nameable`: case -> effects that it can name there; None where it has no answer
+    at all."""
     most: int = 1
     """Effects that it can name at once."""
     unknown: bool = False
@@ -37,8 +38,8 @@ class Method:
         """Whether the right answer to a case is one that it can give."""
         if case.unknown:
             return self.unknown
-        able: frozenset[str] = load_named(f"{HERE}.nameable:{self.names}")(case)
-        return len(case.truth) <= self.most and {*case.truth} <= able
+        able: frozenset[str] | None = load_named(f"{HERE}.nameable:{self.names}")(case)
+        return able is not None and len(case.truth) <= self.most and {*case.truth} <= able
 
 
 METHODS = {  # as the page calls it

@@ -31,10 +31,10 @@ def parameters(case: Case) -> frozenset[str]:
     return frozenset() if engine == LEARNED else by_one_parameter(engine, case.longitudinal)
 
 
-def inside_mujoco(case: Case) -> frozenset[str]:
-    """Effects that are a change of parameters of the MuJoCo car; none of another simulator."""
+def inside_mujoco(case: Case) -> frozenset[str] | None:
+    """Effects that are a change of parameters of the MuJoCo car; None of another simulator."""
     if case.simulator.removesuffix(FITTED) != MUJOCO:
-        return frozenset()
+        return None
     engine = make_engine(MUJOCO, 1, command=case.longitudinal.plain)
     found = Library(None, engine.declared, realises=engine.realises).inside.changes
     return by_one_parameter(MUJOCO, case.longitudinal) | {*found}

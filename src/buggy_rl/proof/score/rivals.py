@@ -52,7 +52,7 @@ class MethodComparison:
     def __str__(self) -> str:
         return (
             f"{self.method}, {self.which}: {self.theirs} of {self.cases} exactly right, "
-            f"{self.ours} by the diagnosis; only one of both {self.test.losses} : "
+            f"{self.ours} by the diagnosis; right alone {self.test.losses}, the diagnosis "
             f"{self.test.wins}, McNemar's exact test p = {self.test.p:.2g}; crashed {self.crashed}"
         )
 
