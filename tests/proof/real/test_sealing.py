@@ -13,8 +13,11 @@ from buggy_rl.core.files import write_atomically
 from buggy_rl.proof.cases.sealing import CaseStore, publish
 from buggy_rl.proof.cases.secret import secret_of
 from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.real.dataset import DatasetConfig
 from buggy_rl.proof.real.edits import EDITS, edited
+from buggy_rl.proof.real.known import KnownConfig
 from buggy_rl.proof.real.preparing import simulator_file
+from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.sealing import (
     QuestionConfig,
     seal_edited,
@@ -109,6 +112,14 @@ def test_a_case_that_was_sealed_is_not_sealed_again(sealed):
     assert unsealed_groups(sealed, CASES) == []
     more = RealCase(3_000_003, "small", "0a", "mujoco")
     assert unsealed_groups(sealed, [*CASES, more]) == [[more]]
+
+
+def test_recordings_before_they_were_edited_are_hidden_from_a_diagnosis(tmp_path, config):
+    known = KnownConfig(data=DatasetConfig(recordings=[str(tmp_path / "known")]))
+    run = RealProofConfig(output=str(tmp_path / "run"), datasets={"small": config}, known=known)
+    names = {str(path) for path in run.hidden}
+    assert {*config.recordings, str(tmp_path / "known")} <= names
+    assert {str(tmp_path / "run"), str(tmp_path / "run_sealed")} <= names
 
 
 def test_a_recording_that_a_reader_would_cut_is_refused(tmp_path, dataset, config):
