@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from buggy_rl.core.files import write_atomically
+
 ROOT = Path(__file__).parents[2]
 HOW = {
     "local_1": ("launcher=local", "workers=1"),
@@ -37,6 +39,7 @@ def made(folder: Path, script: str, *options: str) -> Path:
     folder.mkdir()
     for name in ("configs", "scripts", "data"):
         (folder / name).symlink_to(ROOT / name)
+    write_atomically(folder / "out_sealed" / "secret.txt", "the same for all\n")
     command = [sys.executable, f"scripts/{script}", *options, "output=out"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -57,7 +57,7 @@ def diagnosed(jobs: Sequence[Job], *_) -> Iterator[Progress]:
     for job in jobs:
         assert not job.done
         assert job.cwd is not None
-        script, *options = job.command
+        script, *options = job.command[job.command.index("--") + 1 :]  # here nothing is confined
         job.folder.mkdir(parents=True)
         with chdir(job.cwd), patch.object(sys, "argv", [script, *options, *QUICK]):
             diagnose.main()

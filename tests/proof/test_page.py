@@ -8,6 +8,7 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.page import proof_page, reason, write_page
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
+from buggy_rl.proof.score.rivals import McNemar, MethodComparison
 from buggy_rl.proof.score.score import passed, score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -42,15 +43,24 @@ def scores():
 
 
 def test_the_table_has_targets_figures_and_who_else_answered(scores):
-    lines = proof_page(ProofConfig(output="out"), scores, "prove", 0, {}).splitlines()
+    lines = proof_page(ProofConfig(output="out"), scores, [], "prove", 0, {}).splitlines()
     assert "| figure | target | measured | n | guessing |" in lines
     first = next(line for line in lines if line.startswith("| first name right, decidable"))
     # 1 of 2: Wilson's interval of a half is 9.5 to 90.5 %; what misses its target stands out.
     assert "| at least 90 % | **50.0 % (9.5 to 90.5)** | 2 | 0.0 % (0.0 to 79.3) |" in first
 
 
+def test_other_methods_stand_beside_with_their_test(scores):
+    row = MethodComparison("guessing", "all cases", 9, 7, 1, 2, McNemar(6, 0))
+    text = proof_page(ProofConfig(output="out"), scores, [row], "prove", 0, {})
+    assert "| guessing | all cases | 9 | 7 | 1 | 6 | 0 | 0.031 | 2 |" in text
+    assert "## Beside other methods" not in proof_page(
+        ProofConfig(output="out"), scores, [], "prove", 0, {}
+    )
+
+
 def test_failing_cases_tell_what_was_said_and_what_was_true(scores):
-    text = proof_page(ProofConfig(output="out"), scores, "prove", 0, {}).partition(
+    text = proof_page(ProofConfig(output="out"), scores, [], "prove", 0, {}).partition(
         "## Cases that fail"
     )[2]
     assert text.splitlines()[4:] == [
@@ -60,14 +70,14 @@ def test_failing_cases_tell_what_was_said_and_what_was_true(scores):
     ]
     none = ScoredCase(Case(3, "reference", "reference"), CaseAnswer("no_mismatch"))
     good = {"ours": score([none])}
-    text = proof_page(ProofConfig(output="out"), good, "prove", 0, {})
+    text = proof_page(ProofConfig(output="out"), good, [], "prove", 0, {})
     assert text.endswith("## Cases that fail\n\nNone.\n")
 
 
 def test_the_page_says_how_it_is_made_and_shows_its_pictures(scores, tmp_path):
     config = ProofConfig(output=str(tmp_path / "out"), page=str(tmp_path / "docs" / "proof.md"),
                          images=str(tmp_path / "docs" / "images"))  # fmt: skip
-    file = write_page(config, scores, "python scripts/prove.py configs/proof.yaml", 0)
+    file = write_page(config, scores, [], "python scripts/prove.py configs/proof.yaml", 0)
     text = file.read_text()
     assert "```sh\npython scripts/prove.py configs/proof.yaml\n```" in text
     assert "development seeds" in text

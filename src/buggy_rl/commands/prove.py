@@ -5,14 +5,16 @@
     python scripts/prove.py configs/proof.yaml draw.split=sealed draw.first=2000 workers=2
     python scripts/prove.py configs/proof.yaml stages=score,page
 
-Stages: prepare (simulators that are fitted first), seal (the hashes of all answers are published,
-then the cases are driven), ask (scripts/diagnose.py, which is given one case and no answer), again
+Stages: prepare (simulators that are fitted first), seal (the hashes of all answers and of the
+secret are published, then the cases are driven), ask (scripts/diagnose.py, which is given one case
+and no answer, and cannot read any other file of the run: Linux's Landlock, or confine=false), again
 (where it cannot tell, the manoeuvre that it suggests is driven), weigh (the true structure fitted
 to the same drives), compare (other methods), settle (complete cases are entered in the ledger, one
 line each: the answers and the hash of the truth), score and page (which open what is sealed: the
-truth is added to the lines). A stage does nothing twice: stop it, start it. A case in the ledger is
-not run again on any machine: with the same ledger, draw.cases=50 today and draw.cases=100 tomorrow
-are 100 cases. A line that was not opened is opened where its case was sealed.
+truth is added to the lines; score publishes the secret). A stage does nothing twice: stop it, start
+it. A case in the ledger is not run again on any machine: with the same ledger and secret,
+draw.cases=50 today and draw.cases=100 tomorrow are 100 cases; of sealed seeds, before the secret is
+published. A line that was not opened is opened where its case was sealed.
 """
 
 from pathlib import Path
@@ -25,45 +27,70 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.proof:ProofConfig")
 
-    from buggy_rl.jobs.bar import tqdm
     from buggy_rl.proof.cases.draw import drawn
-    from buggy_rl.proof.ledger import OURS
+    from buggy_rl.proof.cases.secret import secret_of
     from buggy_rl.proof.proof import settle, steps
-    from buggy_rl.proof.running import open_once, opened, openings
-    from buggy_rl.proof.score.score import score
+    from buggy_rl.proof.running import opened, openings
 
-    store, ledger = config.store, config.lines
+    make_folders(config)
+    secret = secret_of(config.store)
+    cases = drawn(config.draw, secret)
+    run_steps(steps(config, cases, secret, Path(__file__).parent))
+    save_run(config, config.store.sealed)  # beside the answers: it tells what they were drawn from
+    if "settle" in config.stages:
+        tell_settled(config, settle(config, cases))
+    if not {"score", "page"} & set(config.stages):
+        return
+    from buggy_rl.proof.ledger import OURS, SEALED
+    from buggy_rl.proof.score.rivals import comparisons, scores_of
+
+    entries = opened(config, cases)
+    scores, compared = scores_of(entries), comparisons(entries)
+    if "score" in config.stages:
+        lines = [*scores[OURS].lines(), *map(str, compared)]
+        publish_score(config, lines, count=config.draw.split in SEALED)
+    if "page" in config.stages:
+        from buggy_rl.proof.page import write_page
+
+        command = command_line(without="stages=")
+        page = write_page(config, scores, compared, command, openings(config.counter))
+        print(f"written: {page}")
+
+
+def make_folders(config) -> None:
+    """Makes the folders of a run of sealed cases."""
+    store = config.store
     for folder in (store.output, store.sealed, store.prepared):
         folder.mkdir(parents=True, exist_ok=True)
-    cases = drawn(config.draw)
 
-    for step in steps(config, cases, Path(__file__).parent):
+
+def run_steps(steps) -> None:
+    """Runs the steps of such a run, each behind a bar."""
+    from buggy_rl.jobs.bar import tqdm
+
+    for step in steps:
         with tqdm(desc=step.title, total=step.total, unit="case") as bar:
             for count, message in step.results:
                 bar.update(count)
                 if message:
                     bar.write(message)
-    save_run(config, store.sealed)  # beside the answers: it tells what they were drawn from
-    if "settle" in config.stages:
-        count = settle(config, cases)
-        print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
-    if not {"score", "page"} & set(config.stages):
-        return
-    entries = opened(config, cases)
-    methods = dict.fromkeys([OURS, *(method for entry in entries for method in entry.answers)])
-    scores = {
-        method: score([entry.scored(method) for entry in entries if method in entry.answers])
-        for method in methods
-    }
-    if "score" in config.stages:
-        if config.draw.split == "sealed":
-            open_once(config.counter)
-        print("\n".join(scores[OURS].lines()))
-    if "page" in config.stages:
-        from buggy_rl.proof.page import write_page
 
-        command = command_line(without="stages=")
-        print(f"written: {write_page(config, scores, command, openings(config.counter))}")
+
+def tell_settled(config, count: int) -> None:
+    """Prints how many cases were entered in the ledger."""
+    ledger = config.lines
+    print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
+
+
+def publish_score(config, lines, count: bool = True) -> None:
+    """Prints the score and publishes the secret, after which every hash can be checked."""
+    from buggy_rl.proof.cases.secret import publish_secret
+    from buggy_rl.proof.running import open_once
+
+    if count:
+        open_once(config.counter)
+    print("\n".join(lines))
+    print(f"published: {publish_secret(config.store)}")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ half of a car's recordings is edited so, the other is the baseline.
 
 Stages: prepare (a simulator is fitted to each untouched half), seal (the hashes of all answers and
 of the secret are published, then recordings are edited), ask (scripts/diagnose.py, which is given
-one case and no answer), weigh (how strongly what is concealed shows), settle (complete cases are
+one case and no answer, and cannot read any other file of the run: Linux's Landlock, or
+confine=false), weigh (how strongly what is concealed shows), settle (complete cases are
 entered in the ledger, with the hash of the truth), score (opens what is sealed and publishes the
 secret), known (real changes that are known, measured without a simulator and diagnosed), page. A
 stage does nothing twice: stop it, start it.
@@ -19,6 +20,7 @@ stage does nothing twice: stop it, start it.
 from pathlib import Path
 
 from buggy_rl.commands import command_line
+from buggy_rl.commands.prove import make_folders, publish_score, run_steps, tell_settled
 from buggy_rl.core.config import from_command_line, run, save_run
 
 
@@ -26,27 +28,25 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.real.real:RealProofConfig")
 
+    from buggy_rl.proof.cases.secret import secret_of
     from buggy_rl.proof.real.dataset import load_dataset
     from buggy_rl.proof.real.draw import drawn
     from buggy_rl.proof.real.real import known_steps, settle, steps
-    from buggy_rl.proof.real.sealing import secret_of
     from buggy_rl.proof.running import opened, openings
 
-    store, ledger, scripts = config.store, config.lines, Path(__file__).parent
-    for folder in (store.output, store.sealed, store.prepared):
-        folder.mkdir(parents=True, exist_ok=True)
+    store, scripts = config.store, Path(__file__).parent
+    make_folders(config)
     cases = []
     if {*config.stages} - {"known"}:
         secret = secret_of(store)
         datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
         cases = drawn(config.draw, datasets, secret)
-        _run(steps(config, datasets, cases, secret, scripts))
+        run_steps(steps(config, datasets, cases, secret, scripts))
         save_run(config, store.sealed)
     if "settle" in config.stages:
-        count = settle(config, cases)
-        print(f"{ledger.file}: {count} cases more, {len(ledger.entries())} in all")
+        tell_settled(config, settle(config, cases))
     if "known" in config.stages and config.known.data is not None:
-        _run(known_steps(config, scripts))
+        run_steps(known_steps(config, scripts))
     if {"score", "page"} & {*config.stages}:
         from buggy_rl.proof.real.known import known_results
         from buggy_rl.proof.real.page import write_real_page
@@ -54,32 +54,12 @@ def main() -> None:
 
         score = real_score([RealOutcome.of(entry) for entry in opened(config, cases)])
         if "score" in config.stages:
-            _counted(config, score)
+            publish_score(config, score.lines())
         if "page" in config.stages:
             known = known_results(store, config.known.changes)
             command = command_line(without="stages=")
             times = openings(config.counter)
             print(f"written: {write_real_page(config, score, known, command, times)}")
-
-
-def _run(steps) -> None:
-    from buggy_rl.jobs.bar import tqdm
-
-    for step in steps:
-        with tqdm(desc=step.title, total=step.total, unit="case") as bar:
-            for count, message in step.results:
-                bar.update(count)
-                if message:
-                    bar.write(message)
-
-
-def _counted(config, score) -> None:
-    from buggy_rl.proof.real.sealing import publish_secret
-    from buggy_rl.proof.running import open_once
-
-    open_once(config.counter)
-    print("\n".join(score.lines()))
-    print(f"published: {publish_secret(config.store)}")
 
 
 if __name__ == "__main__":

@@ -243,9 +243,11 @@ STAMPED = 0.05  # [prior scales of 0.01 s] clock offset below which it counts as
 FARTHEST_TRIAL = 1.5  # [-] times the way to a trial, along which the cost is minimised
 
 
-def screened(problem: Problem, base: Fit, keep: int) -> list[Fit]:
+def screened(
+    problem: Problem, base: Fit, keep: int, at: Sequence[float] = TRIAL_SIZES
+) -> list[Fit]:
     """The most promising starts: the base and one more effect each, at its best trial size."""
-    rows = trials(problem, base)
+    rows = trials(problem, base, at)
     thin, [few] = thinned(problem, SCREENED, [base])
     best: dict[str, tuple[float, Fit]] = {}
     for trial in thin.rolled_out(rows):

@@ -65,7 +65,8 @@ class Entry:
     weighed: Mapping[str, Any] = field(default_factory=dict)
     """What the oracle found, as its file has it: it tells the truth, so it is sealed too."""
     made: Mapping[str, str] = field(default_factory=dict)
-    """Commit, time and hash of the source of the diagnosis; empty in earlier ledgers."""
+    """Commit, time and hash of the source of the diagnosis, and what confined it (`landlock`, or
+    `no`); empty in earlier ledgers."""
 
     @property
     def case(self) -> Any:

@@ -17,6 +17,7 @@ from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.rivals import MethodComparison
 from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
 
 GOOD, BAD = COLOURS[1], COLOURS[0]
@@ -134,6 +135,7 @@ CAPTIONS = {
 def proof_page(
     config: ProofConfig,
     scores: Mapping[str, Score],
+    compared: Sequence[MethodComparison],
     command: str,
     opened: int,
     images: Mapping[str, str],
@@ -143,6 +145,7 @@ def proof_page(
     Args:
         config: Of the run.
         scores: By method; those of the diagnosis under `OURS`.
+        compared: The diagnosis and other methods on the same cases.
         command: That makes the page again.
         opened: How often the sealed cases were scored.
         images: Kind of picture -> its path from the page.
@@ -164,6 +167,7 @@ def proof_page(
         score=own,
         others=[name for name in scores if name != OURS],
         figures=_figures(scores),
+        compared=[_compared(c) for c in compared],
         nuisances=NUISANCES,
         driving=DRIVING,
         single=[_single(o) for o in sorted(own.single, key=lambda o: (o.case.truth, o.case.seed))],
@@ -171,7 +175,13 @@ def proof_page(
     )
 
 
-def write_page(config: ProofConfig, scores: Mapping[str, Score], command: str, opened: int) -> Path:
+def write_page(
+    config: ProofConfig,
+    scores: Mapping[str, Score],
+    compared: Sequence[MethodComparison],
+    command: str,
+    opened: int,
+) -> Path:
     """Writes the page and its pictures to the files of the config; the page's path."""
     file = Path(config.page or config.store.output / "proof.md")
     folder = Path(config.images or file.parent)
@@ -181,7 +191,7 @@ def write_page(config: ProofConfig, scores: Mapping[str, Score], command: str, o
         image = folder / f"{file.stem}_{kind}.png"
         picture.savefig(image, dpi=130)
         images[kind] = os.path.relpath(image, file.parent)
-    write_atomically(file, proof_page(config, scores, command, opened, images))
+    write_atomically(file, proof_page(config, scores, compared, command, opened, images))
     return file
 
 
@@ -206,6 +216,11 @@ def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
             ]
         )
     return rows
+
+
+def _compared(c: MethodComparison) -> list[str]:
+    counts = (c.cases, c.ours, c.theirs, c.test.wins, c.test.losses)
+    return [c.method, c.which, *map(str, counts), f"{c.test.p:.2g}", str(c.crashed)]
 
 
 def _target(row: ScoreRow) -> str:

@@ -18,6 +18,7 @@ from buggy_rl.proof.cases.sealing import (
     suggested_manoeuvres,
     unsealed,
 )
+from buggy_rl.proof.cases.secret import refuse_public_secret
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.proof.running import ProofStep, SealedRun, asked, diagnoses, parallel
 
@@ -37,8 +38,6 @@ class ProofConfig(SealedRun):
     """Segments of 1 s that are diagnosed; 0 for the diagnosis's own choice."""
     rivals: int = 6
     """Other effects that are fitted to a case to see whether it is decidable."""
-    secret: str = "buggy"
-    """What the salts of the sealed answers are made from."""
     images: str = ""
     """Folder for its pictures; empty for the page's own."""
 
@@ -53,24 +52,29 @@ class ProofConfig(SealedRun):
         return self.draw.split
 
 
-def steps(config: ProofConfig, drawn: Sequence[Case], scripts: Path) -> Iterator[ProofStep]:
+def steps(
+    config: ProofConfig, drawn: Sequence[Case], secret: str, scripts: Path
+) -> Iterator[ProofStep]:
     """The stages before `settle`; each is planned when the one before it has run.
 
     Args:
         config: With the stages that are wanted.
         drawn: All cases of the run; those in the ledger are only published.
+        secret: Of the run.
         scripts: Folder of `diagnose.py`, `fit_mujoco.py` and `train_models.py`.
     """
     store, stages = config.store, config.stages
     if "seal" in stages:
-        publish(store, drawn, config.secret)
+        if config.kind != "development":
+            refuse_public_secret(store, drawn)
+        publish(store, drawn, secret)
     cases = config.lines.left(drawn, store.digests())
     if "prepare" in stages:
         left = unprepared(cases, store.prepared)
         made = ((1, "") for case in left if prepare(case, store.prepared, scripts))
         yield ProofStep("preparing simulators", len(left), made)
     if "seal" in stages:
-        options = (config.effects, config.secret, config.stretches)
+        options = (config.effects, secret, config.stretches)
         yield parallel(config, "sealing", seal, unsealed(store, cases), *options)
     if "ask" in stages:
         yield diagnoses(config, "diagnosing", [c.id for c in cases], scripts / "diagnose.py")

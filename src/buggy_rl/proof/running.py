@@ -15,9 +15,10 @@ from omegaconf import MISSING
 
 from buggy_rl.core.config import made_by
 from buggy_rl.core.files import write_json
+from buggy_rl.core.kernels import CACHE
 from buggy_rl.jobs import Job, read_outcome, results, run_jobs
 from buggy_rl.jobs.launching import Launching
-from buggy_rl.proof import baselines
+from buggy_rl.proof import baselines, confined
 from buggy_rl.proof.cases.case import Concealing
 from buggy_rl.proof.cases.sealing import CaseStore, again
 from buggy_rl.proof.ledger import OURS, Entry, Ledger
@@ -25,6 +26,7 @@ from buggy_rl.proof.score.outcome import CaseAnswer
 
 STATUS = {"done": "answered", "failed": "crashed"}  # status of a job -> of an answer
 SOURCE = Path(__file__).parents[1]
+GENERATOR = Path(__file__).parent
 MADE = "made.json"
 
 
@@ -48,6 +50,8 @@ class SealedRun(Launching):
     """File of the hashes of sealed answers; empty for OUTPUT/hashes.txt."""
     ledger: str = ""
     """File of scored cases, which are not run again; empty for OUTPUT/ledger.jsonl."""
+    confine: bool = True
+    """Whether a diagnosis is kept from reading what is `hidden`, by Linux's Landlock."""
 
     @property
     def store(self) -> CaseStore:
@@ -60,6 +64,14 @@ class SealedRun(Launching):
     def lines(self) -> Ledger:
         """File of the ledger."""
         return Ledger(Path(self.ledger or self.store.output / "ledger.jsonl"))
+
+    @property
+    def hidden(self) -> list[Path]:
+        """What no diagnosis may read: truths, other cases, the ledger, this package's generator.
+
+        Its own folders lie in the first one and are shown to it.
+        """
+        return [self.store.output, self.store.sealed, self.lines.file, GENERATOR]
 
     @property
     def kind(self) -> str:
@@ -103,20 +115,43 @@ def diagnoses(config: SealedRun, title: str, ids: Sequence[str], script: Path) -
         title: Of the step.
         ids: Names of the cases.
         script: `diagnose.py`.
+
+    Raises:
+        ValueError: They cannot be confined here.
     """
     left = [id_ for id_ in ids if not config.store.diagnosed(id_)]
-    jobs = [diagnosis_job(config.store, id_, script, config.limit) for id_ in left]
+    hidden = _hidden(config) if left else []
+    jobs = [diagnosis_job(config.store, id_, script, config.limit, hidden) for id_ in left]
     return ProofStep(title, len(left), _diagnosed(config, jobs))
 
 
+def _hidden(config: SealedRun) -> list[Path]:
+    """What is hidden from diagnoses; nothing where they are not to be confined."""
+    if not config.confine:
+        return []
+    if why := confined.missing():
+        raise ValueError(
+            f"{why}: what is sealed cannot be hidden from a diagnosis; run on Linux 5.13 or later, "
+            "outside a container that forbids Landlock, or give confine=false: the ledger then "
+            "says that diagnoses ran openly"
+        )
+    CACHE.mkdir(parents=True, exist_ok=True)  # of kernels: what is made later cannot be read
+    return config.hidden
+
+
 def _diagnosed(config: SealedRun, jobs: Sequence[Job]) -> Iterator[tuple[int, str]]:
-    made = {"commit": made_by()["commit"], "source": source_digest()} if jobs else {}
+    made = _made(config) if jobs else {}
     for job, _, outcome in run_jobs(jobs, config.workers, config):
         if outcome is None:
             continue
         write_json(job.folder / MADE, {**made, "time": datetime.now(UTC).isoformat("T", "seconds")})
         said = outcome.last_words.strip()[-200:]
         yield 1, "" if outcome.status == "done" else f"{outcome.status}: {said}"
+
+
+def _made(config: SealedRun) -> dict[str, str]:
+    by = "landlock" if config.confine else "no"
+    return {"commit": made_by()["commit"], "source": source_digest(), "confined": by}
 
 
 def source_digest() -> str:
@@ -127,11 +162,25 @@ def source_digest() -> str:
     return digest.hexdigest()
 
 
-def diagnosis_job(store: CaseStore, id_: str, script: Path, limit: float) -> Job:
-    """The diagnosis of a case, in the folder of all that it is given; a crash is an outcome."""
-    folder = store.diagnosis(id_).resolve()
+def diagnosis_job(
+    store: CaseStore, id_: str, script: Path, limit: float, hidden: Sequence[Path] = ()
+) -> Job:
+    """The diagnosis of a case, in the folder of all that it is given; a crash is an outcome.
+
+    Args:
+        store: Of the case.
+        id_: Its name.
+        script: `diagnose.py`.
+        limit: Time limit [s].
+        hidden: What it may not read, but for its own folders; nothing to run it openly.
+    """
+    folder, seen = store.diagnosis(id_).resolve(), store.inputs(id_).resolve()
     command = (str(script.resolve()), "question.yaml", f"output={folder}")
-    return Job(id_, folder, command, cwd=store.inputs(id_), limit=limit, final=True)
+    if hidden:
+        paths = (str(path.resolve()) for path in hidden)
+        shown = (str(seen), str(folder))
+        command = (confined.__file__, "--hidden", *paths, "--shown", *shown, "--", *command)
+    return Job(id_, folder, command, cwd=seen, limit=limit, final=True)
 
 
 def answers(store: CaseStore, id_: str) -> dict[str, CaseAnswer]:
@@ -149,7 +198,9 @@ def answers(store: CaseStore, id_: str) -> dict[str, CaseAnswer]:
     found = {OURS: CaseAnswer.from_diagnosis(own, about)}
     file = folder / baselines.FILE
     for method, answer in (json.loads(file.read_text()) if file.exists() else {}).items():
-        about = {"status": "answered", "seconds": answer.get("seconds", 0.0)}
+        crashed = answer["verdict"] == baselines.CRASHED
+        about = {"status": "crashed" if crashed else "answered"}
+        about |= {"seconds": answer.get("seconds", 0.0)}
         found[method] = CaseAnswer.from_diagnosis(answer, about)
     return found
 

@@ -10,6 +10,8 @@ PLANTED = {
     "offset": {"steering_offset": {"offset": 0.15}},
     "draggy": {"viscous_drag": {"rate": 0.8}},
     "weak": {"parameter": {"drive_force": 7.0}},
+    "late": {"steering_dead_time": {"dead_time": 0.11}},
+    "two": {"viscous_drag": {"rate": 0.8}, "steering_gain": {"gain": 0.8}},
 }
 
 

@@ -58,9 +58,11 @@ def test_an_effect_on_the_sensing_changes_what_was_measured(drives, tmp_path):
         ("floor_slope", 2, True),
         ("sensor_lever_arm", 2, True),
         ("grip_patch", 16, True),
+        ("steering_dead_time", 5, False),
+        ("sensor_latency", 5, False),
     ],
 )
-def test_a_vector_has_a_column_for_each_part_and_a_patch_for_each_position(
+def test_a_vector_has_a_column_for_each_part_a_patch_and_a_delay_for_each_place(
     drives, effect, count, both_ways
 ):
     made = effect_columns(Library(), effect, cut_segments(drives["nothing"], 1.3, 1.0))

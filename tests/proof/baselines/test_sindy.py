@@ -4,11 +4,26 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 
 from buggy_rl.effects import effect_class
-from buggy_rl.proof.baselines.sindy import sindy, sparse
+from buggy_rl.estimation.hypothesis import Library
+from buggy_rl.proof.baselines.columns import DELAYS, Columns, Feature
+from buggy_rl.proof.baselines.sindy import numbers, sindy, sparse
 from tests.proof.baselines import synthetic as made
 from tests.proof.baselines.folder import shown
+
+
+def synthetic_delays() -> Columns:
+    """Features of a late steering, without columns."""
+    coordinates = Library().hypothesis(["steering_dead_time"]).coordinates[:-1]
+    size = coordinates[0].parameter.size
+    features = [
+        Feature("steering_dead_time", coordinates, (delay / size,), (True,), False)
+        for delay in DELAYS
+    ]
+    return Columns(features, torch.zeros(1, 1, 6), torch.zeros(5, 1, 1, 6))
+
 
 MODULE = "buggy_rl.proof.baselines.sindy"
 
@@ -57,6 +72,24 @@ def test_without_pysindy_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pysindy", None)
     with pytest.raises(ImportError, match=r"pip install 'buggy_rl\[proof\]'"):
         sparse(np.ones((3, 1)), np.ones(3), [True])
+
+
+def test_columns_of_several_delays_add_up():
+    segments = synthetic_delays()
+    coefficients = np.array([0.0, 0.5, 0.5, 0.0, 0.0])
+    said = numbers(segments, coefficients, np.full(5, 0.1), "steering_dead_time")["dead_time"]
+    # 0.5 * 0.06 + 0.5 * 0.09 s, within 1.96 * 0.1 * sqrt(sum of the squared delays) = 0.0436 s.
+    assert said["value"] == pytest.approx(0.075, abs=1e-6)
+    assert said["low"] == pytest.approx(0.075 - 0.0436, abs=2e-4)
+
+
+def test_a_late_steering_is_named_with_its_delay(drives, tmp_path):
+    pytest.importorskip("pysindy")
+    effects = ["steering_dead_time", "steering_gain", "throttle_dead_time", "viscous_drag"]
+    said = sindy(shown(tmp_path, drives["late"], effects=effects))
+    assert said["effects"][0]["name"] == "steering_dead_time"
+    value = said["effects"][0]["parameters"]["dead_time"]["value"]
+    assert value == pytest.approx(0.11, abs=0.02)
 
 
 def test_drag_of_a_car_is_named(drives, tmp_path):

@@ -1,4 +1,4 @@
-"""Sealing edited recordings: nothing of the answer is seen, and the secret is one."""
+"""Sealing edited recordings: nothing of the answer is seen."""
 
 import hashlib
 import json
@@ -11,14 +11,16 @@ import yaml
 from buggy_rl.core import keys
 from buggy_rl.core.files import write_atomically
 from buggy_rl.proof.cases.sealing import CaseStore, publish
+from buggy_rl.proof.cases.secret import secret_of
 from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.real.dataset import DatasetConfig
 from buggy_rl.proof.real.edits import EDITS, edited
+from buggy_rl.proof.real.known import KnownConfig
 from buggy_rl.proof.real.preparing import simulator_file
+from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.sealing import (
     QuestionConfig,
-    publish_secret,
     seal_edited,
-    secret_of,
     unsealed_groups,
     write_question,
 )
@@ -112,28 +114,12 @@ def test_a_case_that_was_sealed_is_not_sealed_again(sealed):
     assert unsealed_groups(sealed, [*CASES, more]) == [[more]]
 
 
-def test_a_secret_is_made_once_and_shown_when_it_is_published(tmp_path):
-    made = store(tmp_path)
-    secret = secret_of(made)
-    assert len(secret) == 64
-    assert secret_of(made) == secret
-    assert not (made.output / "secret.txt").exists()
-    shown = publish_secret(made)
-    digest = hashlib.sha256(shown.read_bytes()).hexdigest()
-    assert (made.output / "secret.sha256").read_text() == f"{digest}  secret.txt\n"
-    other = store(tmp_path / "other")
-    assert secret_of(other) != secret
-
-
-def test_another_secret_than_the_published_one_is_refused(tmp_path):
-    made = store(tmp_path)
-    secret_of(made)
-    (made.sealed / "secret.txt").write_text("another\n")
-    with pytest.raises(ValueError, match=r"is not the secret of which .* is the hash"):
-        secret_of(made)
-    (made.sealed / "secret.txt").unlink()
-    with pytest.raises(ValueError, match="is not the secret"):
-        secret_of(made)
+def test_recordings_before_they_were_edited_are_hidden_from_a_diagnosis(tmp_path, config):
+    known = KnownConfig(data=DatasetConfig(recordings=[str(tmp_path / "known")]))
+    run = RealProofConfig(output=str(tmp_path / "run"), datasets={"small": config}, known=known)
+    names = {str(path) for path in run.hidden}
+    assert {*config.recordings, str(tmp_path / "known")} <= names
+    assert {str(tmp_path / "run"), str(tmp_path / "run_sealed")} <= names
 
 
 def test_a_recording_that_a_reader_would_cut_is_refused(tmp_path, dataset, config):

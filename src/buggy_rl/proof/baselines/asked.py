@@ -16,12 +16,11 @@ import yaml
 from buggy_rl.diagnosis.answer.answer import Verdict
 from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.run.case import segments_of
+from buggy_rl.diagnosis.pipeline import open_case
+from buggy_rl.diagnosis.run.case import DiagnosisCase, segments_of
 from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects import EFFECTS
 from buggy_rl.effects.base import EffectParameter
-from buggy_rl.effects.measuring import measurable_options
-from buggy_rl.estimation.baseline import correct
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import Segments
 from buggy_rl.recordings import Recording, load_recordings
@@ -41,17 +40,18 @@ class Asked:
         return Maker.of(self.config, parameters)
 
     @cached_property
-    def corrected(self) -> Simulation:
-        """Simulation of the simulator, with baseline recordings corrected as the diagnosis does it.
+    def ready(self) -> DiagnosisCase:
+        """What the diagnosis itself searches: its segments, noise model, library and simulation.
 
         What the simulator got wrong before anything changed is closed by the same small network
         (`correct`), so that a method sees what is left: what has changed.
         """
-        make = self.maker()
-        simulation = Simulation(make, options=measurable_options(make)[0])
-        if not self.baseline:
-            return simulation
-        return correct(simulation, self.segments(self.baseline)).simulation(simulation)
+        return open_case(self.config, self.recordings, self.baseline)
+
+    @property
+    def corrected(self) -> Simulation:
+        """Simulation of the simulator, corrected on its baseline as the diagnosis does it."""
+        return self.ready.problem.simulation
 
     def segments(self, recordings: Sequence[Recording], most: int | None = None) -> Segments:
         """Segments of recordings as the question has them, `most` of them, spread evenly."""
@@ -101,8 +101,19 @@ def named(
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Answer that names one effect."""
-    effect = {"name": name, "confidence": confidence, "parameters": dict(parameters or {})}
-    return {"verdict": verdict, "effects": [effect], "notes": list(notes)}
+    return all_named(verdict, [effect_said(name, confidence, parameters)], notes)
+
+
+def effect_said(name: str, confidence: float, parameters: Numbers | None = None) -> dict[str, Any]:
+    """One effect of an answer."""
+    return {"name": name, "confidence": confidence, "parameters": dict(parameters or {})}
+
+
+def all_named(
+    verdict: Verdict, effects: Sequence[dict[str, Any]], notes: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Answer that names effects."""
+    return {"verdict": verdict, "effects": list(effects), "notes": list(notes)}
 
 
 def unnamed(verdict: Verdict, *notes: str) -> dict[str, Any]:

@@ -32,6 +32,8 @@ from buggy_rl.task.augment import effects_of
 SPAN = 10  # rows (0.1 s) whose mean is one number: shorter drowns in the noise of a derivative
 SECONDS = 1.0  # of a segment, before which latent states settle
 PLACES = 16  # columns of a patch: one for each place at which it is tried
+DELAYED = ("throttle_dead_time", "steering_dead_time", "sensor_latency")
+DELAYS = (0.03, 0.06, 0.09, 0.12, 0.15)  # [s] of command and reading: a column for each
 
 
 @dataclass(frozen=True)
@@ -94,12 +96,16 @@ def residual_columns(asked: Asked) -> Columns:
 
 
 def effect_columns(library: Library, effect: str, segments: Segments) -> list[Feature]:
-    """Columns of an effect: one, or one for each part of a vector, or each place of a patch."""
+    """Columns of an effect: one, or one for each part of a vector, place of a patch, or delay."""
     coordinates = library.hypothesis([effect]).coordinates[:-1]  # without the clock
     numbers = [u.parameter for u in coordinates]
     deciding = effect_class(effect).deciding
     both_ways = all(p.lower < p.value < p.upper for p in numbers if p.name in (deciding or p.name))
-    if deciding:  # the others say where
+    if effect in DELAYED:  # which does not linearise
+        scaled = (True,)
+        [p] = numbers
+        vectors = [[float(p.coordinate(delay))] for delay in DELAYS if delay <= p.upper]
+    elif deciding:  # the others say where
         scaled = tuple(p.name in deciding for p in numbers)
         vectors = library.trials(effect, segments)[:PLACES]
     elif len(numbers) > 1 and both_ways:

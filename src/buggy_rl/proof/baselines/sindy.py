@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from buggy_rl.proof.baselines.asked import named, open_question, unnamed
-from buggy_rl.proof.baselines.columns import Columns, residual_columns
+from buggy_rl.proof.baselines.asked import named, open_question, parameter_interval, unnamed
+from buggy_rl.proof.baselines.columns import DELAYED, Columns, residual_columns
 
 FAINT = 0.1  # of a typical size: the threshold under which a coefficient is dropped
 
@@ -21,7 +21,8 @@ def sindy(seen: Path) -> dict[str, Any]:
     effect can have, such as a negative dead time, is left out and the rest regressed again. The
     standardised coefficient of an effect is the root mean square of its terms over that of r; its
     confidence is the square of it among the squares of all that remain. Its size comes from the
-    coefficient, with the interval of ordinary least squares.
+    coefficient, with the interval of ordinary least squares. Command and reading have a column for
+    each of `DELAYS`.
 
     Baseline drives are used as the diagnosis uses them: the simulator is corrected by a small
     network first.
@@ -39,8 +40,8 @@ def sindy(seen: Path) -> dict[str, Any]:
     name, largest = max(standard.items(), key=lambda item: item[1])
     share = largest**2 / sum(s**2 for s in standard.values())
     terms = ", ".join(f"{n} {s:.3f}" for n, s in sorted(standard.items(), key=lambda i: -i[1]))
-    numbers = _numbers(found, coefficients, _spread(x, y, coefficients), name)
-    return named("missing_physics", name, share, numbers, [f"standardised coefficients: {terms}"])
+    said = numbers(found, coefficients, _spread(x, y, coefficients), name)
+    return named("missing_physics", name, share, said, [f"standardised coefficients: {terms}"])
 
 
 def sparse(x: np.ndarray, y: np.ndarray, both_ways: Sequence[bool]) -> np.ndarray:
@@ -96,15 +97,24 @@ def _spread(x: np.ndarray, y: np.ndarray, coefficients: np.ndarray) -> np.ndarra
     return spread
 
 
-def _numbers(
+def numbers(
     found: Columns, coefficients: np.ndarray, spread: np.ndarray, name: str
 ) -> dict[str, dict[str, Any]]:
-    """Numbers of an effect: all parts of a vector, but of the places of a patch the strongest."""
+    """Numbers of an effect: all parts of a vector, of the places of a patch the strongest.
+
+    Columns of several delays add up: to first order a signal that is late by the sum.
+    """
     own = [i for i, feature in enumerate(found.features) if feature.effect == name]
     own.sort(key=lambda i: abs(coefficients[i]))
+    if name in DELAYED:
+        first = found.features[own[0]]
+        [coordinate] = first.coordinates
+        z = np.array([found.features[i].vector[0] for i in own])
+        late, sd = float(coefficients[own] @ z), float(np.linalg.norm(spread[own] * z))
+        return {coordinate.parameter.name: parameter_interval(coordinate.parameter, late, sd)}
     if not all(found.features[own[0]].scaled):
         own = own[-1:]
-    numbers: dict[str, dict[str, Any]] = {}
+    said: dict[str, dict[str, Any]] = {}
     for i in own:
-        numbers |= found.features[i].numbers(float(coefficients[i]), float(spread[i]))
-    return numbers
+        said |= found.features[i].numbers(float(coefficients[i]), float(spread[i]))
+    return said

@@ -2,7 +2,7 @@
 
 OUTPUT/cases/ID/      question.yaml, simulator.yaml, recordings/, baseline/
 OUTPUT/answers/ID/    what the diagnosis wrote
-SEALED/ID.json        what is concealed, with a salt
+SEALED/ID.json        what is concealed, with a salt (the secret is in `secret`)
 SEALED/ID/            held-out drives
 SEALED/weighed/       the oracle's fits
 OUTPUT/hashes.txt     SHA-256 of every sealed answer, made before any drive
@@ -54,6 +54,7 @@ INPUTS = (
 )
 HELD_OUT = ("drive_*.csv",)
 TOGETHER = 16  # cases that are driven in one batch
+SIZE = 4096  # [bytes] of a sealed text, filled up with spaces: its size tells nothing
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,8 @@ def publish(store: CaseStore, cases: Sequence[Concealing], secret: str = "") -> 
 def sealed_text(case: Concealing, secret: str) -> str:
     """What is sealed of a case: all of it, with a salt made from a secret."""
     salt = hashlib.sha256(f"{secret}:{case.seed}".encode()).hexdigest()[:32]
-    return json.dumps({"case": vars(case), "salt": salt}, indent=1, sort_keys=True) + "\n"
+    text = json.dumps({"case": vars(case), "salt": salt}, indent=1, sort_keys=True)
+    return text.ljust(SIZE - 1) + "\n"
 
 
 def _write_inputs(store: CaseStore, case: Case, motion: TrueMotion) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from buggy_rl.jobs import Job
 from buggy_rl.proof.cases.sealing import CaseStore, publish
+from buggy_rl.proof.cases.secret import refuse_public_secret
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.real.dataset import Dataset, DatasetConfig, load_dataset
 from buggy_rl.proof.real.draw import RealDrawConfig
@@ -47,6 +48,13 @@ class RealProofConfig(SealedRun):
         """Kind of its lines."""
         return "real"
 
+    @property
+    def hidden(self) -> list[Path]:
+        """What no diagnosis may read: the recordings before they were edited too."""
+        known = [self.known.data] if self.known.data is not None else []
+        names = [name for data in (*self.datasets.values(), *known) for name in data.recordings]
+        return [*super().hidden, *map(Path, names)]
+
 
 def steps(
     config: RealProofConfig,
@@ -66,6 +74,7 @@ def steps(
     """
     store, stages = config.store, config.stages
     if "seal" in stages:
+        refuse_public_secret(store, drawn)
         publish(store, drawn, secret)
     cases = config.lines.left(drawn, store.digests())
     if "prepare" in stages:

@@ -1,14 +1,9 @@
-"""Edited recordings on the disk, in the layout of `proof.cases.sealing`, and their secret.
+"""Edited recordings on the disk, in the layout of `proof.cases.sealing`.
 
-OUTPUT/cases/ID/      question.yaml, simulator, recordings/, baseline/
-SEALED/ID.json        what is concealed, with a salt
-SEALED/secret.txt     what cases and salts are made from
-OUTPUT/secret.sha256  its hash, published before anything is asked
-OUTPUT/secret.txt     itself, published when the cases were counted
+OUTPUT/cases/ID/  question.yaml, simulator, recordings/, baseline/
+SEALED/ID.json    what is concealed, with a salt
 """
 
-import hashlib
-import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +20,6 @@ from buggy_rl.proof.real.draw import edited_half
 from buggy_rl.proof.real.preparing import give_simulator, save_recordings, simulator_file
 from buggy_rl.recordings import Recording, load_recordings
 
-BYTES = 32  # of a secret
 TOGETHER = 20  # cases of a job that reads their dataset once
 LOST = 0.02  # share of the rows that a reader may cut
 
@@ -46,34 +40,6 @@ class QuestionConfig:
         """Options of `scripts/diagnose.py`, without those at their default."""
         given = {"stretches": self.stretches, "effects": list(self.effects)}
         return {"minutes": self.minutes, **{name: v for name, v in given.items() if v}}
-
-
-def secret_of(store: CaseStore) -> str:
-    """The secret of a run, made at its first use; its hash is published then.
-
-    Raises:
-        ValueError: A hash was published, and the secret is not here or another one.
-    """
-    file, published = store.sealed / "secret.txt", store.output / "secret.sha256"
-    if not file.exists() and not published.exists():
-        write_atomically(file, secrets.token_hex(BYTES) + "\n")
-    found = file.read_bytes() if file.exists() else b""
-    digest = f"{hashlib.sha256(found).hexdigest()}  secret.txt\n"
-    if not published.exists():
-        write_atomically(published, digest)
-    if published.read_text() != digest:
-        raise ValueError(
-            f"{file} is not the secret of which {published} is the hash: draw and score where it "
-            "was sealed, or use another output"
-        )
-    return found.decode().strip()
-
-
-def publish_secret(store: CaseStore) -> Path:
-    """Shows the secret: from now on anyone can draw the cases again, and check the hashes."""
-    file = store.output / "secret.txt"
-    write_atomically(file, (store.sealed / "secret.txt").read_bytes())
-    return file
 
 
 def unsealed_groups(store: CaseStore, cases: Sequence[RealCase]) -> list[list[RealCase]]:

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from scipy.stats import binomtest
-
 from buggy_rl.diagnosis.search.posterior import LISTED, Posterior
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.rivals import McNemar
 from buggy_rl.proof.score.score import (
     calibration_error,
     cell,
@@ -57,13 +56,11 @@ def listed(o: ScoredCase) -> list[tuple[float, bool]]:
 
 def mcnemar(ours: Sequence[ScoredCase], theirs: Sequence[ScoredCase], name: str) -> str:
     """How many answers of two methods are exactly right, and the test of their difference."""
-    pairs = [(a.all_right, b.all_right) for a, b in zip(ours, theirs, strict=True)]
-    only = [sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)]
-    chance = binomtest(only[0], sum(only)).pvalue if any(only) else 1.0
+    test = McNemar.of(ours, theirs)
     return (
-        f"Exactly right: {sum(a for a, _ in pairs)} by the posterior, "
-        f"{sum(b for _, b in pairs)} by {name}; only one of both "
-        f"{only[0]} : {only[1]} (McNemar's exact test, p = {chance:.2g})"
+        f"Exactly right: {sum(o.all_right for o in ours)} by the posterior, "
+        f"{sum(o.all_right for o in theirs)} by {name}; only one of both "
+        f"{test.wins} : {test.losses} (McNemar's exact test, p = {test.p:.2g})"
     )
 
 
