@@ -35,12 +35,10 @@ from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows
 from buggy_rl.proof.score.held_out import stack_errors
-from buggy_rl.proof.score.oracle import true_numbers
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase
 from buggy_rl.proof.score.score import written
-from buggy_rl.proof.score.stack import SIMPLER, StackErrors
-from buggy_rl.proof.score.strength import strengths
-from buggy_rl.proof.score.terms import TermMatch, in_grammar, matches
+from buggy_rl.proof.score.stack import SIMPLER
+from buggy_rl.proof.score.weighing import answer_of, shown
 from buggy_rl.recordings import load_recordings
 
 
@@ -91,7 +89,7 @@ def main() -> None:
     if config.weigh:
         _weigh(config, output)
     weighed = {line["seed"]: line for line in read(_beside(output))}
-    print(summary([answer_of(line, weighed) for line in read(output) if "failed" not in line]))
+    print(summary([_answer(line, weighed) for line in read(output) if "failed" not in line]))
 
 
 def _beside(output: Path) -> Path:
@@ -208,18 +206,9 @@ def _weighed(config: StacksConfig, case: Case) -> int:
     """Writes how strongly what is concealed in a case shows; 1, the number of cases."""
     torch.set_num_threads(1)
     folder = Path(config.folder)
-    seen = CaseStore(folder, folder / "truth").inputs(case.id)
-    line: dict[str, Any] = {"seed": case.seed, "terms": {}, "strength": {}}
-    true = true_numbers(case) if case.family != "unknown" else {}
+    line: dict[str, Any] = {"seed": case.seed}
     try:
-        if case.disturbances:
-            drives = [recording.data for recording in open_question(seen).recordings]
-            found = matches(case.disturbances[0], drives)
-            line["terms"] = {name: asdict(match) for name, match in found.items()}
-            if (term := in_grammar(found)) is not None:
-                true = {term.name: {"coefficient": term.coefficient}}
-        if true:
-            line["strength"] = strengths(seen, true, config.rivals)["strength"]
+        line |= shown(CaseStore(folder, folder / "truth"), case, config.rivals)
     except (ValueError, RuntimeError) as error:  # a drive in too many pieces
         line["failed"] = f"{type(error).__name__}: {error}"
     text = json.dumps(line) + "\n"
@@ -228,18 +217,14 @@ def _weighed(config: StacksConfig, case: Case) -> int:
     return 1
 
 
-def answer_of(line: Mapping[str, Any], weighed: Mapping[int, Mapping[str, Any]]) -> WeighedAnswer:
+def _answer(line: Mapping[str, Any], weights: Mapping[int, Mapping[str, Any]]) -> WeighedAnswer:
     """A line beside what was weighed of its case."""
     case = Case(**line["case"])
     about = {"status": "answered", "seconds": line["diagnosis_seconds"]}
-    known = weighed.get(case.seed, {"strength": {}, "terms": {}})
-    return WeighedAnswer(
-        ScoredCase(case, CaseAnswer.from_diagnosis(line, about)),
-        strength=dict(known["strength"]),
-        terms={name: TermMatch(**match) for name, match in known["terms"].items()},
-        stack=StackErrors.from_line(line),
-        more=line["more"],
-    )
+    stack = {"distance": line["held_out"], "farther": line["farther"], "floor": line["floor"]}
+    known = {**weights.get(case.seed, {}), "stack": stack}
+    scored = ScoredCase(case, CaseAnswer.from_diagnosis(line, about))
+    return answer_of(scored, known, line["more"])
 
 
 def summary(cases: Sequence[WeighedAnswer]) -> str:

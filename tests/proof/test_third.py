@@ -23,7 +23,7 @@ from buggy_rl.proof.cases.term_forms import sorts_with_terms
 from buggy_rl.proof.plants import PLANTS, abilities
 from buggy_rl.proof.plants.rally.kinds import LIKE_THE_LIBRARY, UNKNOWN
 from buggy_rl.proof.plants.rally.textbook import EFFECTS as TEXTBOOK
-from buggy_rl.proof.score.oracle import _cut, _described
+from buggy_rl.proof.score.oracle import _cut, described
 
 ROOT = Path(__file__).parents[2]
 SECRET = "a secret for tests alone"
@@ -173,11 +173,11 @@ def test_a_case_of_the_rally_car_is_scored_as_others_are():
     assert not case.own_make
     assert case.differs_unseen
     assert expected(case, "floor_slope") == slope["floor_slope"]  # of the free car, as it is said
-    assert _described(case)
+    assert described(case)
     unknown = replace(case, concealed={"wet_spill": {"size": 0.3}})
     assert unknown.family == "unknown"
     assert unknown.faults == {"wet_spill": {"size": 0.3}}
-    assert not _described(unknown)
+    assert not described(unknown)
     assert Case(**json.loads(json.dumps(asdict(case)))) == case
 
 

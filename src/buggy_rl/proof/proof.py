@@ -88,7 +88,7 @@ def steps(
         ids = [again(case) for case in cases if store.inputs(again(case)).exists()]
         yield diagnoses(config, "diagnosing again", ids, scripts / "diagnose.py")
     if "weigh" in stages:
-        from buggy_rl.proof.score.oracle import weigh
+        from buggy_rl.proof.score.weighing import weigh
 
         left = [case for case in cases if store.diagnosed(case.id) and not store.weighed(case.id)]
         yield parallel(config, "fitting the truth", weigh, left, config.effects, config.rivals)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from buggy_rl.core.files import write_json
+from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.score.oracle import true_numbers
@@ -20,7 +21,8 @@ def weigh_edited(store: CaseStore, case: RealCase, rivals: int) -> int:
     result: dict[str, Any] = {}
     if case.family in ("one", "two"):
         try:
-            result = strengths(store.inputs(case.id), true_numbers(case), rivals)
+            ready = open_question(store.inputs(case.id)).ready
+            result = strengths(ready, true_numbers(case), rivals)
         except (ValueError, RuntimeError) as error:  # a drive in too many pieces
             result = {"failed": f"{type(error).__name__}: {error}"}
     write_json(store.oracle(case.id), result)

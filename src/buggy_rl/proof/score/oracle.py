@@ -7,7 +7,6 @@ from typing import Any
 
 import yaml
 
-from buggy_rl.core.files import write_json
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects import offered
@@ -30,21 +29,7 @@ ITERATIONS = 8  # of a fit
 MEASURED = 150  # segments of sealed recordings, at most, on which errors are measured
 
 
-def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int = 6) -> int:
-    """Fits the truth to a case's drives, measures all on those held out, and writes it down.
-
-    Of `effects`, empty for the whole library, the `rivals` most promising other ones are fitted
-    too. Returns 1, the number of cases.
-    """
-    try:
-        result = weighed(store, case, effects, rivals)
-    except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces
-        result = {"failed": f"{type(error).__name__}: {error}"}
-    write_json(store.oracle(case.id), result)
-    return 1
-
-
-def _described(case: Case) -> bool:
+def described(case: Case) -> bool:
     """Whether effects describe what is concealed, and something is."""
     return bool(case.truth) and set(case.truth) <= set(offered(case.longitudinal))
 
@@ -68,7 +53,7 @@ def weighed(store: CaseStore, case: Case, effects: Sequence[str], rivals: int) -
     [null] = fitted(problem, [library.hypothesis(())], ITERATIONS)
     truth: Fit | None = None
     result: dict[str, Any] = {"null": problem.cost(null)}
-    if _described(case):
+    if described(case):
         problem, truth = true_fit(problem, true_numbers(case))
         own = problem.cost(truth)
         result |= {

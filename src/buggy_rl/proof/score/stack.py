@@ -24,10 +24,10 @@ class StackErrors:
     """Distance of a simulator without fault."""
 
     @classmethod
-    def from_line(cls, line: Mapping[str, Any]) -> "StackErrors":
-        """Errors of a line of benchmarks/stacks.py."""
-        farther = {name: (more, error) for name, (more, error) in line["farther"].items()}
-        return cls(line["held_out"], farther, line["floor"])
+    def from_dict(cls, content: Mapping[str, Any]) -> "StackErrors":
+        """The inverse of `dataclasses.asdict`, from JSON."""
+        farther = {name: (more, error) for name, (more, error) in content["farther"].items()}
+        return cls(content["distance"], farther, content["floor"])
 
     @property
     def seen(self) -> bool:

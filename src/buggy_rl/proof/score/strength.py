@@ -5,16 +5,13 @@ without it: the rest of the truth, alone and with each of the most promising oth
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from buggy_rl.diagnosis.pipeline import open_case
 from buggy_rl.diagnosis.run.case import DiagnosisCase
 from buggy_rl.estimation.evidence import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import Hypothesis
 from buggy_rl.estimation.sparse import screened
-from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.score.oracle import ITERATIONS, Numbers, true_fit
 
@@ -23,16 +20,14 @@ MORE = 6  # promising ones looked at beyond those wanted: some are the truth by 
 VISIBLE = 6.0  # [nats] strength above which an effect can be found
 
 
-def strengths(seen: Path, true: Numbers, rivals: int) -> dict[str, Any]:
+def strengths(ready: DiagnosisCase, true: Numbers, rivals: int) -> dict[str, Any]:
     """Nats against nothing, against each set, by effect, and fitted numbers.
 
     Args:
-        seen: Folder of what the diagnosis is given.
+        ready: What the diagnosis itself searches.
         true: What is concealed: effects of the library, or terms.
         rivals: Other effects that are fitted.
     """
-    asked = open_question(seen)
-    ready = open_case(asked.config, asked.recordings, asked.baseline)
     problem, truth = true_fit(ready.problem, true)
     [null] = fitted(problem, [problem.library.hypothesis(())], ITERATIONS)
     sets = _without_each(problem, null, truth, rivals)

@@ -1,0 +1,104 @@
+"""What is written of a case once its answer is there: what could be known, what came of it.
+
+Beside the oracle's fits: the strength of each effect, the terms that are what was composed, and the
+distances of the repaired simulator on the sealed drives.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from buggy_rl.core.files import write_json
+from buggy_rl.diagnosis.run.case import segments_of
+from buggy_rl.diagnosis.run.maker import Maker
+from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.estimation.rollout import AS_GIVEN, Simulation
+from buggy_rl.proof.baselines.asked import Asked, open_question
+from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.sealing import CaseStore
+from buggy_rl.proof.score.answers import WeighedAnswer
+from buggy_rl.proof.score.held_out import Rolled, stack_errors
+from buggy_rl.proof.score.oracle import Numbers, described, true_numbers, weighed
+from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.stack import StackErrors
+from buggy_rl.proof.score.strength import strengths
+from buggy_rl.proof.score.terms import TermMatch, in_grammar, matches
+from buggy_rl.recordings import load_recordings
+
+CLOSEST = 10  # terms that are kept of a case
+
+
+def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int = 6) -> int:
+    """Fits the truth to a case's drives, measures all on those held out, and writes it down.
+
+    Of `effects`, empty for the whole library, the `rivals` most promising other ones are fitted
+    too. Returns 1, the number of cases.
+    """
+    try:
+        result = weighed(store, case, effects, rivals)
+        result |= shown(store, case, rivals) | {"stack": _stack(store, case)}
+    except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces
+        result = {"failed": f"{type(error).__name__}: {error}"}
+    write_json(store.oracle(case.id), result)
+    return 1
+
+
+def shown(store: CaseStore, case: Case, rivals: int) -> dict[str, Any]:
+    """How strongly what is concealed shows, and which terms it is.
+
+    Args:
+        store: Of the case; only what the diagnosis is given is read.
+        case: With what is concealed.
+        rivals: Other effects that are fitted.
+    """
+    asked = open_question(store.inputs(case.id))
+    found = _terms(asked, case)
+    true: Numbers = true_numbers(case) if described(case) else {}
+    if (term := in_grammar(found)) is not None:
+        true = {term.name: {"coefficient": term.coefficient}}
+    strength = strengths(asked.ready, true, rivals)["strength"] if true else {}
+    kept = [m for place, m in enumerate(found.values()) if place < CLOSEST or m.right]
+    return {"strength": strength, "terms": [asdict(match) for match in kept]}
+
+
+def answer_of(
+    scored: ScoredCase, weights: Mapping[str, Any], more: float | None = None
+) -> WeighedAnswer:
+    """An answer beside what was written of its case."""
+    terms = [TermMatch(**match) for match in weights.get("terms", ())]
+    stack = weights.get("stack")
+    return WeighedAnswer(
+        scored,
+        strength=dict(weights.get("strength", {})),
+        terms={match.name: match for match in terms},
+        stack=None if stack is None else StackErrors.from_dict(stack),
+        more=more,
+    )
+
+
+def _terms(asked: Asked, case: Case) -> dict[str, TermMatch]:
+    if not case.disturbances:
+        return {}
+    drives = [recording.data for recording in asked.recordings]
+    return matches(case.disturbances[0], drives)
+
+
+def _stack(store: CaseStore, case: Case) -> dict[str, Any]:
+    """Distances on the sealed drives of what the diagnosis delivered, and of what is simpler.
+
+    Raises:
+        ValueError: A drive is refused.
+    """
+    asked = open_question(store.inputs(case.id))
+    config = asked.config
+    drives, refusals = load_recordings(
+        [str(store.held_out(case.id))], config.columns or None, config.dt, car=config.car
+    )
+    if refusals:
+        raise ValueError("; ".join(map(str, refusals)))
+    aside, file = segments_of(drives, config), store.diagnosis(case.id) / "repaired.yaml"
+    rolled: Rolled = (asked.ready.given, AS_GIVEN)
+    if file.exists():
+        make = Maker(str(file))
+        rolled = Simulation(make, options=measurable_options(make)[0]), AS_GIVEN
+    return asdict(stack_errors(asked.ready, rolled, aside))
