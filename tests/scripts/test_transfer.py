@@ -66,8 +66,9 @@ def test_the_whole_chain_leaves_a_table_and_does_nothing_twice(repository, tmp_p
     again = run(repository, *arguments)
     assert again.returncode == 0, again.stderr
     assert {file: os.stat(file).st_mtime_ns for file in files} == before
-    for arm, begins in (("continued", "as_given"), ("repaired", "")):
-        config = yaml.safe_load((out / f"cars/01/policies/{arm}_0/config.yaml").read_text())
-        assert config["start"] == (
-            str(out / f"cars/01/policies/{begins}_0/best.pt") if begins else ""
-        )
+    began = {}
+    for arm in ("continued", "repaired"):
+        file = out / f"cars/01/policies/{arm}_0/config.yaml"
+        began[arm] = yaml.safe_load(file.read_text())["start"]
+    given = str(out / "cars/01/policies/as_given_0/best.pt")
+    assert began == {"continued": given, "repaired": ""}
