@@ -30,17 +30,17 @@ def said(name, **numbers):
     return {"name": name, "parameters": numbers}
 
 
-def drawn(tmp_path, effects, **repair):
+def drawn(tmp_path, named, **repair):
     (tmp_path / "fitted.yaml").write_text(yaml.safe_dump(FITTED))
     repaired, answer = tmp_path / "repaired.yaml", tmp_path / "diagnosis.json"
     repaired.write_text(yaml.safe_dump({"engine": "fitted.yaml", **repair}))
-    answer.write_text(json.dumps({"effects": effects}))
+    answer.write_text(json.dumps({"effects": named}))
     torch.manual_seed(0)
     return repaired_with_spread(repaired, tmp_path / "fitted.yaml", answer, CARS)
 
 
-def values(tmp_path, effects=(), **repair):
-    engine = drawn(tmp_path, list(effects), **repair)
+def values(tmp_path, named=(), **repair):
+    engine = drawn(tmp_path, list(named), **repair)
     assert isinstance(engine, Engine)
     return engine.values
 

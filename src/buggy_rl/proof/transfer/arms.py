@@ -28,11 +28,11 @@ class Arm:
 
 ARMS: dict[str, Arm] = {
     "as_given": Arm("a single track fitted to the car before the change", "fit"),
-    "repaired": Arm("the same with the repair of the diagnosis, all its layers", "repair"),
+    "repaired": Arm("as given with the repair of the diagnosis, all its layers", "repair"),
     "refitted": Arm(
         "a single track fitted to the two minutes after the change", "refit", "learned"
     ),
-    "learned": Arm("a model learned from these two minutes and the earlier drives", "model", ""),
+    "learned": Arm("a model learned from these two minutes and the drives before", "model", ""),
     "randomised": Arm("as given, every environment with other parameters", "fit", drawn="fit"),
     "repaired_randomised": Arm(
         "repaired, parameters and numbers drawn within their intervals", "repair", drawn="answer"

@@ -65,16 +65,18 @@ def fit_jobs(config: TransferConfig, scripts: Path) -> list[Job]:
 
 def model_jobs(config: TransferConfig, scripts: Path) -> list[Job]:
     """Models of each car, of the earlier drives and of those with the two minutes after."""
+    made = (
+        ("before", ["earlier"], KEPT_BACK[1], ("before",)),
+        ("learned", ["recordings", "earlier"], f"drive_{config.drives - 1}", ("learned", "model")),
+    )
     jobs = []
-    for car in config.names if config.needs("before", "learned", "model") else ():
-        own, last = config.car(car), f"drive_{config.drives - 1}"
-        for folder, drives, stops in (
-            ("before", ["earlier"], KEPT_BACK[1]),
-            ("learned", ["recordings", "earlier"], last),
-        ):
-            options = _study(own, drives, stops, config.model, folder)
-            command = (str(scripts / "train_models.py"), *options)
-            jobs.append(Job(f"{folder}, {car}", own / folder, command, inputs=_files(config.model)))
+    for car in config.names:
+        for folder, drives, stops, needed in made:
+            if config.needs(*needed):
+                own = config.car(car)
+                options = _study(own, drives, stops, config.model, folder)
+                command, inputs = (str(scripts / "train_models.py"), *options), _files(config.model)
+                jobs.append(Job(f"{folder}, {car}", own / folder, command, inputs=inputs))
     return jobs
 
 

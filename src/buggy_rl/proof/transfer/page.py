@@ -61,7 +61,7 @@ def transfer_page(
         undefined=StrictUndefined,
     )
     found = losses(drives, cars)
-    arms = list(found.there.columns)
+    arms = found.arms
     return templates.get_template("transfer.md.jinja").render(
         config=config,
         command=command,
@@ -84,9 +84,9 @@ def _means(found: Losses, drives: pd.DataFrame) -> list[list[str]]:
     """A row for each arm."""
     draws, changed = resampled(found), found.changed
     corrected, lost = found.corrected.mean(), found.lost
-    here = drives[drives.car.isin(changed)].groupby("arm", sort=False)
-    rest, rows = here[["lateral", "put_back", "seconds"]].mean(), []
-    for arm in found.there.columns:
+    rows = []
+    for arm in found.arms:
+        here = drives[drives.car.isin(changed) & (drives.arm == arm)]
         there = Estimate.of(found.there.loc[changed, arm].mean(), draws.there[arm])
         control = lost.loc[found.controls, arm].mean()
         rows.append(
@@ -97,9 +97,9 @@ def _means(found: Losses, drives: pd.DataFrame) -> list[list[str]]:
                 f"{lost.loc[changed, arm].mean():.1f}",
                 f"{control:.1f}" if found.controls else "-",
                 f"{Estimate.of(corrected[arm], draws.corrected[arm])}",
-                f"{rest.lateral[arm]:.3f}",
-                f"{rest.put_back[arm]:.1f}",
-                f"{rest.seconds[arm]:.0f}",
+                f"{here.lateral.mean():.3f}",
+                f"{here.put_back.mean():.1f}",
+                f"{here.seconds.mean():.0f}",
             ]
         )
     return rows
@@ -117,19 +117,21 @@ def _pair(pair: Pair) -> list[str]:
 
 def _by_car(found: Losses) -> list[list[str]]:
     """A row for each car: on it, and in the own simulator."""
+    there, own = (table.to_numpy().tolist() for table in (found.there, found.own))
     return [
-        [car] + [f"{found.there.loc[car, a]:.0f} ({found.own.loc[car, a]:.0f})" for a in found.own]
-        for car in found.there.index
+        [str(car), *(f"{on:.0f} ({at:.0f})" for on, at in zip(*rows, strict=True))]
+        for car, *rows in zip(found.there.index, there, own, strict=True)
     ]
 
 
 def _by_course(drives: pd.DataFrame, found: Losses) -> list[list[str]]:
     """A row for each path: what is lost there on changed cars."""
     here = drives[drives.car.isin(found.changed)]
-    lost = (here.own - here.there).groupby([here.course, here.arm], sort=False).mean()
+    lost = here.assign(lost=here.own - here.there).pivot_table("lost", "course", "arm", sort=False)
+    courses, cells = lost.index.tolist(), lost[found.arms].to_numpy().tolist()
     return [
-        [course, *(f"{lost[course, arm]:.1f}" for arm in found.own)]
-        for course in drives.course.unique()
+        [course, *(f"{value:.1f}" for value in row)]
+        for course, row in zip(courses, cells, strict=True)
     ]
 
 
@@ -139,7 +141,7 @@ def transfer_figure(found: Losses, cars: pd.DataFrame) -> Figure:
     An open circle is the own simulator, a dot the car, the line between them the loss. The grey
     mark is the car with the policy as given. Controls are below the line.
     """
-    arms, rows = list(found.there.columns), [*found.changed, *found.controls]
+    arms, rows = found.arms, [*found.changed, *found.controls]
     figure, axes = plt.subplots(
         1,
         len(arms),
@@ -165,7 +167,7 @@ def transfer_figure(found: Losses, cars: pd.DataFrame) -> Figure:
 def _column(axis: Axes, found: Losses, arm: str, rows: list[str], colour: str) -> None:
     own, there = (table.loc[rows, arm].tolist() for table in (found.own, found.there))
     places = list(range(len(rows)))
-    if GIVEN in found.there:
+    if GIVEN in found.arms:
         axis.plot(found.there.loc[rows, GIVEN], places, "|", color=FAINT, ms=9, mew=1.5)
     axis.hlines(places, own, there, color=colour, lw=2.0, alpha=0.35)
     axis.plot(own, places, "o", color=colour, mfc="white", ms=4)

@@ -1,7 +1,6 @@
 """Files of the simulators that policies are trained in, made from fits, repairs and models."""
 
 import os
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -89,11 +88,8 @@ def through_surrogate(content: Mapping[str, Any], model: Path) -> dict[str, Any]
 
 def car_itself(case: Case) -> dict[str, Any]:
     """The changed car as a simulator, seen without a camera."""
-    options: dict[str, Any] = {"faults": case.faults}
-    if shutil.which("g++"):
-        options["compiled"] = True  # the same motion, sooner
     numbers = {name: round(value, 8) for name, value in plant_parameters(case).items()}
-    return {"engine": case.plant, "options": options, "parameters": numbers}
+    return {"engine": case.plant, "options": {"faults": case.faults}, "parameters": numbers}
 
 
 def other_repair(own: Path, other: Path, repaired: Path) -> dict[str, Any]:

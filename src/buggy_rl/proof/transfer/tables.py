@@ -46,9 +46,8 @@ def read_tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     for file in files:
         if not file.exists():
             raise ValueError(f"there is no {file}: run the stages before page")
-    text = {"car": str, "concealed": str, "verdict": str, "named": str}
-    drives, cars = (pd.read_csv(file, dtype=text, keep_default_na=False) for file in files)
-    return drives, cars
+    drives = pd.read_csv(files[0], dtype={"car": "str"})
+    return drives, pd.read_csv(files[1], dtype="str", keep_default_na=False)
 
 
 def drives_table(config: TransferConfig) -> pd.DataFrame:
