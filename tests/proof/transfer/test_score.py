@@ -6,9 +6,9 @@ import pytest
 from buggy_rl.proof.transfer.score import (
     RESAMPLES,
     carried,
+    drawn_means,
     losses,
     pairs,
-    resampled,
     signed_rank,
     targets,
 )
@@ -71,7 +71,7 @@ def test_lost_is_the_own_simulator_less_the_car_corrected_by_the_arms_own_contro
 
 def test_cars_are_the_unit_of_the_bootstrap():
     # Closed on the car vary by 0, 0, 1, -1, ..., 3, -3: variance 28 / 8 of eight cars.
-    draws = resampled(losses(rows(), cars()))
+    draws = drawn_means(losses(rows(), cars()))
     assert len(draws.there) == RESAMPLES
     assert draws.there["repaired"].std() == pytest.approx((28 / 8 / 8) ** 0.5, rel=0.03)
     # Differences of arms do not vary between cars; of losses, between controls: 10 and 14 on one.
@@ -153,7 +153,7 @@ def test_without_controls_nothing_is_corrected():
     found = losses(drives, cars().iloc[:8])
     assert found.controls == []
     assert found.corrected.mean()["as_given"] == pytest.approx(60.0)
-    assert float(resampled(found).corrected["as_given"].mean()) == pytest.approx(60.0, abs=0.1)
+    assert float(drawn_means(found).corrected["as_given"].mean()) == pytest.approx(60.0, abs=0.1)
 
 
 def test_incomplete_drives_are_refused():

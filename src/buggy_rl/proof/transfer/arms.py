@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Base = Literal["fit", "repair", "refit", "model", "car", "placebo"]
-"""As fitted before the change; that with the diagnosis's repair; fitted after the change; the
-learned model itself; the changed car itself; as fitted before with another car's repair."""
+"""Simulator fitted before the change; that with the diagnosis's repair; one fitted after the change;
+the learned model; the changed car itself; the first with another car's repair."""
 Gradient = Literal["", "before", "learned"]
 """Model whose derivatives a training follows: of the earlier drives, or of all; empty where the
 simulator has its own."""
@@ -16,7 +16,7 @@ class Arm:
     """What the policies of an arm are trained in."""
 
     meaning: str
-    """In words, for the page."""
+    """Words of the page."""
     base: Base
     gradient: Gradient = "before"
     drawn: Literal["", "fit", "answer"] = ""

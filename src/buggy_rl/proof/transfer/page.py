@@ -15,13 +15,13 @@ from buggy_rl.proof.transfer.arms import ARMS
 from buggy_rl.proof.transfer.plan import TransferConfig
 from buggy_rl.proof.transfer.score import (
     GIVEN,
-    Estimate,
     Losses,
+    MeanOverCars,
     Pair,
     carried,
+    drawn_means,
     losses,
     pairs,
-    resampled,
     targets,
 )
 from buggy_rl.proof.transfer.tables import read_tables
@@ -82,12 +82,12 @@ def transfer_page(
 
 def _means(found: Losses, drives: pd.DataFrame) -> list[list[str]]:
     """A row for each arm."""
-    draws, changed = resampled(found), found.changed
+    draws, changed = drawn_means(found), found.changed
     corrected, lost = found.corrected.mean(), found.lost
     rows = []
     for arm in found.arms:
         here = drives[drives.car.isin(changed) & (drives.arm == arm)]
-        there = Estimate.of(found.there.loc[changed, arm].mean(), draws.there[arm])
+        there = MeanOverCars.of(found.there.loc[changed, arm].mean(), draws.there[arm])
         control = lost.loc[found.controls, arm].mean()
         rows.append(
             [
@@ -96,7 +96,7 @@ def _means(found: Losses, drives: pd.DataFrame) -> list[list[str]]:
                 f"{there}",
                 f"{lost.loc[changed, arm].mean():.1f}",
                 f"{control:.1f}" if found.controls else "-",
-                f"{Estimate.of(corrected[arm], draws.corrected[arm])}",
+                f"{MeanOverCars.of(corrected[arm], draws.corrected[arm])}",
                 f"{here.lateral.mean():.3f}",
                 f"{here.put_back.mean():.1f}",
                 f"{here.seconds.mean():.0f}",

@@ -94,7 +94,7 @@ class TransferConfig(Launching):
 
     @property
     def store(self) -> CaseStore:
-        """Where the secret and its hash are."""
+        """Place of the secret and its hash."""
         output = Path(self.output)
         return CaseStore(output, Path(self.sealed) if self.sealed else Path(f"{output}_sealed"))
 

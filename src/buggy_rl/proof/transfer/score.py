@@ -27,7 +27,7 @@ class Losses:
     changed: list[str]
     """Cars in which something is concealed."""
     controls: list[str]
-    """Those with nothing wrong."""
+    """Cars with nothing wrong."""
 
     @property
     def lost(self) -> pd.DataFrame:
@@ -48,7 +48,7 @@ class Losses:
         return [str(arm) for arm in self.there.columns]
 
     def without(self, car: str) -> "Losses":
-        """The others."""
+        """The study without a changed car."""
         changed = [name for name in self.changed if name != car]
         return Losses(self.own, self.there, changed, self.controls)
 
@@ -78,7 +78,7 @@ def losses(drives: pd.DataFrame, cars: pd.DataFrame) -> Losses:
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled:
+class DrawnMeans:
     """Means over cars drawn with replacement, [RESAMPLES] rows, arms as columns.
 
     Changed cars and controls are drawn apart from each other.
@@ -88,7 +88,7 @@ class Resampled:
     corrected: pd.DataFrame
 
 
-def resampled(found: Losses) -> Resampled:
+def drawn_means(found: Losses) -> DrawnMeans:
     """Bootstrap over cars; the same numbers every time."""
     chance = np.random.default_rng(SEED)
     lost = found.lost
@@ -105,11 +105,11 @@ def resampled(found: Losses) -> Resampled:
         corrected = corrected - means(lost.loc[found.controls], rows(found.controls))
     there = means(found.there.loc[found.changed], changed)
     arms = found.there.columns
-    return Resampled(pd.DataFrame(there, columns=arms), pd.DataFrame(corrected, columns=arms))
+    return DrawnMeans(pd.DataFrame(there, columns=arms), pd.DataFrame(corrected, columns=arms))
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MeanOverCars:
     """A mean over cars with its 95 % interval."""
 
     mean: float
@@ -117,8 +117,8 @@ class Estimate:
     high: float
 
     @classmethod
-    def of(cls, mean: float, draws: pd.Series) -> "Estimate":
-        """By the draws of a bootstrap."""
+    def of(cls, mean: float, draws: pd.Series) -> "MeanOverCars":
+        """Makes one by the draws of a bootstrap."""
         low, high = np.nanquantile(draws, (0.025, 0.975))
         return cls(float(mean), float(low), float(high))
 
@@ -131,18 +131,18 @@ class Pair:
     """The repaired policy less that of another arm, over cars."""
 
     arm: str
-    closed: Estimate
+    closed: MeanOverCars
     """Waypoints a minute on the car."""
     closed_p: float
-    """Of Wilcoxon's signed-rank test; nan where all differences are 0."""
-    corrected: Estimate
+    """Value of p by Wilcoxon's signed-rank test; nan where all differences are 0."""
+    corrected: MeanOverCars
     """Corrected loss [1/min]."""
     corrected_p: float
 
 
 def pairs(found: Losses) -> list[Pair]:
     """Repaired against every other arm; none without it."""
-    there, corrected, draws = found.there.loc[found.changed], found.corrected, resampled(found)
+    there, corrected, draws = found.there.loc[found.changed], found.corrected, drawn_means(found)
     arms = [arm for arm in found.arms if arm != REPAIRED and REPAIRED in found.arms]
     rows = []
     for arm in arms:
@@ -150,7 +150,7 @@ def pairs(found: Losses) -> list[Pair]:
         for table, drawn in ((there, draws.there), (corrected, draws.corrected)):
             difference = table[REPAIRED] - table[arm]
             spread = drawn[REPAIRED] - drawn[arm]
-            values += [Estimate.of(difference.mean(), spread), signed_rank(difference)]
+            values += [MeanOverCars.of(difference.mean(), spread), signed_rank(difference)]
         rows.append(Pair(arm, *values))
     return rows
 
@@ -184,8 +184,8 @@ def targets(found: Losses, drives: pd.DataFrame) -> list[Target]:
 
 
 def _cured(found: Losses) -> Target:
-    mean, draws = found.corrected.mean(), resampled(found).corrected
-    beyond = Estimate.of(
+    mean, draws = found.corrected.mean(), drawn_means(found).corrected
+    beyond = MeanOverCars.of(
         mean[REPAIRED] - CURED * mean[GIVEN], draws[REPAIRED] - CURED * draws[GIVEN]
     )
     sentence = (
@@ -208,11 +208,11 @@ def _closes_most(found: Losses) -> Target:
 
 
 def _trained_on(found: Losses, drives: pd.DataFrame) -> Target:
-    there, draws = found.there.loc[found.changed].mean(), resampled(found).there
+    there, draws = found.there.loc[found.changed].mean(), drawn_means(found).there
     gain, drawn = there[REPAIRED] - there[GIVEN], draws[REPAIRED] - draws[GIVEN]
     share = (there[CONTINUED] - there[GIVEN]) / gain if gain else float("nan")
     spread = ((draws[CONTINUED] - draws[GIVEN]) / drawn.where(drawn != 0)).fillna(0.0)
-    percent = Estimate.of(100 * share, 100 * spread)
+    percent = MeanOverCars.of(100 * share, 100 * spread)
     sentence = (
         f"Policies of as_given that are trained on in the repaired simulator have {percent} % of "
         f"the {gain:.1f} waypoints a minute that training anew there gains, at least "
@@ -232,7 +232,7 @@ class Carried:
 
     car: str
     share: float
-    """Of the sum over cars."""
+    """Share of the sum over cars."""
     better: int
     """Cars that lose less repaired than as given,"""
     cars: int
