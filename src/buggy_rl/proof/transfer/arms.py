@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Base = Literal["fit", "repair", "refit", "model", "car", "placebo"]
-"""Simulator fitted before the change; that with the diagnosis's repair; one fitted after the change;
+"""Simulator fitted before the change; that with the diagnosis's repair; one fitted after it;
 the learned model; the changed car itself; the first with another car's repair."""
 Gradient = Literal["", "before", "learned"]
 """Model whose derivatives a training follows: of the earlier drives, or of all; empty where the
