@@ -60,7 +60,9 @@ class TransferConfig(Launching):
     """Options of scripts/train_models.py: the model, which must be called `model`."""
     diagnosis: list[str] = field(default_factory=list)
     """Options of scripts/diagnose.py."""
-    policy: list[str] = field(default_factory=lambda: ["configs/shac.yaml", "configs/ppo_car.yaml"])
+    policy: list[str] = field(
+        default_factory=lambda: ["configs/shac.yaml", "configs/ppo_car.yaml", "validations=3"]
+    )
     """YAML files and options of scripts/train_policy.py, the same for every policy."""
     continued: list[str] = field(default_factory=lambda: ["configs/shac_continued.yaml"])
     """The same of policies that begin with another one, after `policy`."""
