@@ -64,7 +64,7 @@ def test_tables_hold_every_drive_a_minute_with_the_cost_of_its_training(driven):
     assert len(drives) == 2 * 2
     row = drives[(drives.car == "01") & (drives.arm == "repaired")].iloc[0]
     assert (row.own, row.there, row.put_back, row.lateral) == (120.0, 110.0, 2.0, 0.0412)
-    assert (row.steps, row.seconds) == (300_000, 18.5)
+    assert (row.steps, row.seconds) == (240_000, 18.5)
     first, second = cars.to_dict("records")
     assert first["concealed"] == "steering_dead_time dead_time 0.08"
     assert first["named"] == "steering_dead_time dead_time 0.0791 (97 %)"

@@ -22,8 +22,8 @@ def test_every_policy_has_a_folder_of_its_own():
 
 def test_an_arm_that_begins_with_another_one_has_a_tenth_of_its_steps():
     config = TransferConfig("out")
-    assert {config.steps_of(arm) for arm in ARMS if ARMS[arm].start} == {30_000}
-    assert {config.steps_of(arm) for arm in ARMS if not ARMS[arm].start} == {300_000}
+    assert {config.steps_of(arm) for arm in ARMS if ARMS[arm].start} == {24_000}
+    assert {config.steps_of(arm) for arm in ARMS if not ARMS[arm].start} == {240_000}
 
 
 @pytest.mark.parametrize(

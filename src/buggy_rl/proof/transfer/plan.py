@@ -66,7 +66,7 @@ class TransferConfig(Launching):
     """YAML files and options of scripts/train_policy.py, the same for every policy."""
     continued: list[str] = field(default_factory=lambda: ["configs/shac_continued.yaml"])
     """The same of policies that begin with another one, after `policy`."""
-    steps: int = 300_000
+    steps: int = 240_000
     """Steps of a training; one that begins with another policy has a tenth."""
     judged_seconds: float = 60.0
     """Length of a drive on lap and infinity [s]; on the tight path it is 5 s."""
