@@ -60,6 +60,14 @@ def test_parameters_are_drawn_from_twice_the_fits_intervals_about_their_repaired
     assert found["mass"].unique().tolist() == [2.0]
 
 
+def test_a_parameter_of_which_the_fit_warns_stays_where_it_is(tmp_path, monkeypatch):
+    warned = {"low": 0.5, "high": 0.65, "warnings": ["these drives do not determine it"]}
+    monkeypatch.setitem(FITTED["_fit"], "front_grip", warned)
+    found = values(tmp_path, parameters={"front_grip": 0.4})
+    assert found["front_grip"].unique().tolist() == [pytest.approx(0.4)]
+    spans(found["drive_force"], 8.0, 12.0)
+
+
 def test_a_parameter_that_the_answer_names_is_drawn_from_its_interval(tmp_path):
     own = said("parameter:front_grip", front_grip=number(0.4, 0.35, 0.5))
     spans(values(tmp_path, [own], parameters={"front_grip": 0.4})["front_grip"], 0.35, 0.5)

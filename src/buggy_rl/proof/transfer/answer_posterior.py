@@ -34,8 +34,10 @@ def repaired_with_spread(
 
     Numbers of named effects and terms: evenly from the answer's 95 % intervals, also where the
     repair has them as parameters of its own. Other parameters: their repaired value and twice the
-    distance of a draw from the fit's 95 % interval to its best guess, within their range. A learned
-    correction: 0 to twice its strength. PyTorch's global generator draws: the seed fixes all.
+    distance of a draw from the fit's 95 % interval to its best guess, within their range; but those
+    of which the fit warns stay, since it is right on a ridge of several of them at once and draws
+    are independent. A learned correction: 0 to twice its strength. PyTorch's global generator
+    draws: the seed fixes all.
 
     Args:
         simulator: The repaired one, or a surrogate over it: an engine with effects over it.
@@ -68,6 +70,7 @@ def _about_repaired(engine: Engine, fit: Mapping[str, Any]) -> dict[str, Tensor]
         name: engine.values[name].cpu()
         + WIDER * (_between(interval, engine.batch_size) - fit["parameters"][name])
         for name, interval in sorted(fit["_fit"].items())
+        if not interval.get("warnings")
     }
 
 

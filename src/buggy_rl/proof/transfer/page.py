@@ -155,7 +155,7 @@ def transfer_figure(found: Losses, cars: pd.DataFrame) -> Figure:
         _column(axis, found, arm, rows, COLOURS[number % len(COLOURS)])
     labels = _labels(cars)
     axes[0, 0].set_yticks(range(len(rows)), [labels[car] for car in rows])
-    axes[0, 0].invert_yaxis()
+    axes[0, 0].set_ylim(len(rows) - 0.5, -0.5)
     figure.supxlabel(
         "waypoints a minute: on the car (dot), in the own simulator (circle), on the car as given "
         "(grey)",
