@@ -219,7 +219,7 @@ def test_cars_that_differ_by_what_a_fit_left_open_are_where_they_are_asked_for(t
 @pytest.mark.usefixtures("contentless", "read_as_zeros")
 def test_cars_with_drawn_parameters_are_where_they_are_asked_for(monkeypatch):
     few = (Spread(("mass",), 0.75, 1.25, False, ""), Spread(("mass",), 0.0, 0.1, True, ""))
-    monkeypatch.setattr(parameter_posterior, "SPREADS", few)
+    monkeypatch.setattr(parameter_posterior, "SPREADS", {"single_track": few})
     engine = parameter_posterior.randomised("single_track", 4, "meta")
     assert {str(value.device) for value in step(engine).values()} == {"meta"}
 

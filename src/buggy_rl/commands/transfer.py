@@ -1,14 +1,16 @@
-"""Trains policies for cars in which something is concealed, and drives them there.
+"""Draws cars that change, trains policies for them in simulators of nine kinds, and drives them.
 
     python scripts/transfer.py configs/transfer.yaml
     python scripts/transfer.py configs/transfer.yaml stages=evaluate,page
-    python scripts/transfer.py configs/transfer.yaml output=runs/quick steps=1000000 seeds=0
+    python scripts/transfer.py configs/transfer.yaml cars=2 control_every=2 seeds=0
+    python scripts/transfer.py output=FOLDER stages=page
 
-Four policies for each car, by one budget of PPO: in MuJoCo as fitted before the change, in MuJoCo
-repaired by the diagnosis of two minutes of driving, in a model learned from the same two minutes,
-and in MuJoCo with randomised physics. Stages: drive (the two minutes), diagnose, learn, train,
-evaluate, page. Writes OUTPUT/transfer.md, transfer.json, transfer.png; the layout of OUTPUT stands
-in src/buggy_rl/proof/transfer/plan.py. A stage does nothing twice: stop it, start it.
+Arms: the simulator as given, repaired, fitted anew, learned, with random parameters, repaired with
+random parameters, the changed car itself, with another car's repair, and repaired with training
+continued; src/buggy_rl/proof/transfer/arms.py has the table. Stages: drive (the hash of the secret
+is published before), fit, learn, diagnose, train, evaluate, page. Writes OUTPUT/drives.csv,
+cars.csv, and from these alone transfer.md and transfer.png; the layout of OUTPUT stands in
+src/buggy_rl/proof/transfer/plan.py. A stage does nothing twice: stop it, start it.
 """
 
 from pathlib import Path
@@ -20,61 +22,64 @@ from buggy_rl.core.config import from_command_line, run, save_run
 def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.transfer.plan:TransferConfig")
+    if {*config.stages} - {"page"}:
+        _stages(config)
+        save_run(config, Path(config.output))
+    if "page" in config.stages:
+        from buggy_rl.proof.transfer.page import write_page
 
-    from buggy_rl.jobs import results
-    from buggy_rl.jobs.bar import run_with_bar, tqdm
+        file = write_page(config, command_line(without="stages="))
+        print(file.read_text().split("![")[0] + f"written: {file}")
+
+
+def _stages(config) -> None:
+    """All stages before the page."""
+    from buggy_rl.jobs.bar import run_with_bar
+    from buggy_rl.proof.transfer.draw import secret_of
     from buggy_rl.proof.transfer.jobs import (
         diagnosis_jobs,
-        models,
+        fit_jobs,
+        model_jobs,
         record,
         recorded,
         training_jobs,
-        write_factories,
     )
-    from buggy_rl.proof.transfer.score import drive_policies, unjudged
+    from buggy_rl.proof.transfer.simulators import write_simulators
 
-    if not config.cars:
-        raise ValueError("no car: name some, as cars.CAR.EFFECT.PARAMETER=VALUE")
-    write_factories(config)
-
+    cases, scripts = config.drawn(secret_of(config.store)), Path(__file__).parent
     if "drive" in config.stages:
-        left = {n: c for n, c in config.cases.items() if not recorded(c, config.car(n))}
+        left = {car: case for car, case in cases.items() if not recorded(config, car)}
         if left:
-            print(f"driving {', '.join(left)}, all at once ...", flush=True)
-            record(list(left.values()), [config.car(name) for name in left])
-    for stage, listed, unit in (
-        ("diagnose", diagnosis_jobs, "car"),
-        ("learn", models, "car"),
-        ("train", training_jobs, "step"),
-    ):
+            print(f"driving cars {', '.join(left)}, all at once ...", flush=True)
+            record(config, left)
+    for stage, listed in (("fit", fit_jobs), ("learn", model_jobs), ("diagnose", diagnosis_jobs)):
         if stage in config.stages:
-            jobs = listed(config, Path(__file__).parent)
-            run_with_bar(stage, jobs, unit, config.workers, config)
+            run_with_bar(stage, listed(config, scripts), "car", config.workers, config)
+    if "train" in config.stages:
+        write_simulators(config, cases)
+        for title, started in (("train", False), ("train on", True)):
+            jobs = training_jobs(config, scripts, started)
+            run_with_bar(title, jobs, "step", config.workers, config)
     if "evaluate" in config.stages:
-        left = unjudged(config)
-        with tqdm(desc="evaluate", total=sum(len(j.policies) for j in left), unit="policy") as bar:
-            calls = {"_".join(j.file.with_suffix("").parts[-3:]): (j,) for j in left}
-            place = Path(config.output) / "jobs"
-            for count in results(drive_policies, calls, place, config.workers, config):
-                bar.update(count)
-    save_run(config, Path(config.output))
-    if "page" in config.stages:
-        write_results(config)
+        _evaluate(config, cases)
 
 
-def write_results(config) -> None:
-    """Writes the page, its picture and its numbers, and prints the first tables."""
-    from buggy_rl.core.files import write_json
-    from buggy_rl.proof.transfer.page import transfer_figure, transfer_page
-    from buggy_rl.proof.transfer.score import answers, pairs, transfer_results
+def _evaluate(config, cases) -> None:
+    """Drives what is left, writes the tables, and shows what the cars were drawn from."""
+    from buggy_rl.jobs import results
+    from buggy_rl.jobs.bar import tqdm
+    from buggy_rl.proof.transfer.draw import publish_secret
+    from buggy_rl.proof.transfer.driving import drive_policies, undriven
+    from buggy_rl.proof.transfer.tables import write_tables
 
-    folder, drives = Path(config.output), pairs(config)
-    write_json(folder / "transfer.json", transfer_results(config, drives))
-    transfer_figure(drives).savefig(folder / "transfer.png", dpi=130)
-    command = command_line(without="stages=")
-    text = transfer_page(config, drives, answers(config), command, "transfer.png")
-    (folder / "transfer.md").write_text(text)
-    print(text.split("![")[0] + f"written: {folder / 'transfer.md'}")
+    left = undriven(config, cases)
+    with tqdm(desc="evaluate", total=sum(len(b.policies) for b in left), unit="policy") as bar:
+        calls = {"_".join(b.file.with_suffix("").parts[-3:]): (b,) for b in left}
+        place = Path(config.output) / "jobs"
+        for count in results(drive_policies, calls, place, config.workers, config):
+            bar.update(count)
+    write_tables(config, cases)
+    publish_secret(config.store)
 
 
 if __name__ == "__main__":

@@ -9,21 +9,20 @@ import torch
 from buggy_rl.core.config import build, plain_values
 from buggy_rl.policies.training.actor_critic import Policy, PolicyConfig, save_policy
 from buggy_rl.policies.training.run import PolicyRunConfig
-from buggy_rl.proof.transfer import score
-from buggy_rl.proof.transfer.plan import TransferConfig
-from buggy_rl.proof.transfer.score import (
+from buggy_rl.proof.transfer import driving
+from buggy_rl.proof.transfer.driving import (
     ENDLESS,
     PolicyBatch,
+    batches,
     drive_policies,
     drive_rows,
-    judgements,
-    unjudged,
+    undriven,
 )
+from buggy_rl.proof.transfer.plan import TransferConfig
 
 pytestmark = pytest.mark.slow
 
 OBSERVED = 23  # velocity, and ten waypoints
-LATE = {"steering_dead_time": {"dead_time": 0.08}}
 
 
 def policy_file(folder, seed, throttle):
@@ -48,16 +47,14 @@ def files(tmp_path_factory) -> list[str]:
 
 def judged(files, **changes) -> PolicyBatch:
     policies = tuple((f"arm{n}", n, file) for n, file in enumerate(files))
-    judged = PolicyBatch(
-        TransferConfig("none").car_drives("x"), "single_track", None, policies, 1.5, 2
-    )
+    judged = PolicyBatch(TransferConfig("none").driven("x"), "single_track", None, policies, 1.5, 2)
     return replace(judged, **changes)
 
 
 @pytest.fixture
 def endless(monkeypatch):
     """Leaves the path out that has an end, which is driven to it."""
-    monkeypatch.setattr(score, "ROOM", ENDLESS)
+    monkeypatch.setattr(driving, "ROOM", ENDLESS)
 
 
 @pytest.mark.usefixtures("endless")
@@ -87,14 +84,15 @@ def test_a_car_that_stands_is_put_back_and_counted(files, tmp_path):
     assert times == {"lap": 2.0, "infinity": 2.0, "random": 1.0}
 
 
-def test_the_car_has_what_is_concealed_in_it(files):
-    cars = {"right": {}, "weak": {"throttle_gain": {"gain": 0.5}}}
-    config = TransferConfig("out", cars=cars)
-    speeds = [
-        next(drive_rows(judged(files[1:], case=case, seconds=1.0)))["speed"]
-        for case in config.cases.values()
-    ]
-    assert speeds[1] < 0.9 * speeds[0]
+def test_the_car_has_what_is_concealed_in_it_and_parameters_of_its_own(files):
+    (case,) = TransferConfig("out", cars=1).drawn("a secret").values()
+
+    def speed(case):
+        return next(drive_rows(judged(files[1:], case=case, seconds=1.0)))["speed"]
+
+    right = speed(replace(case, concealed={}))
+    assert speed(replace(case, concealed={"throttle_gain": {"gain": 0.5}})) < 0.9 * right
+    assert speed(replace(case, concealed={}, spread=0.0)) != right
 
 
 @pytest.mark.usefixtures("endless")
@@ -117,20 +115,18 @@ def test_a_policy_that_is_trained_anew_is_judged_anew(tmp_path):
     assert not one.done
 
 
-def test_a_study_drives_every_arm_in_its_own_simulator_and_on_every_car(tmp_path):
-    config = TransferConfig(str(tmp_path), cars={"late": LATE, "right": {}}, seeds=[0, 1])
-    found = {(str(j.file.relative_to(tmp_path))): j for j in judgements(config)}
-    own = {"policies/unrepaired.json", "policies/randomised.json"}
-    own |= {
-        f"cars/{car}/policies/{arm}.json" for car in config.cars for arm in ("repaired", "learned")
-    }
-    assert set(found) == own | {f"cars/{car}/driven.json" for car in config.cars}
-    on_car = found["cars/late/driven.json"]
-    assert on_car.case is not None
-    assert on_car.case.faults == LATE
+def test_a_study_drives_every_arm_in_its_own_simulator_and_on_its_car(tmp_path):
+    config = TransferConfig(str(tmp_path), cars=2, seeds=[0, 1], arms=["as_given", "randomised"])
+    cases = config.drawn("a secret")
+    found = {(str(b.file.relative_to(tmp_path))): b for b in batches(config, cases)}
+    files = ("car", "as_given", "randomised")
+    assert set(found) == {f"cars/{car}/driven/{f}.json" for car in cases for f in files}
+    on_car = found["cars/02/driven/car.json"]
+    assert on_car.case == cases["02"]
     assert [policy[:2] for policy in on_car.policies] == [
         (arm, seed) for arm in config.arms for seed in config.seeds
     ]
-    assert found["policies/randomised.json"].place.endswith("randomised.py:make")
-    with pytest.raises(ValueError, match="12 policies are not trained yet"):
-        unjudged(config)
+    assert all("cars/02/" in file for _, _, file in on_car.policies)
+    assert found["cars/01/driven/randomised.json"].place.endswith("randomised.py:make")
+    with pytest.raises(ValueError, match="8 policies are not trained yet"):
+        undriven(config, cases)

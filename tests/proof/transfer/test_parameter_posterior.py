@@ -7,12 +7,10 @@ from torchrl.envs import TransformedEnv
 
 from buggy_rl.core import keys
 from buggy_rl.effects.residual_models import ResidualNetwork
-from buggy_rl.proof.transfer.jobs import write_factories, write_factory
 from buggy_rl.proof.transfer.parameter_posterior import fitted_with_spread
-from buggy_rl.proof.transfer.plan import TransferConfig
 from buggy_rl.simulators.base import Engine
 from buggy_rl.simulators.bicycle.single_track import SingleTrackEngine
-from buggy_rl.task.env import make_env, make_simulator
+from buggy_rl.task.env import make_env
 
 CARS = 400
 LAG = {"time_constant": 0.05}
@@ -148,28 +146,3 @@ def test_a_simulator_that_was_not_fitted_is_refused(simulator, tmp_path):
     place = str(tmp_path / simulator) if simulator.endswith("yaml") else simulator
     with pytest.raises(ValueError, match=r"mujoco has no intervals .*scripts/fit_mujoco"):
         fitted_with_spread(place, 4)
-
-
-def test_the_file_is_a_simulator_that_every_script_takes(fitted, tmp_path):
-    write_factory(fitted_with_spread, fitted, tmp_path / "deep" / "unrepaired.py")
-    torch.manual_seed(0)
-    cars = make_simulator(f"{tmp_path / 'deep' / 'unrepaired.py'}:make", CARS)
-    assert isinstance(cars, Engine)
-    assert torch.equal(cars.values["grip_front"], values(fitted)["grip_front"])
-
-
-def test_a_study_writes_what_its_policies_train_in(fitted, tmp_path):
-    config = TransferConfig(str(tmp_path / "out"), fitted, cars={"late": {}, "heavy": {}})
-    write_factories(config)
-    found = {str(file.relative_to(tmp_path / "out")) for file in tmp_path.rglob("out/**/*.py")}
-    repaired = {f"cars/{car}/policies/repaired.py" for car in config.cars}
-    assert found == {"policies/unrepaired.py", "policies/randomised.py", *repaired}
-    for arm, car in config.places():
-        place = config.simulator_of(arm, car).removesuffix(":make")
-        assert (place in {str(tmp_path / "out" / f) for f in found}) == (arm != "learned")
-
-
-def test_a_study_of_best_guesses_trains_in_the_files_themselves():
-    config = TransferConfig("out", "fitted.yaml", cars={"late": {}}, undecided=False)
-    assert config.simulator_of("unrepaired", "") == "fitted.yaml"
-    assert config.simulator_of("repaired", "late") == "out/cars/late/diagnosis/repaired.yaml"

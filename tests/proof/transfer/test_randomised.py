@@ -3,12 +3,9 @@
 import pytest
 import torch
 
-from buggy_rl.core import keys
-from buggy_rl.proof.transfer.jobs import write_factory
-from buggy_rl.proof.transfer.parameter_posterior import SPREADS, randomised
+from buggy_rl.proof.transfer.parameter_posterior import MUJOCO, SPREADS, randomised
 from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.base import Engine
-from buggy_rl.task.env import make_env, make_simulator
 
 CARS = 400
 
@@ -31,14 +28,29 @@ def shipped(name: str) -> float:
     return float(engine.values[name])
 
 
-def test_every_declared_spread_is_of_a_parameter_that_mujoco_has():
-    engine = make_engine("mujoco", 1)
+@pytest.mark.parametrize("simulator", list(SPREADS))
+def test_every_declared_spread_is_of_a_parameter_that_its_engine_has(simulator):
+    engine = make_engine(simulator, 1)
     assert isinstance(engine, Engine)
-    assert {name for spread in SPREADS for name in spread.names} <= set(engine.declared)
+    named = {name for spread in SPREADS[simulator] for name in spread.names}
+    assert named <= set(engine.declared)
+
+
+def test_a_single_track_is_drawn_by_its_own_ranges():
+    torch.manual_seed(0)
+    engine = randomised("single_track", CARS)
+    assert isinstance(engine, Engine)
+    plain = make_engine("single_track", 1)
+    assert isinstance(plain, Engine)
+    factor = engine.values["rear_grip"] / plain.values["rear_grip"]
+    assert 0.7 <= float(factor.min()) < 0.712
+    assert 1.088 < float(factor.max()) <= 1.1
+    trim = engine.values["steering_offset"] - plain.values["steering_offset"]
+    assert 0.075 < float(trim.max()) <= 0.08
 
 
 def test_no_two_cars_are_alike(drawn):
-    rows = torch.stack([drawn[name] for spread in SPREADS for name in spread.names], -1)
+    rows = torch.stack([drawn[name] for spread in MUJOCO for name in spread.names], -1)
     assert len(rows.unique(dim=0)) == CARS
 
 
@@ -75,18 +87,6 @@ def test_values_stay_within_what_the_simulator_allows():
     for name, parameter in engine.declared.items():
         assert float(engine.values[name].min()) >= parameter.lower - 1e-6
         assert float(engine.values[name].max()) <= parameter.upper + 1e-6
-
-
-def test_the_file_is_a_simulator_that_every_script_takes(tmp_path):
-    (tmp_path / "right.yaml").write_text("engine: mujoco\nparameters: {mass: 2.0}\n")
-    write_factory(randomised, str(tmp_path / "right.yaml"), tmp_path / "deep" / "randomised.py")
-    torch.manual_seed(3)
-    cars = make_simulator(f"{tmp_path / 'deep' / 'randomised.py'}:make", 8)
-    assert isinstance(cars, Engine)
-    assert float(cars.values["mass"].mean()) == pytest.approx(2.0, rel=0.15)
-    rolled = make_env(cars).rollout(30, lambda td: td.set(keys.ACTION, torch.ones(8, 2)))
-    speed = rolled["next", keys.VELOCITY][:, -1, 0]
-    assert len(speed.unique()) == 8
 
 
 def test_a_simulator_without_parameters_is_refused():

@@ -1,149 +1,188 @@
-"""The page that shows the drives of all policies, as Markdown."""
+"""The page of the study and its figure, from the two tables alone."""
 
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from buggy_rl.figures.style import COLOURS, MEASURED_COLOUR, tidy
-from buggy_rl.proof.transfer.plan import ARMS, TransferConfig
-from buggy_rl.proof.transfer.score import counted, means, original_loss, over_seeds, targets
+from buggy_rl.core.files import write_atomically
+from buggy_rl.figures.style import COLOURS, FAINT, PRINTED, tidy
+from buggy_rl.proof.transfer.arms import ARMS
+from buggy_rl.proof.transfer.plan import TransferConfig
+from buggy_rl.proof.transfer.score import (
+    GIVEN,
+    Losses,
+    MeanOverCars,
+    Pair,
+    carried,
+    drawn_means,
+    losses,
+    pairs,
+    targets,
+)
+from buggy_rl.proof.transfer.tables import read_tables
+
+PICTURE = "transfer.png"
 
 
-def transfer_page(
-    config: TransferConfig,
-    drives: pd.DataFrame,
-    answers: Mapping[str, Mapping[str, Any]],
-    command: str,
-    picture: str,
-) -> str:
-    """The whole page.
+def write_page(config: TransferConfig, command: str) -> Path:
+    """Writes page and figure from the tables in `output`; the page.
 
     Args:
         config: Of the study.
-        drives: From `score.pairs`.
-        answers: `diagnosis.json` of each car.
-        command: That makes the page again.
-        picture: Its path from the page.
+        command: That makes them again.
+
+    Raises:
+        ValueError: The tables are missing, or incomplete.
     """
+    folder = Path(config.output)
+    drives, cars = read_tables(folder)
+    found = losses(drives, cars)
+    figure = transfer_figure(found, cars)
+    figure.savefig(folder / PICTURE, dpi=PRINTED)
+    plt.close(figure)
+    file = folder / "transfer.md"
+    write_atomically(file, transfer_page(config, drives, cars, command))
+    return file
+
+
+def transfer_page(
+    config: TransferConfig, drives: pd.DataFrame, cars: pd.DataFrame, command: str
+) -> str:
+    """The whole page as Markdown; arguments as of `write_page`, tables as of `read_tables`."""
     templates = Environment(
         loader=PackageLoader("buggy_rl.proof.transfer", ""),
         trim_blocks=True,
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
+    found = losses(drives, cars)
+    arms = found.arms
     return templates.get_template("transfer.md.jinja").render(
         config=config,
         command=command,
-        picture=picture,
-        arms=list(drives.arm.unique()),
+        picture=PICTURE,
+        arms=arms,
+        meaning={name: ARMS[name].meaning for name in arms},
         seeds=drives.seed.nunique(),
-        meaning=ARMS,
-        targets=targets(drives),
-        original=original_loss(),
-        closed=_closed(drives),
-        lost=_lost(counted(drives)),
-        lateral=_lateral(drives),
-        diagnosed=[_diagnosed(car, config.cars[car], answer) for car, answer in answers.items()],
+        found=found,
+        targets=targets(found, drives),
+        means=_means(found, drives),
+        pairs=[_pair(pair) for pair in pairs(found)],
+        carried=carried(found),
+        by_car=_by_car(found),
+        by_course=_by_course(drives, found),
+        said=cars.replace({"concealed": {"": "nothing"}, "named": {"": "nothing"}}),
     )
 
 
-def _closed(drives: pd.DataFrame) -> list[list[str]]:
-    """A row for each car, one for their mean, and one for the mean loss."""
-    of_car, judged = means(drives, "car", "arm"), counted(drives)
-    of_arm = means(judged, "arm")
+def _means(found: Losses, drives: pd.DataFrame) -> list[list[str]]:
+    """A row for each arm."""
+    draws, changed = drawn_means(found), found.changed
+    corrected, lost = found.corrected.mean(), found.lost
+    rows = []
+    for arm in found.arms:
+        here = drives[drives.car.isin(changed) & (drives.arm == arm)]
+        there = MeanOverCars.of(found.there.loc[changed, arm].mean(), draws.there[arm])
+        control = lost.loc[found.controls, arm].mean()
+        rows.append(
+            [
+                arm,
+                f"{found.own.loc[changed, arm].mean():.1f}",
+                f"{there}",
+                f"{lost.loc[changed, arm].mean():.1f}",
+                f"{control:.1f}" if found.controls else "-",
+                f"{MeanOverCars.of(corrected[arm], draws.corrected[arm])}",
+                f"{here.lateral.mean():.3f}",
+                f"{here.put_back.mean():.1f}",
+                f"{here.seconds.mean():.0f}",
+            ]
+        )
+    return rows
 
-    def interval(arm: str, column: str) -> str:
-        low, high = over_seeds(judged, arm, column)
-        return "-" if low != low else f"{low:.1f} .. {high:.1f}"
 
-    def cell(row: pd.Series) -> str:
-        return f"{row.there:.1f} ({row.own:.1f})"
-
-    arms = drives.arm.unique()
-    rows = [[c, *(cell(of_car.loc[(c, a)]) for a in arms)] for c in drives.car.unique()]
-    mean = [f"**{cell(of_arm.loc[a])}**, {interval(a, 'there')}" for a in arms]
-    lost = [f"**{of_arm.lost[a]:.1f}**, {interval(a, 'lost')}" for a in arms]
-    return [*rows, ["**mean**", *mean], ["**lost**", *lost]]
-
-
-def _lost(drives: pd.DataFrame) -> list[list[str]]:
-    """A row for each path, and one for the share that is lost."""
-    lost = drives.groupby(["course", "arm"], sort=False).lost
-    mean, sd, arms = lost.mean(), lost.std(ddof=0), drives.arm.unique()
-    rows = [
-        [course, *(f"{mean[course, arm]:.1f} ± {sd[course, arm]:.1f}" for arm in arms)]
-        for course in drives.course.unique()
+def _pair(pair: Pair) -> list[str]:
+    return [
+        pair.arm,
+        f"{pair.closed}",
+        f"{pair.closed_p:.2g}",
+        f"{pair.corrected}",
+        f"{pair.corrected_p:.2g}",
     ]
-    of_arm = means(drives, "arm")
-    share = 100 * of_arm.lost / of_arm.own
-    return [*rows, ["share of what it closed", *(f"{share[arm]:.0f} %" for arm in arms)]]
 
 
-def _lateral(drives: pd.DataFrame) -> list[list[str]]:
-    """A row for each car: distances from the path, and resets to it."""
-    of_car = means(drives, "car", "arm")
-
-    def cell(row: pd.Series) -> str:
-        resets = f"{row.put_back:.1f} ({row.own_put_back:.1f}) times"
-        return f"{row.lateral:.3f} ({row.own_lateral:.3f}), {resets}"
-
-    arms = drives.arm.unique()
-    return [[c, *(cell(of_car.loc[(c, a)]) for a in arms)] for c in drives.car.unique()]
-
-
-def _diagnosed(
-    car: str, concealed: Mapping[str, Mapping[str, float]], answer: Mapping[str, Any]
-) -> list[str]:
-    """A car: what is concealed in it, the verdict, and what was named."""
-    named = [
-        _effect(e["name"], {k: v["value"] for k, v in e["parameters"].items()})
-        + f" ({100 * e['confidence']:.0f} % sure)"
-        for e in answer["effects"]
+def _by_car(found: Losses) -> list[list[str]]:
+    """A row for each car: on it, and in the own simulator."""
+    there, own = (table.to_numpy().tolist() for table in (found.there, found.own))
+    return [
+        [str(car), *(f"{on:.0f} ({at:.0f})" for on, at in zip(*rows, strict=True))]
+        for car, *rows in zip(found.there.index, there, own, strict=True)
     ]
-    hidden = [_effect(effect, values) for effect, values in concealed.items()]
-    verdict = answer["verdict"].replace("_", " ")
-    return [car, "; ".join(hidden) or "nothing", verdict, "; ".join(named) or "nothing"]
 
 
-def _effect(name: str, numbers: Mapping[str, float]) -> str:
-    return f"{name} {', '.join(f'{k} {v:.3g}' for k, v in numbers.items())}"
+def _by_course(drives: pd.DataFrame, found: Losses) -> list[list[str]]:
+    """A row for each path: what is lost there on changed cars."""
+    here = drives[drives.car.isin(found.changed)]
+    lost = here.assign(lost=here.own - here.there).pivot_table("lost", "course", "arm", sort=False)
+    courses, cells = lost.index.tolist(), lost[found.arms].to_numpy().tolist()
+    return [
+        [course, *(f"{value:.1f}" for value in row)]
+        for course, row in zip(courses, cells, strict=True)
+    ]
 
 
-SPREAD = 0.7  # of the room between two cars that their arms take up
-BESIDE = 0.06  # [cars] how far the seeds stand beside their mean
+def transfer_figure(found: Losses, cars: pd.DataFrame) -> Figure:
+    """A column for each arm, a row for each car; waypoints a minute.
 
-
-def transfer_figure(drives: pd.DataFrame) -> Figure:
-    """A place for each car, in it a line for each arm from its simulator (open) to the car (dot).
-
-    Small dots are the seeds on the car. The drives are those of `score.pairs`.
+    An open circle is the own simulator, a dot the car, the line between them the loss. The grey
+    mark is the car with the policy as given. Controls are below the line.
     """
-    arms, cars = list(drives.arm.unique()), list(drives.car.unique())
-    figure, axis = plt.subplots(
-        figsize=(max(1.3 * len(cars) + 1.5, 9.0), 4.2), layout="constrained"
+    arms, rows = found.arms, [*found.changed, *found.controls]
+    figure, axes = plt.subplots(
+        1,
+        len(arms),
+        figsize=(2.6 + 1.25 * len(arms), 1.2 + 0.24 * len(rows)),
+        sharey=True,
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
     )
-    for number, arm in enumerate(arms):
-        for place, car in enumerate(cars):
-            here = drives[(drives.car == car) & (drives.arm == arm)]
-            own, there, colour = here.own.mean(), here.there.mean(), COLOURS[number]
-            seeds = here.groupby("seed", sort=False).there.mean()
-            x = place + SPREAD * ((number + 0.5) / len(arms) - 0.5)
-            axis.plot([x, x], [own, there], color=colour, lw=2.5, alpha=0.35)
-            axis.plot(x, own, "o", color=colour, mfc="white", ms=6)
-            axis.plot(x, there, "o", color=colour, ms=6)
-            axis.plot([x + BESIDE] * len(seeds), seeds, ".", color=colour, ms=3)
-    axis.set_xticks(range(len(cars)), [car.replace("_", "\n") for car in cars])
-    axis.set_ylabel("waypoints closed a minute")
-    axis.set_ylim(bottom=0.0)
-    tidy(axis)
-    shape: dict[str, Any] = {"color": MEASURED_COLOUR, "marker": "o", "ls": ""}
-    handles = [Line2D([], [], color=COLOURS[n], lw=4, label=arm) for n, arm in enumerate(arms)]
-    handles += [Line2D([], [], mfc="white", label="in its simulator", **shape)]
-    handles += [Line2D([], [], label="on the car", **shape)]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    for number, (arm, axis) in enumerate(zip(arms, axes[0], strict=True)):
+        _column(axis, found, arm, rows, COLOURS[number % len(COLOURS)])
+    labels = _labels(cars)
+    axes[0, 0].set_yticks(range(len(rows)), [labels[car] for car in rows])
+    axes[0, 0].set_ylim(len(rows) - 0.5, -0.5)
+    figure.supxlabel(
+        "waypoints a minute: on the car (dot), in the own simulator (circle), on the car as given "
+        "(grey)",
+        size=9,
+    )
     return figure
+
+
+def _column(axis: Axes, found: Losses, arm: str, rows: list[str], colour: str) -> None:
+    own, there = (table.loc[rows, arm].tolist() for table in (found.own, found.there))
+    places = list(range(len(rows)))
+    if GIVEN in found.arms:
+        axis.plot(found.there.loc[rows, GIVEN], places, "|", color=FAINT, ms=9, mew=1.5)
+    axis.hlines(places, own, there, color=colour, lw=2.0, alpha=0.35)
+    axis.plot(own, places, "o", color=colour, mfc="white", ms=4)
+    axis.plot(there, places, "o", color=colour, ms=4)
+    if found.controls:
+        axis.axhline(len(found.changed) - 0.5, color=FAINT, lw=0.8)
+    axis.set_title(arm.replace("_", "\n"), size=9)
+    axis.tick_params(axis="y", length=0)
+    tidy(axis)
+
+
+def _labels(cars: pd.DataFrame) -> Mapping[str, str]:
+    """What a car is called: its number, and the effects concealed in it."""
+    hidden = (text.split("; ") if text else [] for text in cars.concealed)
+    effects = [", ".join(part.split()[0] for part in parts) for parts in hidden]
+    return {
+        car: f"{named or 'nothing'} {car}" for car, named in zip(cars.car, effects, strict=True)
+    }

@@ -54,7 +54,7 @@ def fitted_with_spread(
     if file.suffix not in (".yaml", ".yml"):
         raise ValueError(
             f"{simulator} has no intervals to draw from: use a file that scripts/fit_mujoco.py has "
-            "written (or, in scripts/transfer.py, undecided=false)"
+            "written"
         )
     content, known = read_simulator(file), dict(tuned or {})
     options = {**content["options"], **options}
@@ -68,10 +68,13 @@ def fitted_with_spread(
         intervals = {name: fitted[name] for name in fitted.keys() - known}
         engine = engine.with_parameters(_drawn(engine, intervals))
     effects = effects_for(engine, content["effects"])
-    return with_effects(engine, [_scaled(effect, engine.batch_size) for effect in effects])
+    return with_effects(
+        engine, [scaled_correction(effect, engine.batch_size) for effect in effects]
+    )
 
 
-def _scaled(effect: Effect, batch_size: torch.Size) -> Effect:
+def scaled_correction(effect: Effect, batch_size: torch.Size) -> Effect:
+    """A learned correction with a strength of 0 to twice its own, drawn; others as they are."""
     if not isinstance(effect, ResidualAcceleration):
         return effect
     strength = 2.0 * effect.values["strength"].cpu() * torch.rand(batch_size)
@@ -100,7 +103,7 @@ class Spread(NamedTuple):
     why: str
 
 
-SPREADS = (
+MUJOCO = (
     Spread(("mass", "yaw_inertia"), 0.75, 1.25, False, "a battery, a camera, a lidar more or less"),
     Spread(("grip_front", "grip_rear"), 0.7, 1.1, False, "one floor for all wheels: dust, tiles"),
     Spread(("grip_front",), 0.9, 1.1, False, "tyres do not wear alike"),
@@ -117,6 +120,23 @@ SPREADS = (
     Spread(("drive_speed_loss",), 0.8, 1.25, False, "another winding"),
     Spread(("rolling_resistance", "viscous_drag"), 0.7, 1.3, False, "carpet, bearings, grease"),
 )
+SINGLE_TRACK = (
+    Spread(("mass", "yaw_inertia"), 0.75, 1.25, False, "this and all others: as of MuJoCo"),
+    Spread(("front_grip", "rear_grip"), 0.7, 1.1, False, "one floor under both axles"),
+    Spread(("front_grip",), 0.9, 1.1, False, "tyres do not wear alike"),
+    Spread(("front_stiffness", "rear_stiffness"), 0.7, 1.3, False, "other rubber"),
+    Spread(("front_shape", "rear_shape"), 0.0, 0.4, True, "how a tyre slides"),
+    Spread(("left_angle", "right_angle"), 0.85, 1.15, False, "half a hole of a servo horn"),
+    Spread(("steering_offset",), -0.08, 0.08, True, "in command: 1.7 degrees of 21"),
+    Spread(("steering_lag",), 0.0, 0.05, True, "a servo at low voltage"),
+    Spread(("steering_dead_time",), 0.0, 0.08, True, "two to four frames of a slow radio"),
+    Spread(("throttle_dead_time",), 0.0, 0.08, True, "likewise"),
+    Spread(("drive_force",), 0.75, 1.2, False, "an empty battery, a full one"),
+    Spread(("drive_force_loss",), 0.8, 1.25, False, "another winding"),
+    Spread(("dry_friction", "viscous_friction"), 0.7, 1.3, False, "carpet, bearings, grease"),
+)
+SPREADS = {"mujoco": MUJOCO, "single_track": SINGLE_TRACK}
+"""Engine -> what is drawn of its parameters."""
 
 
 def randomised(simulator: str, batch_size: int | Sequence[int], device: str = "cpu") -> EnvBase:
@@ -126,22 +146,33 @@ def randomised(simulator: str, batch_size: int | Sequence[int], device: str = "c
     PyTorch's global generator draws them: the seed fixes them.
 
     Raises:
-        ValueError: The simulator has none of the parameters.
+        ValueError: No entry of `SPREADS` has parameters of the simulator alone.
     """
     engine = make_simulator(simulator, batch_size, device)
-    if not isinstance(engine, Engine) or not any(n in engine.values for s in SPREADS for n in s[0]):
-        raise ValueError(f"{simulator} has no parameters that could be drawn: use MuJoCo's")
-    return engine.with_parameters(TensorDict(drawn_parameters(engine), engine.batch_size))
+    spreads = _spreads_of(engine) if isinstance(engine, Engine) else None
+    if spreads is None or not isinstance(engine, Engine):
+        raise ValueError(
+            f"{simulator} has no parameters that could be drawn: use one of {', '.join(SPREADS)} "
+            "without effects, or a surrogate over it"
+        )
+    return engine.with_parameters(TensorDict(drawn_parameters(engine, spreads), engine.batch_size))
 
 
-def drawn_parameters(engine: Engine) -> dict[str, Tensor]:
-    """Parameter name -> values [*batch] of every parameter that the engine has of `SPREADS`."""
+def _spreads_of(engine: Engine) -> Sequence[Spread] | None:
+    """The entry of `SPREADS` of which an engine has all parameters."""
+    for spreads in SPREADS.values():
+        if all(name in engine.values for spread in spreads for name in spread.names):
+            return spreads
+    return None
+
+
+def drawn_parameters(engine: Engine, spreads: Sequence[Spread]) -> dict[str, Tensor]:
+    """Parameter name -> values [*batch] of every parameter in `spreads`."""
     values: dict[str, Tensor] = {}
-    for spread in SPREADS:
+    for spread in spreads:
         number = spread.low + (spread.high - spread.low) * torch.rand(engine.batch_size)
         for name in spread.names:
-            if name in engine.values:
-                value = values.get(name, engine.values[name].cpu().expand(engine.batch_size))
-                values[name] = value + number if spread.added else value * number
+            value = values.get(name, engine.values[name].cpu().expand(engine.batch_size))
+            values[name] = value + number if spread.added else value * number
     ranges = engine.declared
     return {n: v.clamp(ranges[n].lower, ranges[n].upper) for n, v in values.items()}

@@ -1,12 +1,16 @@
-"""The study: cars in which something is concealed, and where policies for them are trained.
+"""The study: drawn cars, where policies for them are trained, and where everything lies.
 
-OUTPUT/cars/CAR/recordings/      two minutes of driving, and baseline/ from before the change
-OUTPUT/cars/CAR/diagnosis/       repaired.yaml
-OUTPUT/cars/CAR/learned/         the model of the same two minutes
-OUTPUT/cars/CAR/policies/ARM_N/  policies for this car; those of no car in OUTPUT/policies
-.../policies/ARM.py              the simulator that they train in, where its cars differ
-.../policies/ARM.json            their drives in their own simulator
-OUTPUT/cars/CAR/driven.json      drives of all policies on the car
+OUTPUT/secret.sha256             hash of what the cars are drawn from; SEALED/secret.txt itself
+OUTPUT/cars/CAR/earlier/         drives before the change, that the simulator is fitted to
+OUTPUT/cars/CAR/baseline/        two further minutes before the change
+OUTPUT/cars/CAR/recordings/      two minutes after the change
+OUTPUT/cars/CAR/fit/, refit/     the fits before and after the change
+OUTPUT/cars/CAR/before/          the model of the earlier drives; learned/ that of all drives
+OUTPUT/cars/CAR/diagnosis/       repaired.yaml, diagnosis.json
+OUTPUT/cars/CAR/simulators/      ARM.yaml, ARM.py: what policies are trained in
+OUTPUT/cars/CAR/policies/ARM_N/  a policy
+OUTPUT/cars/CAR/driven/          ARM.json, drives in the own simulator; car.json, on the car
+OUTPUT/drives.csv, cars.csv      all drives, all cars; transfer.md and transfer.png are made of them
 """
 
 from dataclasses import dataclass, field
@@ -17,138 +21,141 @@ from omegaconf import MISSING
 
 from buggy_rl.jobs.launching import Launching
 from buggy_rl.proof.cases.case import Case
+from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.cases.simulators import LEARNED
+from buggy_rl.proof.transfer.arms import ARMS
+from buggy_rl.proof.transfer.draw import drawn_cars
 
-STAGES = ("drive", "diagnose", "learn", "train", "evaluate", "page")
-ARMS = {
-    "unrepaired": "MuJoCo as fitted before the change",
-    "repaired": "MuJoCo repaired by the diagnosis of two minutes of driving",
-    "learned": "a model learned from the same two minutes",
-    "randomised": "MuJoCo with randomised physics",
-}
-DRAWN = ("unrepaired", "repaired", "randomised")  # MuJoCo, whose cars may differ
-SHARED = ("unrepaired", "randomised")  # know nothing of the car, so they are trained once a seed
-FIRST_SEED = 700_000_000  # of cars: no case of scripts/prove.py has it
+STAGES = ("drive", "fit", "learn", "diagnose", "train", "evaluate", "page")
 
 
 @dataclass(frozen=True)
 class TransferConfig(Launching):
-    """Four policies for each concealed car, driven on it."""
+    """Policies for drawn cars, by arms, driven on the cars."""
 
     output: str = MISSING
     """Folder of everything."""
-    simulator: str = "runs/sample/mujoco_fitted.yaml"
-    """The simulator as it was before the change."""
-    cars: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
-    """What is concealed, as cars.CAR.EFFECT.PARAMETER=VALUE; new ones go to the end. A car of {}
-    is one with nothing wrong, for control: it is shown, and not counted in means."""
+    sealed: str = ""
+    """Folder of the secret that cars are drawn from; empty for OUTPUT_sealed."""
+    cars: int = 20
+    """Number of cars; more leave those before them as they are."""
+    control_every: int = 10
+    """Every so many cars one has nothing wrong, as the control."""
+    spread: float = 0.1
+    """Share by which each parameter of a car is drawn off its own, at most."""
     arms: list[str] = field(default_factory=lambda: list(ARMS))
-    """Simulators that policies are trained in: any of unrepaired, repaired, learned, randomised."""
-    seeds: list[int] = field(default_factory=lambda: [0, 1, 2])
+    """Simulators that policies are trained in, of `ARMS` in proof/transfer/arms.py."""
+    seeds: list[int] = field(default_factory=lambda: list(range(10)))
     """One policy for each."""
     drives: int = 4
-    """Drives of the car, and as many before the change; three at least are learned from."""
+    """Drives after the change, and as many before it as the diagnosis's baseline."""
+    earlier: int = 6
+    """Drives before the change that the simulator is fitted to, less the first two, which stop
+    and judge trainings of models."""
     seconds: float = 30.0
     """Length of each [s]."""
-    seed: int = 0
-    """Seed of drivers and cameras."""
-    diagnosis: list[str] = field(default_factory=lambda: ["stretches=60"])
-    """Options of scripts/diagnose.py; MuJoCo takes its time, so not all stretches of a second."""
+    fit: list[str] = field(default_factory=lambda: ["fit_simulator=single_track"])
+    """Options of scripts/fit_mujoco.py, of fits before and after the change."""
     model: list[str] = field(default_factory=lambda: list(LEARNED))
     """Options of scripts/train_models.py: the model, which must be called `model`."""
-    undecided: bool = True
-    """Whether cars that unrepaired and repaired policies train on differ by what the fit of
-    `simulator` left open; else all are its best guess."""
-    policy: list[str] = field(default_factory=lambda: ["configs/ppo.yaml", "configs/ppo_car.yaml"])
+    diagnosis: list[str] = field(default_factory=list)
+    """Options of scripts/diagnose.py."""
+    policy: list[str] = field(
+        default_factory=lambda: ["configs/shac.yaml", "configs/ppo_car.yaml", "validations=3"]
+    )
     """YAML files and options of scripts/train_policy.py, the same for every policy."""
-    steps: int = 3_000_000
-    """The budget: steps of PPO for each policy."""
+    continued: list[str] = field(default_factory=lambda: ["configs/shac_continued.yaml"])
+    """The same of policies that begin with another one, after `policy`."""
+    steps: int = 240_000
+    """Steps of a training; one that begins with another policy has a tenth."""
     judged_seconds: float = 60.0
     """Length of a drive on lap and infinity [s]; on the tight path it is 5 s."""
-    judged_drives: int = 5
+    judged_drives: int = 2
     """Drives of each policy on each path, which differ by the camera's noise."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
-    """Any of drive, diagnose, learn, train, evaluate, page; what is done is not done again."""
+    """Any of drive, fit, learn, diagnose, train, evaluate, page; what is done is not done again."""
     workers: int = 2
     """Things at a time, a core each."""
 
     def __post_init__(self) -> None:
-        odd = sorted(name for name in self.cars if not name.isidentifier())
-        if odd:
-            raise ValueError(f"cars are folders, too: {odd} must be letters, digits, underscores")
         for what, names, known in (("stages", self.stages, STAGES), ("arms", self.arms, ARMS)):
             unknown = sorted(set(names) - set(known))
             if unknown:
                 raise ValueError(f"no {what} {unknown}; available: {', '.join(known)}")
-        if self.drives < 3:
-            raise ValueError(
-                f"drives is {self.drives}: must be 3 at least, or the learned model has nothing "
-                "left to stop its training by"
-            )
+        for what, least in (("cars", 1), ("control_every", 2), ("drives", 2), ("earlier", 3)):
+            if getattr(self, what) < least:
+                raise ValueError(f"{what} is {getattr(self, what)}: must be {least} at least")
+        alone = [arm for arm in self.arms if ARMS[arm].start not in ("", *self.arms)]
+        if alone:
+            raise ValueError(f"arms {alone} begin with policies of {ARMS[alone[0]].start}: name it")
+
+    def needs(self, *made: str) -> bool:
+        """Whether an arm is made from one of these: its base or its gradients."""
+        chosen = [ARMS[name] for name in self.arms]
+        return any(name in (arm.base, arm.gradient) for arm in chosen for name in made)
 
     @property
-    def cases(self) -> dict[str, Case]:
-        """The cars as cases of the proof: reference cars, with drives from before the change."""
-        first = FIRST_SEED + 1000 * self.seed
-        return {
-            name: Case(
-                first + place,
-                "reference",
-                "mujoco_fitted",
-                baseline=True,
-                concealed=concealed,
-                seconds=self.seconds,
-                drives=self.drives,
-                held_out=0,
-            )
-            for place, (name, concealed) in enumerate(self.cars.items())
-        }
+    def store(self) -> CaseStore:
+        """Place of the secret and its hash."""
+        output = Path(self.output)
+        return CaseStore(output, Path(self.sealed) if self.sealed else Path(f"{output}_sealed"))
+
+    def drawn(self, secret: str) -> dict[str, Case]:
+        """The cars by name."""
+        return drawn_cars(
+            self.cars, secret, self.control_every, self.spread, self.drives, self.seconds
+        )
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cars."""
+        return [f"{number:02d}" for number in range(1, self.cars + 1)]
 
     def car(self, name: str) -> Path:
         """Folder of a car."""
         return Path(self.output) / "cars" / name
 
-    def made_from(self, arm: str, car: str) -> str:
-        """File of the one car that an arm's simulator is made from."""
-        own = {"repaired": "diagnosis/repaired.yaml", "learned": "learned/models/model.pt"}
-        return str(self.car(car) / own[arm]) if arm in own else self.simulator
+    def fitted(self, car: str, folder: str = "fit") -> Path:
+        """File of a car's fit before the change, or of that in another folder of the car."""
+        options = dict(option.split("=", 1) for option in self.fit if "=" in option)
+        return self.car(car) / folder / f"{options.get('fit_simulator', 'mujoco')}_fitted.yaml"
 
-    def factory(self, arm: str, car: str) -> Path | None:
-        """File of the simulator in which an arm's cars differ; None where they are all alike."""
-        if arm not in DRAWN or (arm != "randomised" and not self.undecided):
-            return None
-        return self.folder(Trained(arm, car, 0)).with_name(f"{arm}.py")
+    def model_of(self, car: str, folder: str) -> Path:
+        """File of a car's model, `before` or `learned`."""
+        return self.car(car) / folder / "models" / "model.pt"
+
+    def repaired(self, car: str) -> Path:
+        """File of a car's repaired simulator."""
+        return self.car(car) / "diagnosis" / "repaired.yaml"
+
+    def answer(self, car: str) -> Path:
+        """File of what a car's diagnosis says."""
+        return self.car(car) / "diagnosis" / "diagnosis.json"
 
     def simulator_of(self, arm: str, car: str) -> str:
         """What an arm's policies are trained in."""
-        factory = self.factory(arm, car)
-        return self.made_from(arm, car) if factory is None else f"{factory}:make"
-
-    def places(self) -> list[tuple[str, str]]:
-        """Every arm, and the car that it is for; those of no car, empty, first."""
-        shared = [(arm, "") for arm in self.arms if arm in SHARED]
-        return shared + [(a, car) for car in self.cars for a in self.arms if a not in SHARED]
+        file = self.car(car) / "simulators" / arm
+        return f"{file}.py:make" if ARMS[arm].drawn else f"{file}.yaml"
 
     def policies(self) -> list["Trained"]:
-        """Every policy of the study."""
-        return [Trained(*place, seed) for place in self.places() for seed in self.seeds]
+        """Every policy of the study, by car."""
+        return [Trained(a, c, s) for c in self.names for a in self.arms for s in self.seeds]
 
     def folder(self, policy: "Trained") -> Path:
         """Folder of a policy."""
-        above = self.car(policy.car) if policy.car else Path(self.output)
-        return above / "policies" / f"{policy.arm}_{policy.seed}"
+        return self.car(policy.car) / "policies" / f"{policy.arm}_{policy.seed}"
 
-    def own_drives(self, arm: str, car: str) -> Path:
-        """File of an arm's drives in its own simulator."""
-        return self.folder(Trained(arm, car, 0)).with_name(f"{arm}.json")
+    def steps_of(self, arm: str) -> int:
+        """Steps of an arm's trainings."""
+        return self.steps // 10 if ARMS[arm].start else self.steps
 
-    def car_drives(self, car: str) -> Path:
-        """File of all arms' drives on a car."""
-        return self.car(car) / "driven.json"
+    def driven(self, car: str, arm: str = "car") -> Path:
+        """File of an arm's drives in its own simulator, or of all drives on a car."""
+        return self.car(car) / "driven" / f"{arm}.json"
 
 
 class Trained(NamedTuple):
-    """One policy: where it was trained, for which car (empty for all), and its seed."""
+    """One policy: where it was trained, for which car, and its seed."""
 
     arm: str
     car: str

@@ -1,48 +1,165 @@
-"""Waypoints that policies close on the car, against those that they close in simulation.
+"""What the drives show: losses, paired differences over cars, and the targets of the study.
 
-The drives are a table with a row for each policy and path: `car`, `arm`, `seed`, `course`,
-`control` (whether nothing is wrong with the car) and the columns of `UNITS`.
+A car is the unit; its seeds and paths are averaged first. Lost is what a policy closes in its own
+simulator less what it closes on the car. Corrected is that less what policies of the same arm lose
+on the cars with nothing wrong that the arm was made for: what any simulator loses.
 """
 
-import json
-import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from statistics import fmean
-from typing import Any
+from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
-import torch
-from torch import Tensor
-from torchrl.envs import EnvBase
+from scipy.stats import wilcoxon
 
-from buggy_rl.core.files import write_json
-from buggy_rl.core.vehicle import CONTROL_PERIOD
-from buggy_rl.jobs import digest
-from buggy_rl.policies.closed_loop import TrackReset, drive
-from buggy_rl.policies.evaluation.drives import benchmark_paths, evaluation_task
-from buggy_rl.policies.evaluation.tables import ORIGINAL, mean_interval
-from buggy_rl.policies.training.actor_critic import load_policy
-from buggy_rl.policies.training.run import task_of
-from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.cases.drives import joined
-from buggy_rl.proof.plants import make_plant
-from buggy_rl.proof.transfer.plan import SHARED, TransferConfig
-from buggy_rl.task.env import make_env, make_simulator
+CURED = 0.2  # share of the loss as given that the repaired policy may have
+REACHED = 0.95  # share of the repaired policy's gain that one that is trained on must have
+RESAMPLES = 10_000
+SEED = 0
+REPAIRED, GIVEN, TRUTH, CONTINUED = "repaired", "as_given", "truth", "continued"
 
-CURED = 0.2  # share of the unrepaired policy's loss that the repaired one may have
-KEY = ["car", "arm", "seed", "course"]
-UNITS = {
-    "own": "waypoints closed in the policy's own simulator [1/min]",
-    "there": "waypoints closed on the car [1/min]",
-    "lost": "their difference [1/min]",
-    "own_lateral": "mean distance from the path in the own simulator [m]",
-    "lateral": "mean distance from the path on the car [m]",
-    "own_put_back": "resets to the path in the own simulator [1/min]",
-    "put_back": "resets to the path on the car [1/min]",
-}
-COUNTED = list(UNITS)
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Waypoints a minute by car (rows) and arm (columns)."""
+
+    own: pd.DataFrame
+    there: pd.DataFrame
+    changed: list[str]
+    """Cars in which something is concealed."""
+    controls: list[str]
+    """Cars with nothing wrong."""
+
+    @property
+    def lost(self) -> pd.DataFrame:
+        """Lost from simulator to car, of all cars."""
+        return self.own - self.there
+
+    @property
+    def corrected(self) -> pd.DataFrame:
+        """Lost by changed cars beyond the mean of the controls; not corrected without controls."""
+        lost = self.lost
+        if not self.controls:
+            return lost.loc[self.changed]
+        return lost.loc[self.changed] - lost.loc[self.controls].mean()
+
+    @property
+    def arms(self) -> list[str]:
+        """All arms, in their order."""
+        return [str(arm) for arm in self.there.columns]
+
+    def without(self, car: str) -> "Losses":
+        """The study without a changed car."""
+        changed = [name for name in self.changed if name != car]
+        return Losses(self.own, self.there, changed, self.controls)
+
+
+def losses(drives: pd.DataFrame, cars: pd.DataFrame) -> Losses:
+    """Means of every car and arm.
+
+    Args:
+        drives: From `tables.read_tables`,
+        cars: likewise.
+
+    Raises:
+        ValueError: No car has something wrong, or an arm was not driven on some car.
+    """
+    own, there = (
+        drives.pivot_table(column, "car", "arm", sort=False) for column in ("own", "there")
+    )
+    if there.isna().any(axis=None):
+        lacking = there.index[there.isna().any(axis=1)].tolist()
+        raise ValueError(f"cars {lacking} lack drives of some arms: run the stages before page")
+    right = set(cars.car[cars.concealed == ""])
+    driven = [str(car) for car in there.index]
+    changed = [car for car in driven if car not in right]
+    if not changed:
+        raise ValueError("no car has something wrong: draw more cars")
+    return Losses(own, there, changed, [car for car in driven if car in right])
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMeans:
+    """Means over cars drawn with replacement, [RESAMPLES] rows, arms as columns.
+
+    Changed cars and controls are drawn apart from each other.
+    """
+
+    there: pd.DataFrame
+    corrected: pd.DataFrame
+
+
+def drawn_means(found: Losses) -> DrawnMeans:
+    """Bootstrap over cars; the same numbers every time."""
+    chance = np.random.default_rng(SEED)
+    lost = found.lost
+
+    def means(table: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
+        return table.to_numpy()[rows].mean(1)
+
+    def rows(cars: list[str]) -> np.ndarray:
+        return chance.integers(0, len(cars), (RESAMPLES, len(cars)))
+
+    changed = rows(found.changed)
+    corrected = means(lost.loc[found.changed], changed)
+    if found.controls:
+        corrected = corrected - means(lost.loc[found.controls], rows(found.controls))
+    there = means(found.there.loc[found.changed], changed)
+    arms = found.there.columns
+    return DrawnMeans(pd.DataFrame(there, columns=arms), pd.DataFrame(corrected, columns=arms))
+
+
+@dataclass(frozen=True)
+class MeanOverCars:
+    """A mean over cars with its 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, mean: float, draws: pd.Series) -> "MeanOverCars":
+        """Makes one by the draws of a bootstrap."""
+        low, high = np.nanquantile(draws, (0.025, 0.975))
+        return cls(float(mean), float(low), float(high))
+
+    def __str__(self) -> str:
+        return f"{self.mean:.1f} ({self.low:.1f} to {self.high:.1f})"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The repaired policy less that of another arm, over cars."""
+
+    arm: str
+    closed: MeanOverCars
+    """Waypoints a minute on the car."""
+    closed_p: float
+    """Value of p by Wilcoxon's signed-rank test; nan where all differences are 0."""
+    corrected: MeanOverCars
+    """Corrected loss [1/min]."""
+    corrected_p: float
+
+
+def pairs(found: Losses) -> list[Pair]:
+    """Repaired against every other arm; none without it."""
+    there, corrected, draws = found.there.loc[found.changed], found.corrected, drawn_means(found)
+    arms = [arm for arm in found.arms if arm != REPAIRED and REPAIRED in found.arms]
+    rows = []
+    for arm in arms:
+        values: list = []
+        for table, drawn in ((there, draws.there), (corrected, draws.corrected)):
+            difference = table[REPAIRED] - table[arm]
+            spread = drawn[REPAIRED] - drawn[arm]
+            values += [MeanOverCars.of(difference.mean(), spread), signed_rank(difference)]
+        rows.append(Pair(arm, *values))
+    return rows
+
+
+def signed_rank(differences: pd.Series) -> float:
+    """Two-sided p of Wilcoxon's signed-rank test; nan where all differences are 0."""
+    if not differences.any():
+        return float("nan")
+    return float(wilcoxon(differences.to_numpy()).pvalue)
 
 
 @dataclass(frozen=True)
@@ -53,218 +170,87 @@ class Target:
     met: bool
 
 
-def pairs(config: TransferConfig) -> pd.DataFrame:
-    """Every policy and path that was driven both on a car and in simulation.
-
-    Raises:
-        ValueError: There is none.
-    """
-    own, there = [], []
-    for car in config.cars:
-        there += [{"car": car, **row} for row in _drives(config.car_drives(car))]
-        for arm in config.arms:
-            file = config.own_drives(arm, "" if arm in SHARED else car)
-            own += [{"car": car, **row} for row in _drives(file)]
-    columns = [*KEY, "minutes", "waypoints", "lateral_mean", "put_back"]
-    on_car, simulated = (pd.DataFrame(rows, columns=columns) for rows in (there, own))
-    both = on_car.merge(simulated, on=KEY, suffixes=("", "_own"))
-    if both.empty:
-        raise ValueError(f"{config.output} has no drives yet: run the stages before page")
-    drives = both[KEY].assign(
-        own=both.waypoints_own / both.minutes_own, there=both.waypoints / both.minutes
-    )
-    return drives.assign(
-        lost=drives.own - drives.there,
-        own_lateral=both.lateral_mean_own,
-        lateral=both.lateral_mean,
-        own_put_back=both.put_back_own / both.minutes_own,
-        put_back=both.put_back / both.minutes,
-        control=[not config.cars[car] for car in both.car],
-    )
-
-
-def _drives(file: Path) -> list[dict[str, Any]]:
-    return json.loads(file.read_text())["drives"] if file.exists() else []
-
-
-def counted(drives: pd.DataFrame) -> pd.DataFrame:
-    """Drives without the cars that have nothing wrong, unless there are no others."""
-    return drives if drives.control.all() else drives.loc[~drives.control]
-
-
-def means(drives: pd.DataFrame, *by: str) -> pd.DataFrame:
-    """Means of all columns by car, arm, seed or course, in the order of their first appearance."""
-    return pd.DataFrame(drives.groupby(list(by), sort=False)[COUNTED].mean())
-
-
-def over_seeds(drives: pd.DataFrame, arm: str, column: str) -> tuple[float, float]:
-    """95 % interval of an arm's mean over seeds."""
-    return mean_interval(means(drives.loc[drives.arm == arm], "seed")[column].tolist())
-
-
-def targets(drives: pd.DataFrame) -> list[Target]:
-    """What the study has to show, and whether it does; none without both arms it is about."""
-    arms = means(counted(drives), "arm")
-    if not {"unrepaired", "repaired"} <= set(arms.index):
-        return []
-    lost, there = arms.lost, arms.there
-    best = there.drop("repaired").idxmax()
-    return [
-        Target(
-            f"The repaired simulator's policy loses {lost['repaired']:.1f} waypoints a minute, "
-            f"at most a fifth of the {lost['unrepaired']:.1f} that the unrepaired one's loses.",
-            bool(lost["repaired"] <= CURED * max(lost["unrepaired"], 0.0)),
-        ),
-        Target(
-            f"It closes {there['repaired']:.1f} a minute on the car, at least as many as any "
-            f"other ({best}: {there[best]:.1f}).",
-            bool(there["repaired"] >= there[best]),
-        ),
-    ]
-
-
-def original_loss() -> dict[str, tuple[float, float]]:
-    """Loss of the original study's policies: waypoints closed in simulation and lost from there."""
-    lost, own = ORIGINAL["lost"]["mean"], ORIGINAL["own simulator"].values()
-    return {kind: (fmean(float(row[kind]) for row in own), float(lost[kind])) for kind in lost}
-
-
-def answers(config: TransferConfig) -> dict[str, dict[str, Any]]:
-    """`diagnosis.json` of each car."""
-    files = {car: config.car(car) / "diagnosis" / "diagnosis.json" for car in config.cars}
-    return {car: json.loads(file.read_text()) for car, file in files.items() if file.exists()}
-
-
-def transfer_results(config: TransferConfig, drives: pd.DataFrame) -> dict[str, Any]:
-    """All drives, their means and the targets, as JSON holds them."""
-
-    def listed(of: pd.DataFrame, *by: str) -> list[dict[Any, Any]]:
-        return means(of, *by).reset_index().to_dict("records")
-
-    return {
-        "unit": "waypoints a minute",
-        "seeds": config.seeds,
-        "steps": config.steps,
-        "targets": [asdict(target) for target in targets(drives)],
-        "arms": listed(counted(drives), "arm"),
-        "cars": listed(drives, "car", "arm"),
-        "courses": listed(counted(drives), "course", "arm"),
-        "drives": drives.to_dict("records"),
-    }
-
-
-ENDLESS = ("lap", "infinity")  # can be driven for any time; the tight random path ends
-ROOM = (*ENDLESS, "random")
-CAR = "car"  # the place that is not a simulator
-
-
-@dataclass(frozen=True)
-class PolicyBatch:
-    """Policies that drive side by side in one place, and the file that holds how."""
-
-    file: Path
-    place: str
-    """`car`, or the simulator."""
-    case: Case | None
-    """The car; None in a simulator."""
-    policies: tuple[tuple[str, int, str], ...]
-    """Arm, seed and file of each."""
-    seconds: float
-    """Length of a drive on the endless paths [s]."""
-    drives: int
-    """Drives of each policy on each path."""
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What the drives depend on, as JSON holds it."""
-        case = None if self.case is None else asdict(self.case)
-        listed = [[*policy, digest(policy[2])] for policy in self.policies]
-        rest = {"seconds": self.seconds, "drives": self.drives, "marshal": True}
-        return {"place": self.place, "case": case, "policies": listed, **rest}
-
-    @property
-    def done(self) -> bool:
-        """Whether the file is there, of the same settings."""
-        return self.file.exists() and json.loads(self.file.read_text())["asked"] == self.settings
-
-    def cars(self, count: int) -> EnvBase:
-        """Makes `count` cars of this place, one an environment."""
-        if self.case is None:
-            return make_simulator(self.place, count)
-        return make_plant(self.case.plant, count, self.case.faults)
-
-
-def judgements(config: TransferConfig) -> list[PolicyBatch]:
-    """Every drive of the study: each arm in its simulator, all of them on each car."""
-    how = (config.judged_seconds, config.judged_drives)
-
-    def trained(*wanted: tuple[str, str]) -> tuple[tuple[str, int, str], ...]:
-        found = (p for pair in wanted for p in config.policies() if (p.arm, p.car) == pair)
-        return tuple((p.arm, p.seed, str(config.folder(p) / "best.pt")) for p in found)
-
+def targets(found: Losses, drives: pd.DataFrame) -> list[Target]:
+    """What the study has to show, and whether it does; those whose arms there are."""
+    arms = set(found.arms)
     listed = []
-    for arm, car in config.places():
-        place, policies = config.simulator_of(arm, car), trained((arm, car))
-        listed.append(PolicyBatch(config.own_drives(arm, car), place, None, policies, *how))
-    for car, case in config.cases.items():
-        policies = trained(*((arm, "" if arm in SHARED else car) for arm in config.arms))
-        listed.append(PolicyBatch(config.car_drives(car), CAR, case, policies, *how))
+    if {REPAIRED, GIVEN} <= arms:
+        listed.append(_cured(found))
+    if REPAIRED in arms and arms - {REPAIRED, TRUTH}:
+        listed.append(_closes_most(found))
+    if {REPAIRED, GIVEN, CONTINUED} <= arms:
+        listed.append(_trained_on(found, drives))
     return listed
 
 
-def unjudged(config: TransferConfig) -> list[PolicyBatch]:
-    """Batches that are still to be driven.
-
-    Raises:
-        ValueError: A policy is not trained yet.
-    """
-    left = [judged for judged in judgements(config) if not judged.done]
-    files = dict.fromkeys(file for judged in left for _, _, file in judged.policies)
-    missing = [file for file in files if not Path(file).exists()]
-    if missing:
-        raise ValueError(f"{len(missing)} policies are not trained yet, such as {missing[0]}")
-    return left
-
-
-def drive_policies(judged: PolicyBatch) -> int:
-    """Lets policies drive and writes their file; how many they are."""
-    rows = list(drive_rows(judged))
-    write_json(judged.file, {"asked": judged.settings, "drives": rows})
-    return len(judged.policies)
+def _cured(found: Losses) -> Target:
+    mean, draws = found.corrected.mean(), drawn_means(found).corrected
+    beyond = MeanOverCars.of(
+        mean[REPAIRED] - CURED * mean[GIVEN], draws[REPAIRED] - CURED * draws[GIVEN]
+    )
+    sentence = (
+        f"Repaired, policies lose {mean[REPAIRED]:.1f} waypoints a minute beyond their control, at "
+        f"most a fifth of the {mean[GIVEN]:.1f} as given; less that fifth it is {beyond}, which "
+        "must end below 0."
+    )
+    return Target(sentence, bool(mean[GIVEN] > 0 and beyond.high <= 0))
 
 
-def drive_rows(judged: PolicyBatch) -> Iterator[dict[str, Any]]:
-    """One row for each policy and path: means over its drives.
-
-    Yields:
-        `arm`, `seed`, `course`, `minutes`, the fields of `closed_loop.Scores`, and `put_back`, the
-        number of resets to the path.
-    """
-    loaded = [load_policy(file) for _, _, file in judged.policies]
-    task = task_of(loaded[0][1], judged.policies[0][2])
-    drivers = [policy.driver() for policy, _ in loaded]
-    driver = joined(drivers, [judged.drives] * len(drivers))
-    for course in ROOM:
-        known = benchmark_paths(task.paths, 1)[course]
-        endless = course in ENDLESS
-        steps = round(judged.seconds / CONTROL_PERIOD) if endless else known.steps
-        # The car is seen through its camera; a simulator as in training.
-        seen = replace(evaluation_task(task, steps, judged.case is not None), paths=known.paths)
-        with torch.random.fork_rng():
-            torch.manual_seed(0)
-            cars = judged.cars(len(loaded) * judged.drives)
-            env = make_env(cars, task=seen)
-            reset = TrackReset(env)
-            scores = drive(env, driver, steps, reset)
-        minutes = steps * CONTROL_PERIOD / 60.0
-        for place, (arm, seed, _) in enumerate(judged.policies):
-            rows = slice(place * judged.drives, (place + 1) * judged.drives)
-            means = {name: mean_of(value[rows]) for name, value in vars(scores).items()}
-            means["put_back"] = mean_of(reset.times[rows])
-            yield {"arm": arm, "seed": seed, "course": course, "minutes": minutes, **means}
+def _closes_most(found: Losses) -> Target:
+    there = found.there.loc[found.changed].mean()
+    others = there.drop([REPAIRED, TRUTH], errors="ignore")
+    best = str(others.idxmax())
+    sentence = (
+        f"They close {there[REPAIRED]:.1f} a minute on the car, at least as many as those of every "
+        f"arm but {TRUTH} (the best: {best}, {others[best]:.1f})."
+    )
+    return Target(sentence, bool(there[REPAIRED] >= others[best]))
 
 
-def mean_of(values: Tensor) -> float | None:
-    """None where there is none, which JSON can hold."""
-    mean = values.mean().item()
-    return None if math.isnan(mean) else mean
+def _trained_on(found: Losses, drives: pd.DataFrame) -> Target:
+    there, draws = found.there.loc[found.changed].mean(), drawn_means(found).there
+    gain, drawn = there[REPAIRED] - there[GIVEN], draws[REPAIRED] - draws[GIVEN]
+    share = (there[CONTINUED] - there[GIVEN]) / gain if gain else float("nan")
+    spread = ((draws[CONTINUED] - draws[GIVEN]) / drawn.where(drawn != 0)).fillna(0.0)
+    percent = MeanOverCars.of(100 * share, 100 * spread)
+    sentence = (
+        f"Policies of as_given that are trained on in the repaired simulator have {percent} % of "
+        f"the {gain:.1f} waypoints a minute that training anew there gains, at least "
+        f"{100 * REACHED:.0f} %, by {_cost(drives, CONTINUED)} for {_cost(drives, REPAIRED)}."
+    )
+    return Target(sentence, bool(gain > 0 and share >= REACHED))
+
+
+def _cost(drives: pd.DataFrame, arm: str) -> str:
+    own = drives[drives.arm == arm]
+    return f"{own.steps.mean():.0f} steps ({own.seconds.mean():.0f} s)"
+
+
+@dataclass(frozen=True)
+class Carried:
+    """How far one car carries what the repair gains in corrected loss."""
+
+    car: str
+    share: float
+    """Share of the sum over cars."""
+    better: int
+    """Cars that lose less repaired than as given,"""
+    cars: int
+    """of so many."""
+    given: float
+    """Corrected loss without that car, as given [1/min],"""
+    repaired: float
+    """and repaired."""
+
+
+def carried(found: Losses) -> Carried | None:
+    """The car that gains most; None without both arms, or with one car."""
+    table = found.corrected
+    if not {REPAIRED, GIVEN} <= set(found.arms) or len(table) < 2:
+        return None
+    gains = table[GIVEN] - table[REPAIRED]
+    car = str(gains.idxmax())
+    rest = found.without(car).corrected.mean()
+    share = float(gains[car] / gains.sum())
+    better = int((gains > 0).sum())
+    return Carried(car, share, better, len(gains), float(rest[GIVEN]), float(rest[REPAIRED]))
