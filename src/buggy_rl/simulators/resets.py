@@ -119,10 +119,11 @@ def put(whole: TensorDictBase, part: TensorDictBase, rows: Tensor) -> TensorDict
 
     A key that only one of the two has is 0 in the rows, or in the others, as TorchRL has it.
     """
-    batch = len(whole.batch_size)
+    batch, count = len(whole.batch_size), whole.numel()
     known = dict(part.items(True, True))
     for key, value in list(whole.items(True, True)):
-        flat, new = value.reshape(-1, *value.shape[batch:]), known.pop(key, None)
+        # Not -1: a history may have no rows, and then no size could be told from it.
+        flat, new = value.reshape(count, *value.shape[batch:]), known.pop(key, None)
         flat = flat.index_fill(0, rows, 0) if new is None else flat.index_copy(0, rows, new)
         whole.set(key, flat.reshape(value.shape))
     for key, new in known.items():
