@@ -48,9 +48,9 @@ def test_only_what_is_strong_enough_has_to_be_named():
     ]
     assert value(cases, "  of two and three") == (1.0, 1)
     assert value(cases, "effects above 6 nats") == (0.0, 1)
-    [(_, recall, precision), *_] = named_curve(cases, [6.0])
-    assert (recall.value, recall.count) == (0.5, 2)
-    assert precision.count == 0  # the pair has one that is too faint
+    [row] = named_curve(cases, [6.0])
+    assert (row.recall.value, row.recall.count) == (0.5, 2)
+    assert row.precision.count == 0  # the pair has one that is too faint
 
 
 def composed(low, high, said=TERM, misfit=0.01):

@@ -35,7 +35,7 @@ def main() -> None:
 def _stages(config) -> None:
     """All stages before the page."""
     from buggy_rl.jobs.bar import run_with_bar
-    from buggy_rl.proof.transfer.draw import secret_of
+    from buggy_rl.proof.cases.secret import secret_of
     from buggy_rl.proof.transfer.jobs import (
         diagnosis_jobs,
         fit_jobs,
@@ -68,7 +68,7 @@ def _evaluate(config, cases) -> None:
     """Drives what is left, writes the tables, and shows what the cars were drawn from."""
     from buggy_rl.jobs import results
     from buggy_rl.jobs.bar import tqdm
-    from buggy_rl.proof.transfer.draw import publish_secret
+    from buggy_rl.proof.cases.secret import publish_secret
     from buggy_rl.proof.transfer.driving import drive_policies, undriven
     from buggy_rl.proof.transfer.tables import write_tables
 

@@ -15,14 +15,14 @@ def test_what_was_driven_lies_inside():
     envelope, rows = Envelope(), driven()
     envelope.fit(rows)
     # Only the tails of each input, 0.05 % on both sides of five inputs, count as outside.
-    assert envelope.outside(rows).float().mean() < 0.006
+    assert envelope.measured(rows)[0].float().mean() < 0.006
 
 
 def test_beyond_the_range_of_one_input_is_outside():
     envelope = Envelope()
     envelope.fit(driven())
     beyond = torch.zeros(5, 5) + 3.0 * torch.eye(5)
-    assert envelope.outside(beyond).all()
+    assert envelope.measured(beyond)[0].all()
 
 
 def test_a_combination_never_driven_is_outside_though_each_input_was():
@@ -31,6 +31,6 @@ def test_a_combination_never_driven_is_outside_though_each_input_was():
     fast_turn = torch.tensor([0.9, 0.0, 0.0, 0.0, 0.9])
     fast, turning = fast_turn.clone(), fast_turn.clone()
     fast[4], turning[0] = 0.0, 0.0
-    assert envelope.outside(fast_turn).item()
-    assert not envelope.outside(fast).item()
-    assert not envelope.outside(turning).item()
+    assert envelope.measured(fast_turn)[0].item()
+    assert not envelope.measured(fast)[0].item()
+    assert not envelope.measured(turning)[0].item()

@@ -9,7 +9,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from buggy_rl.core.files import write_atomically
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
-from buggy_rl.proof.real.score import RealOutcome, RealScore, StrengthRow
+from buggy_rl.proof.real.score import RealOutcome, RealScore
+from buggy_rl.proof.score.answers import StrengthRow
 from buggy_rl.proof.score.outcome import CaseAnswer
 from buggy_rl.proof.score.score import written
 from buggy_rl.proof.score.strength import VISIBLE

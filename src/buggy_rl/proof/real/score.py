@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, named_curve
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import Figure, ScoreRow, classes, of, row, share
 from buggy_rl.proof.score.strength import VISIBLE
@@ -57,18 +58,6 @@ class RealOutcome:
 
 
 @dataclass(frozen=True)
-class StrengthRow:
-    """Effects of at least so many nats, and what is named above one half in their cases."""
-
-    least: float
-    """[nats]"""
-    recall: Figure
-    """Share of the effects that are named."""
-    precision: Figure
-    """Share of the names that are right, in cases all of whose effects are so strong."""
-
-
-@dataclass(frozen=True)
 class RealScore:
     """All figures."""
 
@@ -116,7 +105,9 @@ def real_score(outcomes: Sequence[RealOutcome]) -> RealScore:
             name: {label: _both(same) for label, same in _classes(one, key)}
             for name, key in KEYS.items()
         },
-        strengths=[_at_least(outcomes, bound) for bound in STRENGTHS],
+        strengths=named_curve(
+            [WeighedAnswer(o.scored, dict(o.strength)) for o in outcomes], STRENGTHS
+        ),
         wrong=[o for o in outcomes if o.wrong],
     )
 
@@ -164,15 +155,3 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
         row("crashed or timed out", [o.scored.answer.status != "answered" for o in outcomes]),
         row("could not be weighed", [bool(o.scored.failed) for o in outcomes]),
     ]
-
-
-def _at_least(outcomes: Sequence[RealOutcome], bound: float) -> StrengthRow:
-    effects = [
-        name in o.sure
-        for o in outcomes
-        for name, nats in o.strength.items()
-        if nats >= bound
-    ]  # fmt: skip
-    strong = [o for o in outcomes if o.weakest is not None and o.weakest >= bound]
-    names = [name in o.case.truth for o in strong for name in sorted(o.sure)]
-    return StrengthRow(bound, share(effects), share(names))

@@ -4,9 +4,9 @@ A name is given where its probability is above one half. An effect can be found 
 the held-out gain over the best set without it, is 6 nats at least.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from statistics import fmean
 
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.score.outcome import ScoredCase
@@ -89,6 +89,18 @@ class WeighedAnswer:
         return number["low"] <= self.terms[name].coefficient <= number["high"]
 
 
+@dataclass(frozen=True)
+class StrengthRow:
+    """Effects of at least so many nats, and what is named above one half in their cases."""
+
+    least: float
+    """[nats]"""
+    recall: Figure
+    """Share of the effects that are named."""
+    precision: Figure
+    """Share of the names that are right, in cases all of whose effects are so strong."""
+
+
 def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     """Figures with their targets."""
     known = [c for c in cases if c.family in COUNTED]
@@ -119,26 +131,16 @@ def of(cases: Iterable[WeighedAnswer], family: str) -> list[WeighedAnswer]:
     return [case for case in cases if case.family == family]
 
 
-def named_curve(
-    cases: Sequence[WeighedAnswer], bounds: Sequence[float]
-) -> list[tuple[float, Figure, Figure]]:
-    """Shares of effects of so many nats that are named, and of names that are right, by bound.
+def named_curve(cases: Sequence[WeighedAnswer], bounds: Sequence[float]) -> list[StrengthRow]:
+    """Shares of effects of so many nats that are named, and of names that are right, by bound."""
+    known = [c for c in cases if c.family in COUNTED]
+    return [_at_least(known, bound) for bound in bounds]
 
-    Names are those of cases all of whose effects are so strong.
-    """
-    found = []
-    for bound in bounds:
-        strong = [c for c in cases if c.strength and min(c.strength.values()) >= bound]
-        strong = [c for c in strong if c.family in COUNTED]
-        named = [
-            name in c.given
-            for c in cases
-            if c.family in COUNTED
-            for name, nats in c.strength.items()
-            if nats >= bound
-        ]
-        found.append((bound, share(named), share(_right(strong))))
-    return found
+
+def _at_least(known: Sequence[WeighedAnswer], bound: float) -> StrengthRow:
+    named = [name in c.given for c in known for name, nats in c.strength.items() if nats >= bound]
+    strong = [c for c in known if c.strength and min(c.strength.values()) >= bound]
+    return StrengthRow(bound, share(named), share(_right(strong)))
 
 
 def _right(cases: Sequence[WeighedAnswer]) -> list[bool]:
@@ -147,8 +149,7 @@ def _right(cases: Sequence[WeighedAnswer]) -> list[bool]:
 
 def _brier(cases: Sequence[WeighedAnswer]) -> ScoreRow:
     squares = [(p - right) ** 2 for c in cases for p, right in listed(c.scored)]
-    mean: Callable[[Any], float] = lambda values: sum(values) / len(values)  # noqa: E731
-    figure = bootstrapped(squares, mean)
+    figure = bootstrapped(squares, fmean)
     return ScoreRow("Brier score of all listed names", figure, 0.06, most=True, percent=False)
 
 

@@ -4,34 +4,21 @@ import hashlib
 import random
 from collections.abc import Iterator
 
+from buggy_rl.proof.cases import classes
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.cases.secret import publish_secret, secret_of
-from buggy_rl.proof.cases.sizes import NAMED_SINCE, SIZES, UNKNOWN_SIZES
+from buggy_rl.proof.cases.sizes import (
+    CAMERA,
+    COMMANDED_SIZES,
+    NAMED_SINCE,
+    SIZES,
+    UNKNOWN_SIZES,
+)
 
-__all__ = ["drawn_cars", "publish_secret", "secret_of"]
-
-CLASSES: dict[str, tuple[str, ...]] = {
-    "steering": (
-        *("steering_dead_time", "steering_offset", "steering_lag", "steering_rate_limit"),
-        *("steering_gain", "steering_backlash", "steering_asymmetry", "servo_stiction"),
-        *("steering_dead_zone", "steering_curve", "steering_end_stop", "steering_play"),
-    ),
-    "drive": (
-        *("throttle_dead_time", "throttle_offset", "throttle_lag", "throttle_gain"),
-        *("throttle_deadband", "voltage_sag", "thermal_foldback", "brown_out", "gear_ratio"),
-        *("battery_sag", "motor_power_limit", "top_speed"),
-    ),
-    "resistance": (
-        *("rolling_resistance", "viscous_drag", "cornering_drag", "steering_drag"),
-        *("one_sided_drag", "aerodynamic_drag", "yaw_damping"),
-    ),
-    "tyres": ("cornering_stiffness", "tire_grip", "grip_balance", "grip_patch"),
-    "body": (
-        *("payload", "wind", "floor_slope", "understeer", "dive_steer"),
-        *("torque_steer", "stiff_differential"),
-    ),
-    "unnamed": tuple(sorted(set(UNKNOWN_SIZES) - set(NAMED_SINCE))),
-}
+CLASSES = {
+    name: able
+    for name, effects in classes.CLASSES.items()
+    if (able := tuple(e for e in effects if e not in CAMERA and e not in COMMANDED_SIZES))
+} | {"unnamed": tuple(sorted(set(UNKNOWN_SIZES) - set(NAMED_SINCE)))}
 """Class -> effects that a car can have; a car with two has them of different classes. Errors of the
 camera are left out: on a car a policy is given the true motion with the camera's noise."""
 FIRST_SEED = 700_000_000  # of cars: no case of scripts/prove.py has it
@@ -59,12 +46,12 @@ def drawn_cars(
         seconds: Length of each [s].
     """
     chance = random.Random(f"cars {secret}")
-    classes, sizes = _classes(chance), _sizes(chance)
+    decks, sizes = _classes(chance), _sizes(chance)
     cars = {}
     for number in range(1, count + 1):
         concealed: dict[str, dict[str, float]] = {}
         if number % control_every:
-            named = [chance.choice(CLASSES[next(classes)]) for _ in range(next(sizes))]
+            named = [chance.choice(CLASSES[next(decks)]) for _ in range(next(sizes))]
             concealed = {name: _numbers(chance, name) for name in sorted(named)}
         cars[f"{number:02d}"] = Case(
             _seed(secret, number),
@@ -99,11 +86,8 @@ def _sizes(chance: random.Random) -> Iterator[int]:
 
 
 def _numbers(chance: random.Random, effect: str) -> dict[str, float]:
-    values = {}
-    for name, (low, high, signed, _) in (SIZES | UNKNOWN_SIZES)[effect].items():
-        side = -1 if signed and chance.random() < 0.5 else 1
-        values[name] = round(side * chance.uniform(low, high), 4)
-    return values
+    sizes = (SIZES | UNKNOWN_SIZES)[effect]
+    return {name: size.drawn(chance) for name, size in sizes.items()}
 
 
 def _seed(secret: str, number: int) -> int:

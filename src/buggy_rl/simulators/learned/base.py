@@ -54,20 +54,14 @@ class Envelope(nn.Module):
         super()._load_from_state_dict(*args, **kwargs)
         self._measure()
 
-    def outside(self, rows: Tensor) -> Tensor:
-        """Whether inputs [*, 5] lie outside the training data; bool [*, 1]."""
-        return self.measured(rows)[0]
-
-    def excess(self, rows: Tensor) -> Tensor:
-        """How far inputs [*, 5] are from the training data, in widths of its range; [*, 1].
-
-        The sum over inputs of the distance from their range, and over pairs of that from the
-        nearest cell that is not outside: linear between the centres of cells, so with a slope.
-        """
-        return self.measured(rows)[1]
-
     def measured(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """`outside` and `excess`, which share their work."""
+        """Whether inputs [*, 5] lie outside the training data, and how far.
+
+        Returns:
+            Bool [*, 1]; and [*, 1] in widths of the range: the sum over inputs of the distance from
+            their range, and over pairs of that from the nearest cell that is not outside, linear
+            between the centres of cells, so with a slope.
+        """
         share = self._share(rows)
         beyond = (share - share.clamp(0.0, 1.0)).abs()
         between = (self._places(share) - 0.5).clamp(0.0, BINS - 1.0)  # centres of cells
