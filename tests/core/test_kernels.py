@@ -82,7 +82,7 @@ def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
 
 
 @compiler
-def test_a_single_car_is_run_as_one_of_two(folder, monkeypatch):
+def test_a_single_car_is_run_as_one_of_a_batch(folder, monkeypatch):
     monkeypatch.setenv(FOLDER, str(folder))
     one = noisy(KERNEL, 1)
     bare = [
@@ -100,10 +100,27 @@ def test_a_single_car_is_run_as_one_of_two(folder, monkeypatch):
 def test_arguments_and_results_lie_in_memory_as_the_package_has_them(folder, monkeypatch):
     monkeypatch.setenv(FOLDER, str(folder))
     with torch.no_grad():
-        given = KERNEL._batch_last(noisy(KERNEL, 5))
-        results = KERNEL.run(*noisy(KERNEL, 5))
-    assert all(a.is_contiguous() and a.shape[-1] == 5 for a in given if a.dim())
+        given = KERNEL._batch_last(noisy(KERNEL, 32))
+        results = KERNEL.run(*noisy(KERNEL, 32))
+    assert all(a.is_contiguous() and a.shape[-1] == 32 for a in given if a.dim())
     assert all(result.movedim(0, -1).is_contiguous() for result in results)
+
+
+@compiler
+@pytest.mark.parametrize("n", [1, 2, 7, 17, 100, 337])
+def test_no_bit_of_a_car_depends_on_how_many_are_simulated(folder, packages, monkeypatch, n):
+    for folder_of, own in ((folder, KERNEL), (packages, SLIPS)):
+        monkeypatch.setenv(FOLDER, str(folder_of))
+        many = noisy(own, 1001)
+        few = tuple(
+            a if dim is None else a.narrow(dim, 3, n)
+            for a, dim in zip(many, own.batch, strict=True)
+        )
+        with torch.no_grad():
+            for way in (own.run, own.function):
+                batch = zip(way(*many), way(*few), own._batch_of_results, strict=True)
+                for whole, part, dim in batch:
+                    assert torch.equal(whole.narrow(dim, 3, n), part)
 
 
 @compiler

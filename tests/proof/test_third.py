@@ -12,6 +12,7 @@ import pytest
 
 from buggy_rl.core.config import from_plain
 from buggy_rl.effects import EFFECTS
+from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.classes import CLASSES, class_of
 from buggy_rl.proof.cases.draw import FIRST, DrawConfig, draw_all, drawn
@@ -23,7 +24,7 @@ from buggy_rl.proof.cases.term_forms import sorts_with_terms
 from buggy_rl.proof.plants import PLANTS, abilities
 from buggy_rl.proof.plants.rally.kinds import LIKE_THE_LIBRARY, UNKNOWN
 from buggy_rl.proof.plants.rally.textbook import EFFECTS as TEXTBOOK
-from buggy_rl.proof.score.oracle import _cut, described
+from buggy_rl.proof.score.oracle import described
 
 ROOT = Path(__file__).parents[2]
 SECRET = "a secret for tests alone"
@@ -202,6 +203,8 @@ def test_drives_that_the_reader_refuses_are_a_case_that_could_not_be_weighed(tmp
     time = [0.01 * row for row in range(400)]
     rows = (f"{t:.2f},{2 * t},0.0,0.0,2.0,0.0,1.5,0.0,0.0" for t in time)
     text = "\n".join(["t,x,y,yaw,vx,vy,yaw_rate,throttle,steering", *rows])
-    (tmp_path / "drive_0.csv").write_text(text)
-    with pytest.raises(ValueError, match=r"no recording in .*: recording .*yaw_rate"):
-        _cut(tmp_path, 10, None)
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "drive_0.csv").write_text(text)
+    (tmp_path / "question.yaml").write_text("{simulator: reference, recordings: [recordings]}")
+    with pytest.raises(ValueError, match=r"recording .*yaw_rate"):
+        open_question(tmp_path)

@@ -18,7 +18,7 @@ from torchrl.envs import EnvBase
 
 from buggy_rl.api.drives import Drives, drives_of, names_of
 from buggy_rl.core.config import from_python, save_run
-from buggy_rl.core.files import write_atomically
+from buggy_rl.core.files import rounded, write_atomically
 from buggy_rl.core.vehicle import CONTROL_PERIOD
 from buggy_rl.diagnosis import pipeline
 from buggy_rl.diagnosis.answer.answer import Verdict
@@ -35,6 +35,7 @@ from buggy_rl.simulators import Factory, simulator_name
 from buggy_rl.task.env import make_simulator, with_effects
 
 ANSWER, REPAIRED, REPORT = "diagnosis.json", "repaired.yaml", "report.html"
+DIGITS = 9  # of numbers in a file: those of two numbers of workers differ in the 15th
 IN_PYTHON = "buggy_rl.diagnose(...)"
 
 
@@ -139,7 +140,8 @@ class Diagnosis:
         content = self._repaired(folder)
         page = self._page(content)
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / ANSWER, json.dumps(self.to_dict(), indent=2) + "\n")
+        answer = rounded(self.to_dict(), DIGITS)
+        write_atomically(folder / ANSWER, json.dumps(answer, indent=2) + "\n")
         self._save_network(folder)
         write_atomically(folder / REPAIRED, yaml.safe_dump(content, sort_keys=False))
         write_atomically(folder / REPORT, page)

@@ -70,6 +70,17 @@ def write_json(file: Path, content: object) -> None:
     write_atomically(file, json.dumps(content, indent=1) + "\n")
 
 
+def rounded(value: Any, digits: int) -> Any:
+    """Every number to so many significant digits, however deep."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, dict):
+        return {key: rounded(v, digits) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [rounded(v, digits) for v in value]
+    return value
+
+
 def load_torch(file: Path | str) -> Any:
     """Reads what `save_torch` wrote: tensors and plain values, on the CPU; no code is run.
 

@@ -36,6 +36,7 @@ FOLDER = "BUGGY_RL_KERNELS"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "buggy_rl"
 """Folder of the packages by default."""
 SOURCE = Path(__file__).parents[1]
+LANES = 16  # float32 numbers of a vector instruction at most
 MADE_OF = ("core/kernels.py", "simulators", "effects", "core/vehicle.py")
 """What kernels follow from, whole: a package too many is made anew rather than one too few."""
 
@@ -44,8 +45,9 @@ MADE_OF = ("core/kernels.py", "simulators", "effects", "core/vehicle.py")
 class Kernel:
     """A pure function of float32 tensors whose batch is one dimension.
 
-    Its package takes two cars at least: a single one, with a batch dimension or without, is run
-    as two.
+    Its package runs a multiple of `LANES` cars, a single one without a batch dimension too. The
+    rest of a batch would be rounded otherwise than the full vectors: a car's path would depend on
+    how many others are simulated, and an answer on the number of workers.
     """
 
     name: str
@@ -77,11 +79,17 @@ class Kernel:
         assert package is not None
         first, dim, rank = self._first
         alone = arguments[first].dim() < rank
-        if not alone and arguments[first].shape[dim] > 1:
-            return package(self._batch_last(arguments))
-        two = [_twice(a, dim, alone) for a, dim in zip(arguments, self.batch, strict=True)]
-        results = zip(package(self._batch_last(two)), self._batch_of_results, strict=True)
-        return [r.select(dim, 0) if alone else r.narrow(dim, 0, 1) for r, dim in results]
+        if alone:
+            each = zip(arguments, self.batch, strict=True)
+            arguments = tuple(a if dim is None else a.unsqueeze(dim) for a, dim in each)
+        count = arguments[first].shape[dim]
+        found = package(self._batch_last(arguments, -count % LANES))
+        if count % LANES == 0:
+            return found
+        results = zip(found, self._batch_of_results, strict=True)
+        if alone:
+            return [r.select(dim, 0) for r, dim in results]
+        return [_last(r, dim)[..., :count].contiguous().movedim(-1, dim) for r, dim in results]
 
     @cached_property
     def _first(self) -> tuple[int, int, int]:
@@ -97,8 +105,18 @@ class Kernel:
         shapes = ((a.shape, b.shape) for a, b in zip(two, five, strict=True))
         return [next(i for i, n in enumerate(a) if n != b[i]) for a, b in shapes]
 
-    def _batch_last(self, arguments: Sequence[Tensor]) -> list[Tensor]:
-        return [_last(a, dim).contiguous() for a, dim in zip(arguments, self.batch, strict=True)]
+    def _batch_last(self, arguments: Sequence[Tensor], more: int = 0) -> list[Tensor]:
+        """Arguments with the batch last, and the first car so many times more.
+
+        Not zeros: where one of a vector is not finite, sines of the others are rounded otherwise.
+        """
+        each = [(_last(a, dim), dim) for a, dim in zip(arguments, self.batch, strict=True)]
+        return [
+            a.contiguous()
+            if dim is None or not more
+            else torch.cat([a, a[..., :1].expand(*a.shape[:-1], more)], -1)
+            for a, dim in each
+        ]
 
     def file(self, folder: Path) -> Path:
         """File of the compiled kernel."""
@@ -154,14 +172,6 @@ def _last(argument: Tensor, dim: int | None) -> Tensor:
     if dim is None or dim == rank - 1:
         return argument
     return argument.T if rank == 2 else argument.movedim(dim, -1)
-
-
-def _twice(argument: Tensor, dim: int | None, alone: bool) -> Tensor:
-    """An argument of one car as one of two equal cars."""
-    if dim is None:
-        return argument
-    one = argument.unsqueeze(dim) if alone else argument
-    return one.repeat_interleave(2, dim)
 
 
 class _Module(torch.nn.Module):

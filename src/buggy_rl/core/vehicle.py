@@ -124,9 +124,8 @@ def slip_angle(velocity: Tensor, steering_angle: float | Tensor, to_axle: float 
         [*] rad.
     """
     vx, vy, yaw_rate = velocity.unbind(-1)
-    return torch.atan2(vy + to_axle * yaw_rate, vx.abs().clamp_min(1e-3)) - steering_angle * (
-        torch.where(vx < 0, -1.0, 1.0).to(vx)
-    )
+    moves = torch.atan((vy + to_axle * yaw_rate) / vx.abs().clamp_min(1e-3))
+    return moves - steering_angle * torch.where(vx < 0, -1.0, 1.0).to(vx)
 
 
 # Unit -> exponents of mass, length, speed; gravity is the same for all.

@@ -8,6 +8,7 @@ an answer.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import torch
@@ -21,7 +22,7 @@ REWEIGHTED = 4  # times that heavy-tailed weights are computed anew
 ROUGHLY = 2  # times, of many sets, to choose those that are solved in full
 CHOSEN = 10  # of those, times as many as are wanted
 BEAM = 200  # sets of one size that are extended; numerical
-CHUNK = 8_000  # sets that are solved at once, to bound memory
+CHUNK = 4_000  # sets that are solved at once, to bound memory
 FIXED = 1e12  # [-] precision of a coefficient that is held at its bound
 
 
@@ -37,6 +38,58 @@ class Proposal:
     def key(self) -> tuple[str, ...]:
         """Effects of the proposal, sorted."""
         return tuple(sorted(self.start.effects))
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Products of the columns of C sets of k trials and P coordinates that all of them have.
+
+    The coordinates come last in what is solved for, R = k + P. Products of them alone are kept
+    once, those with a trial for each set.
+    """
+
+    left: Tensor
+    """[N] square of what is to be explained, r."""
+    along: Tensor
+    """[C, k, N] products of r with the trials."""
+    along_own: Tensor
+    """[P, N] products of r with the coordinates."""
+    pairs: Tensor
+    """[C, k (k + 1) / 2 + k P, N] products among trials, and of trials with coordinates."""
+    own: Tensor
+    """[N, P * P] products of coordinates."""
+
+    def hessian(self, weight: Tensor) -> Tensor:
+        """[C, R, R] of segments with weights [C, N]."""
+        count, k = self.along.shape[:2]
+        p = len(self.along_own)
+        found = (self.pairs @ weight.unsqueeze(-1)).squeeze(-1)
+        among, beside = found.split([k * (k + 1) // 2, k * p], 1)
+        rows, cols = torch.triu_indices(k, k)
+        full = weight.new_empty(count, k + p, k + p)
+        full[:, rows, cols] = among
+        full[:, cols, rows] = among
+        full[:, :k, k:] = beside.view(count, k, p)
+        full[:, k:, :k] = full[:, :k, k:].mT
+        full[:, k:, k:] = (weight @ self.own).view(count, p, p)
+        return full
+
+    def score(self, weight: Tensor) -> Tensor:
+        """[C, R] of segments with weights [C, N]."""
+        trials = (self.along @ weight.unsqueeze(-1)).squeeze(-1)
+        return torch.cat([trials, weight @ self.along_own.T], 1)
+
+    def square(self, solution: Tensor) -> Tensor:
+        """What is left [C, N] of the square at coefficients [C, R]."""
+        k = self.along.shape[1]
+        trials, own = solution[:, :k], solution[:, k:]
+        rows, cols = torch.triu_indices(k, k)
+        among = trials[:, rows] * trials[:, cols] * torch.where(rows == cols, 1.0, 2.0)
+        beside = 2 * (trials.unsqueeze(-1) * own.unsqueeze(1)).flatten(1)
+        twice = 2 * (own @ self.along_own + (trials.unsqueeze(1) @ self.along).squeeze(1))
+        pairs = torch.cat([among, beside], 1).unsqueeze(1) @ self.pairs
+        alone = (own.unsqueeze(-1) * own.unsqueeze(1)).flatten(1) @ self.own.T
+        return (self.left + twice + pairs.squeeze(1) + alone).clamp_min(0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,26 +144,18 @@ class Secants:
         self, members: Tensor, removed: Sequence[int], times: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         noise, phi = self.problem.noise, self.problem.dispersion
-        count, k = members.shape
-        size = len(self.base.coordinates)
-        own = torch.tensor([1 + i for i in self.kept(removed)], dtype=torch.long)
-        first = 1 + size + len(self.removals)
-        columns = torch.cat([first + members, own.expand(count, -1)], 1)  # (C, R)
-        gram = self.gram[:, columns.unsqueeze(2), columns.unsqueeze(1)].movedim(0, 1)  # (C,N,R,R)
-        origin = [0, *(1 + size + i for i in removed)]
-        along = self.gram[:, origin].sum(1)[:, columns].movedim(0, 1)  # (C, N, R)
-        left = self.gram[:, origin][:, :, origin].sum((1, 2))  # (N,)
+        products = self._products(members, removed)
         precision, centre = self._prior(members, removed)
+        k = members.shape[1]
         low = torch.full_like(centre, -torch.inf)
         high = torch.full_like(centre, torch.inf)
         low[:, :k], high[:, :k] = 0.0, FARTHEST
-        square = left.expand(count, -1)
+        square = products.left.expand(len(members), -1)
         solution = torch.zeros_like(centre)
         for _ in range(times):
             weight = noise.weight(square, phi) / phi  # (C, N)
-            hessian = torch.einsum("cnrs,cn->crs", gram, weight)
-            score = torch.einsum("cnr,cn->cr", along, weight) - precision * centre
-            hessian = hessian + torch.diag_embed(precision)
+            hessian = products.hessian(weight) + torch.diag_embed(precision)
+            score = products.score(weight) - precision * centre
             now, at = torch.zeros_like(centre, dtype=torch.bool), torch.zeros_like(centre)
             for _ in range(2):
                 stiff = torch.where(now, FIXED, 0.0)
@@ -120,27 +165,53 @@ class Secants:
                 now = now | out
                 at = torch.where(out, solution.clamp(low, high), at)
             solution = solution.clamp(low, high)
-            square = (
-                left
-                + 2 * torch.einsum("cnr,cr->cn", along, solution)
-                + torch.einsum("cnrs,cr,cs->cn", gram, solution, solution)
-            ).clamp_min(0.0)
+            square = products.square(solution)
         loss = noise.loss(square, phi).sum(-1)
         loss = loss + 0.5 * (precision * (solution - centre).square()).sum(-1)
         return loss, solution[:, :k], solution[:, k:]
 
+    def _products(self, members: Tensor, removed: Sequence[int]) -> "_Products":
+        size, kept = len(self.base.coordinates), self.kept(removed)
+        own = torch.tensor([1 + i for i in kept], dtype=torch.long)
+        origin = [0, *(1 + size + i for i in removed)]
+        count = len(self.gram)
+        columns = 1 + size + len(self.removals) + members  # (C, k)
+        rows, cols = torch.triu_indices(members.shape[1], members.shape[1])
+        among = columns[:, rows] * self.gram.shape[-1] + columns[:, cols]
+        beside = (columns * self.gram.shape[-1]).unsqueeze(-1) + own  # (C, k, P)
+        wanted = torch.cat([among, beside.flatten(1)], 1)
+        by_pair = self._by_pair
+        along = self.gram[:, origin].sum(1).T.contiguous()  # (M, N)
+        return _Products(
+            left=self.gram[:, origin][:, :, origin].sum((1, 2)),
+            along=along[columns],
+            along_own=along[own],
+            pairs=by_pair.index_select(0, wanted.reshape(-1)).view(*wanted.shape, count),
+            own=self.gram[:, own][:, :, own].flatten(1),
+        )
+
+    @cached_property
+    def _by_pair(self) -> Tensor:
+        """`gram` [M * M, N]."""
+        return self.gram.flatten(1).T.contiguous()
+
     def _prior(self, members: Tensor, removed: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Precision and centre [C, k + P] of the coefficients."""
-        sizes = torch.zeros(len(self.trials), dtype=self.base.vector.dtype)
-        for number, trial in enumerate(self.trials):
-            own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
-            sizes[number] = (trial.vector[own] / trial.prior[own]).square().sum()
-        kept = self.kept(removed)
+        sizes, kept = self._sizes, self.kept(removed)
         base = self.base.prior[kept] ** -2
         precision = torch.cat([sizes[members], base.expand(len(members), -1)], 1).clamp_min(1e-9)
         centre = torch.zeros_like(precision)
         centre[:, members.shape[1] :] = -self.base.vector[kept]
         return precision, centre
+
+    @cached_property
+    def _sizes(self) -> Tensor:
+        """Squared sizes of the trials [T], in prior scales."""
+        sizes = torch.zeros(len(self.trials), dtype=self.base.vector.dtype)
+        for number, trial in enumerate(self.trials):
+            own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
+            sizes[number] = (trial.vector[own] / trial.prior[own]).square().sum()
+        return sizes
 
 
 def proposals(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
+from buggy_rl.core.files import rounded
 from buggy_rl.diagnosis.search.candidate import Effects, Variation, leading
 from buggy_rl.estimation.evidence import BaselineMisfit, Evidence
 
@@ -126,7 +127,7 @@ class CaseEvidence:
     @property
     def rounded(self) -> "CaseEvidence":
         """Evidence with `DIGITS` digits of every number."""
-        return CaseEvidence.from_dict(rounded(self.to_dict()))
+        return CaseEvidence.from_dict(rounded(self.to_dict(), DIGITS))
 
     def to_dict(self) -> dict[str, Any]:
         """The case as a ledger's line has it."""
@@ -148,17 +149,6 @@ class CaseEvidence:
             content["dispersion"],
             tuple(map(HypothesisEvidence.from_dict, content["hypotheses"])),
         )
-
-
-def rounded(value: Any) -> Any:
-    """Every number to `DIGITS` digits, however deep."""
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
-    if isinstance(value, dict):
-        return {key: rounded(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [rounded(v) for v in value]
-    return value
 
 
 def _as_json(value: Any) -> Any:

@@ -45,7 +45,7 @@ def steered_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle
     """
     d = dimensions
     vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
-    angle = torch.atan2(vy + d.cg_to_front_axle * yaw_rate, vx.abs().clamp_min(SLOWEST))
+    angle = torch.atan((vy + d.cg_to_front_axle * yaw_rate) / vx.abs().clamp_min(SLOWEST))
     if axle.stiffness > 0:
         _, ay, turning = motion.acceleration
         front = d.cg_to_rear_axle * ay + d.yaw_inertia / d.mass * turning  # times L

@@ -261,7 +261,9 @@ class FrictionChange:
         """Step 4: delta [n] [rad] of a front axle that uses a share [n] of its friction."""
         vx, vy, yaw_rate = (0.5 * (motion.before + motion.after)).unbind(-1)
         ahead = vx.abs() if self.two_way else vx
-        moves = torch.atan2(vy + self.front_arm * yaw_rate, ahead.clamp_min(SLOWEST))
+        # Not atan2: its vector instructions round otherwise than its tail of a batch, so that rows
+        # would depend on how many there are.
+        moves = torch.atan((vy + self.front_arm * yaw_rate) / ahead.clamp_min(SLOWEST))
         c = self.shape[0]  # (1,)
         slip = torch.sign(use) * slip_of(use, c)
         angle = (moves + slip * (c * self.friction[0] / self.stiffness[0])).clamp(

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from buggy_rl.core.files import rounded
 from buggy_rl.diagnosis.answer.behaviour import driven_of, step_values
 from buggy_rl.diagnosis.answer.named_effect import NORMAL
 from buggy_rl.diagnosis.answer.step_tests import step_tests
 from buggy_rl.diagnosis.run.case import DiagnosisCase as Opened
-from buggy_rl.diagnosis.search.case_evidence import HypothesisEvidence, rounded
+from buggy_rl.diagnosis.search.case_evidence import DIGITS, HypothesisEvidence
 from buggy_rl.diagnosis.search.joint import JointSearch
 from buggy_rl.diagnosis.search.observed import concluded
 from buggy_rl.diagnosis.search.posterior import FormError
@@ -200,7 +201,7 @@ def step_quantities(ready: Opened, found: JointSearch, case: Case) -> list[dict[
         }
         for t in step_values(ready, result)
     ]
-    return rounded([line for line in lines if np.isfinite(line["true"])])
+    return rounded([line for line in lines if np.isfinite(line["true"])], DIGITS)
 
 
 def steps(entries: Sequence[Entry]) -> list[Number]:

@@ -6,7 +6,7 @@ from buggy_rl.core.files import write_json
 from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.real.case import RealCase
-from buggy_rl.proof.score.oracle import true_numbers
+from buggy_rl.proof.score.oracle import true_fits, true_numbers
 from buggy_rl.proof.score.strength import strengths
 
 
@@ -22,7 +22,8 @@ def weigh_edited(store: CaseStore, case: RealCase, rivals: int) -> int:
     if case.family in ("one", "two"):
         try:
             ready = open_question(store.inputs(case.id)).ready
-            result = strengths(ready, true_numbers(case), rivals)
+            fits = true_fits(ready.problem, true_numbers(case), rivals)
+            result = strengths(fits, ready.criteria.group)
         except (ValueError, RuntimeError) as error:  # a drive in too many pieces
             result = {"failed": f"{type(error).__name__}: {error}"}
     write_json(store.oracle(case.id), result)

@@ -5,20 +5,31 @@ distances of the repaired simulator on the sealed drives.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from buggy_rl.core.files import write_json
 from buggy_rl.diagnosis.run.case import segments_of
 from buggy_rl.diagnosis.run.maker import Maker
 from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.estimation.gauss_newton import fitted
+from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import AS_GIVEN, Simulation
+from buggy_rl.estimation.segments import Segments
 from buggy_rl.proof.baselines.asked import Asked, open_question
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.score.answers import WeighedAnswer
 from buggy_rl.proof.score.held_out import Rolled, stack_errors
-from buggy_rl.proof.score.oracle import Numbers, described, true_numbers, weighed
+from buggy_rl.proof.score.oracle import (
+    ITERATIONS,
+    Numbers,
+    TrueFits,
+    described,
+    sealed_errors,
+    true_fits,
+    true_numbers,
+)
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.stack import StackErrors
 from buggy_rl.proof.score.strength import strengths
@@ -35,8 +46,13 @@ def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int
     too. Returns 1, the number of cases.
     """
     try:
-        result = weighed(store, case, effects, rivals)
-        result |= shown(store, case, rivals) | {"stack": _stack(store, case)}
+        asked = open_question(store.inputs(case.id))
+        weights = _weights(asked, case, effects, rivals)
+        fits, aside = weights.fits, _sealed(store, case, asked)
+        named = fits if fits is not None and described(case) else None
+        result = weights.told | ({} if named is None else named.costs)
+        result["held_out"] = _errors(store, case, asked, named, aside)
+        result["stack"] = _stack(store, case, asked, aside)
     except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces
         result = {"failed": f"{type(error).__name__}: {error}"}
     write_json(store.oracle(case.id), result)
@@ -51,14 +67,32 @@ def shown(store: CaseStore, case: Case, rivals: int) -> dict[str, Any]:
         case: With what is concealed.
         rivals: Other effects that are fitted.
     """
-    asked = open_question(store.inputs(case.id))
+    return _weights(open_question(store.inputs(case.id)), case, (), rivals).told
+
+
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """What a truth is fitted by; None for what neither effects nor terms describe."""
+
+    fits: TrueFits | None
+    told: dict[str, Any]
+
+
+def _weights(asked: Asked, case: Case, effects: Sequence[str], rivals: int) -> _Weights:
     found = _terms(asked, case)
     true: Numbers = true_numbers(case) if described(case) else {}
     if (term := in_grammar(found)) is not None:
         true = {term.name: {"coefficient": term.coefficient}}
-    strength = strengths(asked.ready, true, rivals)["strength"] if true else {}
     kept = [m for place, m in enumerate(found.values()) if place < CLOSEST or m.right]
-    return {"strength": strength, "terms": [asdict(match) for match in kept]}
+    told: dict[str, Any] = {"strength": {}, "terms": [asdict(match) for match in kept]}
+    if not true:
+        return _Weights(None, told)
+    problem = asked.ready.problem
+    if effects:
+        problem = replace(problem, library=Library(list(effects)))
+    fits = true_fits(problem, true, rivals)
+    told["strength"] = strengths(fits, asked.ready.criteria.group)["strength"]
+    return _Weights(fits, told)
 
 
 def answer_of(
@@ -83,20 +117,36 @@ def _terms(asked: Asked, case: Case) -> dict[str, TermMatch]:
     return matches(case.disturbances[0], drives)
 
 
-def _stack(store: CaseStore, case: Case) -> dict[str, Any]:
-    """Distances on the sealed drives of what the diagnosis delivered, and of what is simpler.
+def _sealed(store: CaseStore, case: Case, asked: Asked) -> Segments:
+    """Segments of the sealed drives.
 
     Raises:
         ValueError: A drive is refused.
     """
-    asked = open_question(store.inputs(case.id))
     config = asked.config
     drives, refusals = load_recordings(
         [str(store.held_out(case.id))], config.columns or None, config.dt, car=config.car
     )
     if refusals:
         raise ValueError("; ".join(map(str, refusals)))
-    aside, file = segments_of(drives, config), store.diagnosis(case.id) / "repaired.yaml"
+    return segments_of(drives, config)
+
+
+def _errors(
+    store: CaseStore, case: Case, asked: Asked, fits: TrueFits | None, aside: Segments
+) -> dict[str, dict[str, float]]:
+    """Errors on the sealed drives; `fits` of what has a name in the library, None of others."""
+    file = store.diagnosis(case.id) / "repaired.yaml"
+    if fits is not None:
+        return sealed_errors(replace(fits.problem, segments=aside), fits.null, fits.truth, file)
+    problem = asked.ready.problem
+    [null] = fitted(problem, [problem.library.hypothesis(())], ITERATIONS)
+    return sealed_errors(replace(problem, segments=aside), null, None, file)
+
+
+def _stack(store: CaseStore, case: Case, asked: Asked, aside: Segments) -> dict[str, Any]:
+    """Distances on the sealed drives of what was delivered, and of what is simpler."""
+    file = store.diagnosis(case.id) / "repaired.yaml"
     rolled: Rolled = (asked.ready.given, AS_GIVEN)
     if file.exists():
         make = Maker(str(file))
