@@ -61,3 +61,12 @@ def test_a_limit_is_tried_where_it_is_reached(late):
     assert powers == pytest.approx([15 / (0.4 * 8 / 3), 15 / 4.0], rel=0.02)  # [W/kg]
     near = problem.library.trials("steering_dead_time", problem.segments, (0.4, 1.5))
     assert near == [[0.4], [1.5]]
+
+
+@pytest.mark.parametrize(("effect", "clocks"), [("steering_dead_time", 2), ("tire_grip", 1)])
+def test_effects_that_may_delay_are_tried_with_a_right_clock_too(late, effect, clocks):
+    problem, _ = late
+    [base] = problem.rolled_out([problem.library.hypothesis((), [1.0])])
+    assert {float(trial.vector[-1]) for trial in _trials(problem, base, effect)} == (
+        {0.0, 1.0} if clocks == 2 else {1.0}
+    )

@@ -74,6 +74,30 @@ class EffectParameter(Parameter):
         return self.value + self.size * coordinate
 
 
+def at_rows(tensor: Tensor, rows: Tensor | None, sizes: int = 1) -> Tensor:
+    """Rows [n, ...] of a tensor [*batch, ...] with `sizes` dimensions behind the batch.
+
+    All of it, in its own shape, where `rows` is None.
+    """
+    if rows is None:
+        return tensor
+    if tensor.dim() == 2 and sizes == 1:  # what nearly all are, in fewer calls
+        return tensor.T.index_select(1, rows).T
+    flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
+    return flat.movedim(0, -1).index_select(-1, rows).movedim(-1, 0)
+
+
+def with_rows(tensor: Tensor, rows: Tensor | None, part: Tensor, sizes: int = 1) -> Tensor:
+    """A copy of `tensor` with its rows replaced by `part`; inverse of `at_rows`."""
+    if rows is None:
+        return part
+    if tensor.dim() == 2 and sizes == 1:
+        return tensor.T.index_copy(1, rows, part.to(tensor.dtype).T).T
+    flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
+    last, part = flat.movedim(0, -1), part.to(tensor.dtype).movedim(0, -1)
+    return last.index_copy(-1, rows, part).movedim(-1, 0).reshape(tensor.shape)
+
+
 class Effect(Transform):
     """Missing physics with a name, an equation, a source and parameters.
 
@@ -93,6 +117,8 @@ class Effect(Transform):
     """Textbook or paper of the equation: author, year, chapter or equation."""
     look_at: ClassVar[str] = ""
     """What to check on the car where this is found, in a sentence; optional."""
+    may_delay: ClassVar[bool] = True
+    """Whether a fit without it may take its delay for an offset of the clock."""
     declared: ClassVar[tuple[EffectParameter, ...]]  # type: ignore[assignment]
     deciding: ClassVar[tuple[str, ...]] = ()
     """Parameters each of which makes the effect neutral by itself; empty: all must be neutral."""
@@ -237,29 +263,18 @@ class Effect(Transform):
     def _tensor(self, name: str) -> Tensor:
         return self._buffers[name]  # type: ignore[return-value]
 
-    def _gather(self, tensor: Tensor, sizes: int = 1) -> Tensor:
-        """Active rows [n, ...] of a tensor [*batch, ...] with `sizes` dimensions behind the batch.
+    @property
+    def rows(self) -> Tensor | None:
+        """Rows [n] of a flat batch in which it is active; None where it is in all."""
+        return self._buffers["active_rows"]
 
-        All of it, in its own shape, where every row is active.
-        """
-        rows = self._buffers["active_rows"]
-        if rows is None:
-            return tensor
-        if tensor.dim() == 2 and sizes == 1:  # what nearly all are, in fewer calls
-            return tensor.T.index_select(1, rows).T
-        flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
-        return flat.movedim(0, -1).index_select(-1, rows).movedim(-1, 0)
+    def _gather(self, tensor: Tensor, sizes: int = 1) -> Tensor:
+        """Active rows [n, ...] of a tensor [*batch, ...]: `at_rows`."""
+        return at_rows(tensor, self._buffers["active_rows"], sizes)
 
     def _scatter(self, tensor: Tensor, part: Tensor, sizes: int = 1) -> Tensor:
-        """A copy of `tensor` with its active rows replaced by `part`; inverse of `_gather`."""
-        rows = self._buffers["active_rows"]
-        if rows is None:
-            return part
-        if tensor.dim() == 2 and sizes == 1:
-            return tensor.T.index_copy(1, rows, part.to(tensor.dtype).T).T
-        flat = tensor.reshape(-1, *tensor.shape[tensor.dim() - sizes :])
-        last, part = flat.movedim(0, -1), part.to(tensor.dtype).movedim(0, -1)
-        return last.index_copy(-1, rows, part).movedim(-1, 0).reshape(tensor.shape)
+        """A copy of `tensor` with its active rows replaced by `part`: `with_rows`."""
+        return with_rows(tensor, self._buffers["active_rows"], part, sizes)
 
     @property
     def resets_alone(self) -> bool:

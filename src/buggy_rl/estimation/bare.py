@@ -4,12 +4,17 @@ Engines and effects of the package read and write a state by `get`, `set` and `[
 mapping does: the same operations on the same tensors, to the last bit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import groupby
+from typing import Any
 
+import torch
 from torch import Tensor
 from torchrl.envs import EnvBase
 
 from buggy_rl.effects.base import Effect
+from buggy_rl.effects.motion.base import MotionEffect, step_together
 from buggy_rl.simulators.base import Engine
 
 
@@ -33,6 +38,7 @@ class BareEnv:
     def __init__(self, engine: Engine, stack: Sequence[Effect]) -> None:
         self._engine = engine
         self._acting = [effect for effect in stack if effect.active]
+        self._steps = list(_passes(self._acting))
 
     @classmethod
     def of(cls, engine: EnvBase, stack: Sequence[Effect]) -> "BareEnv | None":
@@ -51,6 +57,40 @@ class BareEnv:
         for effect in reversed(self._acting):
             effect._inv_call(before)  # type: ignore[arg-type]
         after = Rows(self._engine.moved(before))
-        for effect in self._acting:
-            effect._step(before, after)  # type: ignore[arg-type]
+        for step in self._steps:
+            step(before, after)
         return {"next": after}
+
+
+def _passes(effects: Iterable[Effect]) -> Iterator[Callable[[Any, Any], object]]:
+    """Steps of effects in their order; of motion effects on separate rows all in one pass."""
+    for car, run in groupby(effects, _car):
+        for apart in [[effect] for effect in run] if car is None else _separate(run):
+            if len(apart) == 1:
+                yield apart[0]._step
+            else:
+                rows = torch.cat([effect._buffers["active_rows"] for effect in apart])
+                yield partial(step_together, apart, rows)
+
+
+def _car(effect: Effect) -> object:
+    """What motion effects must have in common for one pass; None of one that has its own."""
+    if not isinstance(effect, MotionEffect) or effect.rows is None:
+        return None
+    if type(effect)._write_step is not MotionEffect._write_step:
+        return None
+    return effect.dimensions, effect.dt
+
+
+def _separate(effects: Iterable[Any]) -> list[list[Any]]:
+    """Effects in few groups of separate rows; of two in the same row the first is earlier."""
+    groups: list[list[Any]] = []
+    following = torch.zeros(0, dtype=torch.long)  # group of the next effect, for each row
+    for effect in effects:
+        most = int(effect.rows.max()) + 1
+        following = torch.cat([following, following.new_zeros(max(0, most - len(following)))])
+        number = int(following[effect.rows].max())
+        following[effect.rows] = number + 1
+        groups += [[] for _ in range(number + 1 - len(groups))]
+        groups[number].append(effect)
+    return groups

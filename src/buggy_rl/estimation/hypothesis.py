@@ -187,6 +187,13 @@ class Library:
             return tuple(self.inside.bounded(effect, p) for p in free)
         return free
 
+    def may_delay(self, effect: str) -> bool:
+        """Whether a fit without it may take its delay for an offset of the clock.
+
+        Of a parameter of the simulator nobody knows.
+        """
+        return effect.startswith(OWN) or effect_class(effect).may_delay
+
     def hypothesis(self, effects: Sequence[str], vector: Sequence[float] = ()) -> Hypothesis:
         """Effects at normalised parameters, at neutral by default; the clock's is the last."""
         own = [Coordinate(e, p, PRIOR) for e in effects for p in self.numbers(e)]

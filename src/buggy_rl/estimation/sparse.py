@@ -342,7 +342,8 @@ def _trials(
     kept, clock = base.vector[:-1], base.vector[-1:]
     # With the base's clock, and with a right one: without the effect, the clock may have taken
     # over a delay that is the effect's.
-    stamps = (clock, 0 * clock) if abs(float(clock)) > STAMPED else (clock,)
+    taken = abs(float(clock)) > STAMPED and problem.library.may_delay(name)
+    stamps = (clock, 0 * clock) if taken else (clock,)
     return [
         replace(start, vector=torch.cat([kept, torch.tensor(sizes, dtype=torch.float64), stamp]))
         for sizes in problem.library.trials(name, problem.segments, at)

@@ -25,6 +25,7 @@ class CommandEffect(Effect):
     """
 
     kind = "actuation"
+    may_delay = False
     channel: ClassVar[int]
     """0 throttle, 1 steering."""
     extends: ClassVar[bool] = False
@@ -72,6 +73,7 @@ class RememberingCommand(CommandEffect):
     of the memory is 1 until then.
     """
 
+    may_delay = True
     lasting: ClassVar[bool] = False
     """Whether commands of seconds ago still matter: play, a rate limit, a long lag."""
 

@@ -6,8 +6,8 @@ is that of an engine with the force inside, to first order in the step.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import torch
@@ -25,7 +25,7 @@ from buggy_rl.core.vehicle import (
     shift_velocity,
     side_by_side_columns,
 )
-from buggy_rl.effects.base import Effect, numbers_spec
+from buggy_rl.effects.base import Effect, at_rows, numbers_spec, with_rows
 
 
 def centred(numbers: Tensor, start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
@@ -128,6 +128,12 @@ class Motion:
     asked: Tensor | None = None
     """[n] the command of a car with reverse, -1..1; None of one without."""
 
+    def split(self, sizes: Sequence[int]) -> Iterator["Motion"]:
+        """Parts of so many rows, without latent states."""
+        seen = (self.pose, self.before, self.after, self.action)
+        for pose, before, after, action in zip(*(part.split(sizes) for part in seen), strict=True):
+            yield Motion(pose, before, after, action, self.dt)
+
     @property
     def drive(self) -> Tensor:
         """Drive command [n], 0..1; 0 where a car brakes or reverses."""
@@ -179,6 +185,7 @@ class MotionEffect(Effect):
     """
 
     kind = "motion"
+    may_delay = False
     state_size: int = 0
     """Numbers of its latent state, which is 0 after a reset."""
 
@@ -222,29 +229,56 @@ class MotionEffect(Effect):
         return {self.memory: numbers_spec(shape, self.state_size, device=device)}
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
-        next_pose, next_velocity = after.get(keys.POSE), after.get(keys.VELOCITY)
-        pose, start, end = (
-            self._gather(part)
-            for part in (before.get(keys.POSE), before.get(keys.VELOCITY), next_velocity)
-        )
-        action = self._gather(before.get(keys.ACTION)).clamp(-1, 1)
-        numbers = self._tensor("step_numbers").to(end.dtype)
-        at_cg = CENTRED.fastest(end[..., 2])(numbers, start, end)
+        step_together([self], self.rows, before, after)
+
+    def _changed(self, motion: Motion, before: TensorDictBase, after: TensorDictBase) -> Tensor:
+        """Change of the velocity [n, 3] in its rows; the latent state is written into `after`."""
         memory = before.get(self.memory) if self.state_size else None
-        state = None if memory is None else self._gather(memory)
-        asked = None
+        if memory is not None:
+            motion = replace(motion, state=self._gather(memory))
         if self.rest != ONE_WAY_REST:
-            asked, steering = action.unbind(-1)
+            asked, steering = motion.action.unbind(-1)
             action = torch.stack([2 * asked.clamp_min(0.0) - 1, steering], -1)
-        motion = Motion(pose, at_cg[0], at_cg[1], action, self.dt, state, asked)
+            motion = replace(motion, action=action, asked=asked)
         change, state = self._change_and_state(motion)
         if memory is not None and state is not None:
             after.set(self.memory, self._scatter(memory, state))
-        placed, changed = MOVED.fastest(end[..., 2])(
-            numbers, pose, start, end, change, self._gather(next_pose)
+        return change
+
+
+def step_together(
+    effects: Sequence[MotionEffect],
+    rows: Tensor | None,
+    before: TensorDictBase,
+    after: TensorDictBase,
+) -> None:
+    """Writes the steps of motion effects that act on separate rows of one car, in one pass.
+
+    Args:
+        effects: One or more, of the same dimensions and control period.
+        rows: Theirs, one after another; None for a single effect in all of them.
+        before: State before the step.
+        after: The engine's state after it, which is edited.
+    """
+    next_pose, next_velocity = after.get(keys.POSE), after.get(keys.VELOCITY)
+    seen = (before.get(keys.POSE), before.get(keys.VELOCITY), before.get(keys.ACTION))
+    pose, start, action = (at_rows(part, rows) for part in seen)
+    placed, end = at_rows(next_pose, rows), at_rows(next_velocity, rows)
+    first, row = effects[0], end[..., 2]
+    numbers = first._tensor("step_numbers").to(end.dtype)
+    at_cg = CENTRED.fastest(row)(numbers, start, end)
+    whole = Motion(pose, at_cg[0], at_cg[1], action.clamp(-1, 1), first.dt)
+    if len(effects) == 1:
+        change = first._changed(whole, before, after)
+    else:
+        each = zip(
+            effects, whole.split([len(e._tensor("active_rows")) for e in effects]), strict=True
         )
-        after.set(keys.POSE, self._scatter(next_pose, placed))
-        after.set(keys.VELOCITY, self._scatter(next_velocity, changed))
+        changes = [effect._changed(own, before, after) for effect, own in each]
+        change = torch.cat([own.T for own in changes], 1).T  # the batch last in memory
+    moved, changed = MOVED.fastest(row)(numbers, pose, start, end, change, placed)
+    after.set(keys.POSE, with_rows(next_pose, rows, moved))
+    after.set(keys.VELOCITY, with_rows(next_velocity, rows, changed))
 
 
 def along(vx: Tensor) -> Tensor:

@@ -36,6 +36,8 @@ class SensingEffect(Effect):
 class MemorylessSensing(SensingEffect):
     """A sensing effect without latent state."""
 
+    may_delay = False
+
     def _write_reset(self, given: TensorDictBase, state: TensorDictBase) -> None:
         self._write_step(given, state)
 
