@@ -51,6 +51,7 @@ VERBS = {  # subject -> verb -> module of this package, and script of that name
         "blind-demo": "blind_demo",
         "prove": "prove",
         "prove-real": "prove_real",
+        "check-proof": "check_proof",
         "develop": "develop",
         "calibrate": "calibrate",
         "transfer": "transfer",

@@ -1,0 +1,45 @@
+"""Checks that published sealed cases are what was sealed.
+
+    python scripts/check_proof.py folder=docs/proof/third config=configs/proof_third.yaml
+    python scripts/check_proof.py folder=docs/proof/real
+
+The secret has the hash that was published before the first question, what was concealed in each
+case has its published hash, no case is left out, and (with `config`) the secret draws these cases:
+nobody chose them. When the hashes were committed, `git log --follow FOLDER/hashes.txt` says.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import MISSING
+
+from buggy_rl.core.config import build, from_command_line, run
+
+
+@dataclass(frozen=True)
+class CheckProofConfig:
+    """What to check."""
+
+    folder: str = MISSING
+    """Folder of secret.sha256, hashes.txt, secret.txt and ledger.jsonl (or .gz)."""
+    config: str = ""
+    """Config of the run, of `prove`: the cases are drawn again; empty checks hashes alone."""
+
+
+def main() -> None:
+    """Checks and prints what holds; ends with one line where something does not."""
+    config = from_command_line(__doc__, "buggy_rl.commands.check_proof:CheckProofConfig")
+
+    from buggy_rl.proof.cases.draw import drawn
+    from buggy_rl.proof.checking import checked, published
+    from buggy_rl.proof.proof import ProofConfig
+
+    found = published(Path(config.folder))
+    again = []
+    if config.config:
+        again = drawn(build(ProofConfig, [config.config]).draw, found.secret)
+    print("\n".join(checked(found, again)))
+
+
+if __name__ == "__main__":
+    run(main)

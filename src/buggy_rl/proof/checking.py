@@ -1,0 +1,95 @@
+"""Whether a published run of sealed cases is what was sealed: what a stranger can check of it.
+
+FOLDER/secret.sha256, hashes.txt  published before the first question
+FOLDER/secret.txt, ledger.jsonl   published when the cases were counted; the ledger may be .gz
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from buggy_rl.proof.cases.case import Concealing
+from buggy_rl.proof.cases.sealing import CaseStore, sealed_text
+from buggy_rl.proof.cases.secret import FILE, HASH
+from buggy_rl.proof.ledger import Entry, Ledger
+
+LEDGERS = ("ledger.jsonl", "ledger.jsonl.gz")
+
+
+@dataclass(frozen=True)
+class Published:
+    """What a folder has."""
+
+    folder: Path
+    secret: str
+    digests: dict[str, str]
+    """Case -> published hash of what is concealed in it."""
+    entries: list[Entry]
+
+
+def published(folder: Path) -> Published:
+    """Opens a folder; the secret is the one whose hash was published.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: The secret has another hash.
+    """
+    text = (folder / FILE).read_bytes()
+    digest = (folder / HASH).read_text().split()[0]
+    if hashlib.sha256(text).hexdigest() != digest:
+        raise ValueError(f"{folder / FILE} is not the secret of which {folder / HASH} is the hash")
+    ledgers = [folder / name for name in LEDGERS if (folder / name).exists()]
+    if not ledgers:
+        raise FileNotFoundError(f"{folder} has no {' or '.join(LEDGERS)}")
+    digests = CaseStore(folder, folder).digests()
+    if not digests:
+        raise FileNotFoundError(f"{folder} has no hashes.txt, or an empty one")
+    return Published(folder, text.decode().strip(), digests, Ledger(ledgers[0]).entries())
+
+
+def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:
+    """Checks every line of the ledger, and says what holds.
+
+    Args:
+        found: What was published.
+        again: The cases drawn again from the secret; empty where they are not.
+
+    Raises:
+        ValueError: Something is not as it was sealed; the message names the case.
+    """
+    opened = {entry.id: entry for entry in found.entries if entry.opened is not None}
+    if unopened := sorted(set(found.digests) - set(opened)):
+        raise ValueError(
+            f"case {unopened[0]} was sealed and is not in the ledger, or not opened there; "
+            f"{len(unopened)} of {len(found.digests)} are not"
+        )
+    for id_, entry in opened.items():
+        text = sealed_text(entry.case, found.secret)
+        if hashlib.sha256(text.encode()).hexdigest() != found.digests.get(id_):
+            raise ValueError(f"case {id_}: what the ledger says was concealed has another hash")
+    lines = [
+        f"secret: its hash is the one in {HASH}",
+        f"{len(opened)} cases: what was concealed has the published hash, and none is left out",
+    ]
+    if again:
+        drawn = {case.id: case for case in again}
+        if off := sorted(id_ for id_, entry in opened.items() if drawn.get(id_) != entry.case):
+            raise ValueError(f"case {off[0]} is not what the secret draws; {len(off)} are not")
+        lines.append(f"{len(opened)} cases are what the secret draws: nobody chose them")
+    return [*lines, *_made(list(opened.values()))]
+
+
+def _made(entries: Sequence[Entry]) -> list[str]:
+    """Time and code of the diagnoses, as the ledger has them."""
+    times = sorted(entry.made["time"] for entry in entries if "time" in entry.made)
+    if not times:
+        return ["the ledger does not say when its cases were diagnosed"]
+    commits = sorted({entry.made.get("commit", "unknown")[:7] for entry in entries})
+    sources = {entry.made.get("source") for entry in entries}
+    confined = sum(entry.made.get("confined") == "landlock" for entry in entries)
+    return [
+        f"diagnosed from {times[0]} to {times[-1]}, commits {', '.join(commits)}, {len(sources)} "
+        "states of the source",
+        f"{confined} of {len(entries)} diagnoses could not read what was sealed",
+    ]
