@@ -69,6 +69,13 @@ def test_cases_that_the_secret_does_not_draw_are_found(folder):
         checked(found, others)
 
 
+def test_a_case_that_was_drawn_and_never_sealed_is_found(folder):
+    found = published(folder)
+    more = drawn(DrawConfig(**{**DRAW, "cases": 4}), found.secret)
+    with pytest.raises(ValueError, match="was drawn, not sealed; 1 were not"):
+        checked(found, more)
+
+
 def test_the_command_draws_them_again(folder, tmp_path: Path):
     file = tmp_path / "proof.yaml"
     file.write_text(yaml.safe_dump({"output": "runs/x", "draw": DRAW}))

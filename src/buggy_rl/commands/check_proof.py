@@ -1,11 +1,12 @@
 """Checks that published sealed cases are what was sealed.
 
-    python scripts/check_proof.py folder=docs/proof/third config=configs/proof_third.yaml
-    python scripts/check_proof.py folder=docs/proof/real
+    python scripts/check_proof.py folder=runs/proof_third config=configs/proof_third.yaml
+    python scripts/check_proof.py folder=runs/proof_real
 
 The secret has the hash that was published before the first question, what was concealed in each
-case has its published hash, no case is left out, and (with `config`) the secret draws these cases:
-nobody chose them. When the hashes were committed, `git log --follow FOLDER/hashes.txt` says.
+case has its published hash, no case is left out, and (with `config`) the secret draws these cases
+and no others: nobody chose them. When the hashes were committed is said by
+`git log --follow FOLDER/hashes.txt`.
 """
 
 from dataclasses import dataclass

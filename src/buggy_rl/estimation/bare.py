@@ -69,7 +69,7 @@ def _passes(effects: Iterable[Effect]) -> Iterator[Callable[[Any, Any], object]]
             if len(apart) == 1:
                 yield apart[0]._step
             else:
-                rows = torch.cat([effect._buffers["active_rows"] for effect in apart])
+                rows = torch.cat([effect._tensor("active_rows") for effect in apart])
                 yield partial(step_together, apart, rows)
 
 

@@ -76,6 +76,8 @@ def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:
         drawn = {case.id: case for case in again}
         if off := sorted(id_ for id_, entry in opened.items() if drawn.get(id_) != entry.case):
             raise ValueError(f"case {off[0]} is not what the secret draws; {len(off)} are not")
+        if absent := sorted(set(drawn) - set(opened)):
+            raise ValueError(f"case {absent[0]} was drawn, not sealed; {len(absent)} were not")
         lines.append(f"{len(opened)} cases are what the secret draws: nobody chose them")
     return [*lines, *_made(list(opened.values()))]
 

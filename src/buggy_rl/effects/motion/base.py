@@ -271,9 +271,8 @@ def step_together(
     if len(effects) == 1:
         change = first._changed(whole, before, after)
     else:
-        each = zip(
-            effects, whole.split([len(e._tensor("active_rows")) for e in effects]), strict=True
-        )
+        sizes = [len(effect._tensor("active_rows")) for effect in effects]
+        each = zip(effects, whole.split(sizes), strict=True)
         changes = [effect._changed(own, before, after) for effect, own in each]
         change = torch.cat([own.T for own in changes], 1).T  # the batch last in memory
     moved, changed = MOVED.fastest(row)(numbers, pose, start, end, change, placed)

@@ -28,12 +28,10 @@ def strengths(fits: TrueFits, group: Tensor) -> dict[str, Any]:
         fits.problem, [fits.truth, fits.null, *fits.others.values()], group
     )
     gains = {name: loss - own for name, loss in zip(sets, losses, strict=True)}
-    return {
+    return fits.costs | {
         "nats": nothing - own,
         "rivals": gains,
         "strength": {e: _least(e, gains, nothing - own) for e in fits.truth.effects},
-        "parameters": {effect: v for effect, v in fits.truth.values().items() if effect},
-        "temper": fits.problem.dispersion,
     }
 
 
