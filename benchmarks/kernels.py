@@ -41,13 +41,14 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     with torch.no_grad():
         for kernel, cars in tqdm([(k, n) for k in kernels() for n in config.cars]):
-            if not kernel.ready(torch.ones(2)):
+            run = kernel.compiled(torch.ones(2))
+            if run is None:
                 raise ValueError(
                     f"no package of {kernel.name} of this source: python scripts/compile.py"
                 )
             arguments, ms = kernel.example(cars), {"pytorch": [], "package": []}
             for _ in range(config.repeats):
-                for name, call in (("pytorch", kernel.function), ("package", kernel.run)):
+                for name, call in (("pytorch", kernel.function), ("package", run)):
                     start = time.perf_counter()
                     call(*arguments)
                     ms[name].append(1e3 * (time.perf_counter() - start))

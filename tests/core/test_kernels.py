@@ -76,8 +76,9 @@ def test_the_package_gives_what_pytorch_gives(folder, monkeypatch, n):
     monkeypatch.setenv(FOLDER, str(folder))
     arguments = noisy(KERNEL, n)
     with torch.no_grad():
-        assert KERNEL.ready(torch.ones(n))
-        for a, b in zip(KERNEL.run(*arguments), KERNEL.function(*arguments), strict=True):
+        run = KERNEL.compiled(torch.ones(n))
+        assert run is not None
+        for a, b in zip(run(*arguments), KERNEL.function(*arguments), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
 
 
@@ -89,10 +90,11 @@ def test_a_single_car_is_run_as_one_of_a_batch(folder, monkeypatch):
         a if dim is None else a.select(dim, 0) for a, dim in zip(one, KERNEL.batch, strict=True)
     ]
     with torch.no_grad():
-        assert KERNEL.ready(torch.ones(1))
-        assert KERNEL.ready(torch.ones(()))
+        run = KERNEL.compiled(torch.ones(1))
+        assert run is not None
+        assert KERNEL.compiled(torch.ones(())) is not None
         for given in (one, bare):
-            for a, b in zip(KERNEL.run(*given), KERNEL.function(*given), strict=True):
+            for a, b in zip(run(*given), KERNEL.function(*given), strict=True):
                 torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
 
 
@@ -101,7 +103,7 @@ def test_arguments_and_results_lie_in_memory_as_the_package_has_them(folder, mon
     monkeypatch.setenv(FOLDER, str(folder))
     with torch.no_grad():
         given = KERNEL._batch_last(noisy(KERNEL, 32))
-        results = KERNEL.run(*noisy(KERNEL, 32))
+        results = KERNEL.fastest(torch.ones(2))(*noisy(KERNEL, 32))
     assert all(a.is_contiguous() and a.shape[-1] == 32 for a in given if a.dim())
     assert all(result.movedim(0, -1).is_contiguous() for result in results)
 
@@ -117,7 +119,7 @@ def test_no_bit_of_a_car_depends_on_how_many_are_simulated(folder, packages, mon
             for a, dim in zip(many, own.batch, strict=True)
         )
         with torch.no_grad():
-            for way in (own.run, own.function):
+            for way in (own.compiled(torch.ones(2)), own.function):
                 batch = zip(way(*many), way(*few), own._batch_of_results, strict=True)
                 for whole, part, dim in batch:
                     assert torch.equal(whole.narrow(dim, 3, n), part)
@@ -140,9 +142,9 @@ def test_without_a_word_those_of_the_cache_are_used(folder, monkeypatch):
     monkeypatch.delenv(FOLDER, raising=False)
     with torch.no_grad():
         monkeypatch.setattr(kernel, "CACHE", folder)
-        assert KERNEL.ready(torch.ones(3))
+        assert KERNEL.compiled(torch.ones(3)) is not None
         monkeypatch.setattr(kernel, "CACHE", folder / "never compiled")
-        assert not KERNEL.ready(torch.ones(3))
+        assert KERNEL.compiled(torch.ones(3)) is None
 
 
 @compiler
@@ -173,12 +175,12 @@ def test_an_effect_on_the_motion_acts_alike_with_it(packages, monkeypatch, name,
 def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
     row = torch.ones(3)
     monkeypatch.setenv(FOLDER, str(folder))
-    assert not KERNEL.ready(row)
+    assert KERNEL.compiled(row) is None
     with torch.no_grad():
-        assert KERNEL.ready(row)
-        assert KERNEL.fastest(row) == KERNEL.run
+        assert KERNEL.compiled(row) is not None
+        assert KERNEL.fastest(row) != KERNEL.function
         monkeypatch.setenv(FOLDER, "")
-        assert not KERNEL.ready(row)
+        assert KERNEL.compiled(row) is None
         assert KERNEL.fastest(row) == KERNEL.function
 
 
@@ -187,19 +189,19 @@ def test_with_derivatives_or_without_a_folder_pytorch_runs(folder, monkeypatch):
 def test_other_batches_run_by_pytorch(folder, monkeypatch, row):
     monkeypatch.setenv(FOLDER, str(folder))
     with torch.no_grad():
-        assert not KERNEL.ready(row)
+        assert KERNEL.compiled(row) is None
 
 
 def test_a_folder_without_the_package_is_named_with_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDER, str(tmp_path))
     with torch.no_grad(), pytest.warns(UserWarning, match="scripts/compile.py"):
-        assert not KERNEL.ready(torch.ones(3))
+        assert KERNEL.compiled(torch.ones(3)) is None
 
 
 def test_of_several_missing_packages_one_is_told(tmp_path, monkeypatch, recwarn):
     monkeypatch.setenv(FOLDER, str(tmp_path))
     with torch.no_grad():
-        assert not any(k.ready(torch.ones(3)) for k in (KERNEL, CENTRED, MOVED))
+        assert not any(k.compiled(torch.ones(3)) for k in (KERNEL, CENTRED, MOVED))
     told = [str(w.message) for w in recwarn if "compile.py" in str(w.message)]
     assert len(told) == 1
     assert f"{tmp_path} holds no {KERNEL.name} of this source" in told[0]

@@ -8,6 +8,7 @@ from tensordict import TensorDict
 from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.core.stepping import trajectory
 from buggy_rl.effects import offered
+from buggy_rl.effects.terms.grammar import terms
 from buggy_rl.estimation.bare import BareEnv, Rows
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.rollout import ParameterSets, Simulation, _commands, sensed
@@ -49,6 +50,23 @@ def test_a_slow_servo_remembers_commands_from_before_the_segment(effect, value):
     settings = ParameterSets({effect: {name: torch.tensor([v]) for name, v in value.items()}})
     residual = Simulation(single_track).residuals(cut_segments(drives, 1.0, 1.0), settings)
     assert float(residual[:, 1:, :, 5].abs().max()) < 0.15  # [rad/s]
+
+
+def test_no_bit_of_a_rollout_depends_on_how_many_there_are(quiet, monkeypatch):
+    library = Library(offered(ONE_WAY), make_engine("single_track").declared)
+    one = [library.hypothesis((n,), library.trials(n, quiet[0])[0] + [0.1]) for n in library.names]
+    term = [library.hypothesis((t.name,), [1.0, 0.1]) for t in terms()[::20]]
+    for hypotheses in (one, term):
+        settings = library.settings([(h, h.vector) for h in hypotheses])
+        together = Simulation(single_track).readings(quiet[0], settings)
+        with monkeypatch.context() as patched:
+            patched.setattr(Simulation, "_shares", lambda _, sets, *__: _parts(sets, 23))
+            apart = Simulation(single_track).readings(quiet[0], settings)
+        assert torch.equal(together, apart)
+
+
+def _parts(count, size):
+    return [slice(first, first + size) for first in range(0, count, size)]
 
 
 def test_each_parameter_set_rolls_out_as_if_it_were_alone(quiet):

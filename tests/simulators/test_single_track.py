@@ -376,3 +376,11 @@ def test_a_dead_time_longer_than_the_memory_is_refused():
 def test_no_substeps_are_refused():
     with pytest.raises(ValueError, match="substeps is 0"):
         make_engine("single_track", substeps=0)
+
+
+def test_no_bit_of_a_steering_command_depends_on_how_many_cars_there_are():
+    angle = 0.6 * torch.rand(4096, generator=torch.Generator().manual_seed(0)) - 0.3
+    values = make_engine("single_track").values
+    together = steering_command(angle, values)
+    for first, last in ((0, 16), (48, 96), (5, 4096)):
+        assert torch.equal(together[first:last], steering_command(angle[first:last], values))

@@ -22,7 +22,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
 """Folder of the packages by default."""
 SOURCE = Path(__file__).parents[1]
 LANES = 16  # float32 numbers of a vector instruction at most
+Package = Callable[[list[Tensor]], list[Tensor]]
 MADE_OF = ("core/kernels.py", "simulators", "effects", "core/vehicle.py")
 """What kernels follow from, whole: a package too many is made anew rather than one too few."""
 
@@ -58,25 +59,28 @@ class Kernel:
     """Dimension of the batch of each argument; None where it has none."""
 
     def fastest(self, row: Tensor) -> Callable[..., Sequence[Tensor]]:
-        """The package if it is `ready`, else the function."""
-        return self.run if self.ready(row) else self.function
+        """What is `compiled` for cars like `row`, else the function."""
+        return self.compiled(row) or self.function
 
-    def ready(self, row: Tensor) -> bool:
-        """Whether its package is there and takes cars like `row`, which has a value per car."""
-        return (
-            not torch.compiler.is_compiling()  # traced into another package
-            and row.dim() < 2
-            and row.numel() > 0
-            and row.dtype == torch.float32
-            and row.device.type == "cpu"
-            and not torch.is_grad_enabled()
-            and _package(self, os.environ.get(FOLDER, str(CACHE))) is not None
-        )
+    def compiled(self, row: Tensor) -> Callable[..., Sequence[Tensor]] | None:
+        """Runs the package on arguments like those of `example`.
 
-    def run(self, *arguments: Tensor) -> Sequence[Tensor]:
-        """Runs the package, which must be `ready`, on arguments like those of `example`."""
+        None where there is none, or where it does not take cars like `row`, which has a value per
+        car.
+        """
+        if (
+            torch.compiler.is_compiling()  # traced into another package
+            or row.dim() > 1
+            or row.numel() == 0
+            or row.dtype != torch.float32
+            or row.device.type != "cpu"
+            or torch.is_grad_enabled()
+        ):
+            return None
         package = _package(self, os.environ.get(FOLDER, str(CACHE)))
-        assert package is not None
+        return None if package is None else partial(self._run, package)
+
+    def _run(self, package: Package, *arguments: Tensor) -> Sequence[Tensor]:
         first, dim, rank = self._first
         alone = arguments[first].dim() < rank
         if alone:
@@ -110,12 +114,14 @@ class Kernel:
 
         Not zeros: where one of a vector is not finite, sines of the others are rounded otherwise.
         """
-        each = [(_last(a, dim), dim) for a, dim in zip(arguments, self.batch, strict=True)]
+        each = [_last(a, dim) for a, dim in zip(arguments, self.batch, strict=True)]
+        if not more:
+            return [a.contiguous() for a in each]
         return [
             a.contiguous()
-            if dim is None or not more
+            if dim is None
             else torch.cat([a, a[..., :1].expand(*a.shape[:-1], more)], -1)
-            for a, dim in each
+            for a, dim in zip(each, self.batch, strict=True)
         ]
 
     def file(self, folder: Path) -> Path:
@@ -209,7 +215,7 @@ def _instructions() -> str:
 
 
 @cache
-def _package(kernel: Kernel, folder: str) -> Callable[[list[Tensor]], list[Tensor]] | None:
+def _package(kernel: Kernel, folder: str) -> Package | None:
     if not folder:
         return None
     if not kernel.there(Path(folder)):

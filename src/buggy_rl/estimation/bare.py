@@ -10,6 +10,7 @@ from itertools import groupby
 from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 
@@ -36,9 +37,12 @@ class BareEnv:
     """
 
     def __init__(self, engine: Engine, stack: Sequence[Effect]) -> None:
-        self._engine = engine
+        self._engine, self._stack, self.device = engine, stack, engine.device
+        self.imposed = False
+        """Whether the motion after the next step is replaced, so that latent states alone count."""
         self._acting = [effect for effect in stack if effect.active]
         self._steps = list(_passes(self._acting))
+        self._latent = list(_passes(_remembered(self._acting, engine.batch_size.numel())))
 
     @classmethod
     def of(cls, engine: EnvBase, stack: Sequence[Effect]) -> "BareEnv | None":
@@ -51,15 +55,41 @@ class BareEnv:
             return cls(engine, stack)
         return None
 
+    def reset(self, given: TensorDictBase) -> TensorDictBase:
+        """State right after a reset at what is given of it."""
+        state = self._engine._begin(given, None)
+        for effect in self._stack:
+            effect._reset(given, state)
+        return state
+
     def step(self, state: Rows) -> dict[str, Rows]:
         """Returns the next state under `next`."""
         before = Rows(state)  # what effects hand to one another stays out of the state
         for effect in reversed(self._acting):
             effect._inv_call(before)  # type: ignore[arg-type]
         after = Rows(self._engine.moved(before))
-        for step in self._steps:
+        for step in self._latent if self.imposed else self._steps:
             step(before, after)
         return {"next": after}
+
+
+def _remembered(effects: Sequence[Effect], count: int) -> list[Effect]:
+    """Effects that have a latent state, and those whose motion or reading such a one sees.
+
+    Args:
+        effects: From the engine outwards.
+        count: Environments.
+    """
+    seen = torch.zeros(count, dtype=torch.bool)  # by an effect with a latent state
+    kept = list[Effect]()
+    for effect in reversed(effects):
+        rows = slice(None) if effect.rows is None else effect.rows.cpu()
+        remembers = bool(effect._state_specs(torch.Size([1]), None))
+        if remembers or bool(seen[rows].any()):
+            kept.append(effect)
+        if remembers and effect.kind != "actuation":  # a command's is of what was commanded
+            seen[rows] = True
+    return kept[::-1]
 
 
 def _passes(effects: Iterable[Effect]) -> Iterator[Callable[[Any, Any], object]]:

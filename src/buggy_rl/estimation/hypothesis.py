@@ -226,8 +226,9 @@ class Library:
                     continue
                 elif c.effect.startswith(OWN):
                     own = self.parameters[name]  # an engine may refuse what is out of bounds
-                    values = parameters.setdefault(name, torch.full(shape, own.value))
-                    values[row] = value.clamp(own.lower, own.upper)
+                    if name not in parameters:
+                        parameters[name] = torch.full(shape, own.value)
+                    parameters[name][row] = value.clamp(own.lower, own.upper)
                 else:
                     if c.effect not in effects:
                         declared = effect_class(c.effect).declared

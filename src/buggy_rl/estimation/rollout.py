@@ -183,16 +183,19 @@ class Simulation:
         pose, velocity = _start(segments, stack, sets, start_error)
         action = _commands(segments, settings.clock_offset)
 
+        bare = BareEnv.of(env.base_env, stack)
+
         def act(row: int, state: TensorDictBase) -> TensorDictBase:
             if row <= segments.start:
                 _impose(state, pose[:, row], velocity[:, row])
+            if bare is not None:
+                bare.imposed = row < segments.start
             return state.set(keys.ACTION, action[:, row])
 
-        state = self._reset(env, stack, segments, pose[:, 0], velocity[:, 0])
+        state = self._reset(bare or env, stack, segments, pose[:, 0], velocity[:, 0])
         wanted = set((self.instants(segments) + segments.start).tolist())
-        bare = BareEnv.of(env.base_env, stack)
         begin = cast(Any, state if bare is None else Rows(state.items()))
-        states = trajectory(env if bare is None else bare, begin, act, action.shape[1] - 1)
+        states = trajectory(bare or env, begin, act, action.shape[1] - 1)
         seen = [sensed(state) for row, state in enumerate(states) if row in wanted]
         return torch.stack(seen, 1).view(sets, count, len(seen), 6).cpu()
 
@@ -302,8 +305,10 @@ class Simulation:
     def _reset(self, env, stack, segments: Segments, pose: Tensor, velocity: Tensor):
         """State at row 0, latent states of effects as the commands before it left them."""
         sets = len(pose) // len(segments)
-        motion = {keys.POSE: pose, keys.VELOCITY: velocity}
-        state = reset_at(env, TensorDict(motion, [len(pose)], device=env.device))
+        given = TensorDict(
+            {keys.POSE: pose, keys.VELOCITY: velocity}, [len(pose)], device=env.device
+        )
+        state = env.reset(given) if isinstance(env, BareEnv) else reset_at(env, given)
         if keys.ELAPSED in state.keys():  # noqa: SIM118  TensorDict has no `in`
             state[keys.ELAPSED] = segments.session.repeat(sets).unsqueeze(-1)
         for effect in stack:

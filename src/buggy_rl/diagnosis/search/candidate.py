@@ -180,9 +180,11 @@ def held_out_square(criteria: Criteria, problem: Problem, best: Candidate, more:
     prior = torch.cat([fit.prior, varying])
     vector = torch.cat([fit.vector, torch.zeros_like(varying)])
     hessian, gradient = curve.sum(0) + torch.diag(prior**-2), score.sum(0) + vector / prior**2
-    square = torch.empty(len(criteria.group), dtype=torch.float64)
-    for block in criteria.group.unique():
-        out = criteria.group == block
-        step = torch.linalg.solve(hessian - curve[out].sum(0), gradient - score[out].sum(0))
-        square[out] = (fit.whitened[out] - columns[out] @ step).square().sum(-1)
-    return square
+    blocks, own = criteria.group.unique(return_inverse=True)
+    curves, scores = (
+        part.new_zeros(len(blocks), *part.shape[1:]).index_add_(0, own, part)
+        for part in (curve, score)
+    )
+    steps = torch.linalg.solve(hessian - curves, gradient - scores)  # (B, P + Q)
+    moved = (columns @ steps[own].unsqueeze(-1)).squeeze(-1)
+    return (fit.whitened - moved).square().sum(-1)

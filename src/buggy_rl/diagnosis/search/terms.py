@@ -30,6 +30,7 @@ ALIKE = 0.98  # [-] correlation of two lines above which they are one finding
 MOST = 3  # terms
 ROUNDS = 5
 REWEIGHTED = 4
+TOGETHER = 200  # trials whose lines are solved at once, to bound memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,38 +139,54 @@ def screen_terms(
         if name not in base.effects
     ]
     rolled = few.rolled_out(starts)
-    return sorted((_on_line(few, at, trial) for trial in rolled), key=lambda s: s.loss)
+    parts = (rolled[i : i + TOGETHER] for i in range(0, len(rolled), TOGETHER))
+    found = (screened for part in parts for screened in _on_lines(few, at, part))
+    return sorted(found, key=lambda s: s.loss)
 
 
-def _on_line(problem: Problem, base: Fit, trial: Fit) -> Screened:
-    """r(a, b) = r_base + a move + J b, with the best a and b by reweighted least squares."""
-    noise, phi = problem.noise, problem.dispersion
-    assert base.jacobian is not None
-    columns = torch.cat([(trial.whitened - base.whitened).unsqueeze(-1), base.jacobian], -1)
-    precision = torch.cat([torch.zeros(1, dtype=columns.dtype), base.prior**-2])
-    precision[0] = 9.0**-1
-    centre = torch.cat([torch.zeros(1, dtype=columns.dtype), -base.vector])
-    square, step, weight = base.square, torch.zeros_like(centre), base.square
+def _on_lines(problem: Problem, base: Fit, trials: Sequence[Fit]) -> list[Screened]:
+    """r(a, b) = r_base + a move + J b, with the best a and b by reweighted least squares.
+
+    T trials at once, by the products of their moves with the residuals and J of each segment.
+    """
+    noise, phi, own = problem.noise, problem.dispersion, base.jacobian
+    assert own is not None
+    moves = torch.stack([trial.whitened for trial in trials]) - base.whitened  # (T, N, D)
+    beside = torch.einsum("tnd,ndp->tnp", moves, own)
+    square_own = (own.mT @ own).flatten(1)  # (N, P P)
+    along = (moves * base.whitened).sum(-1)  # (T, N)
+    along_own = (base.whitened.unsqueeze(-2) @ own).squeeze(-2)  # (N, P)
+    square_move = moves.square().sum(-1)  # (T, N)
+    precision = torch.cat([moves.new_tensor([9.0**-1]), base.prior**-2])
+    centre = torch.cat([moves.new_zeros(1), -base.vector])
+    square = base.square.expand(len(trials), -1)
+    hessian = moves.new_empty(len(trials), len(centre), len(centre))
+    step, weight = moves.new_zeros(len(trials), len(centre)), square
     for _ in range(REWEIGHTED):
-        weight = noise.weight(square, phi) / phi
-        hessian = torch.einsum("ndp,ndq,n->pq", columns, columns, weight)
-        hessian = hessian + torch.diag(precision)
-        score = torch.einsum("ndp,nd,n->p", columns, base.whitened, weight) - precision * centre
-        step = -torch.linalg.solve(hessian, score)
-        step[0] = step[0].clamp(-FARTHEST, FARTHEST)
-        square = (base.whitened + columns @ step).square().sum(-1)
-    loss = float(noise.loss(square, phi).sum())
-    loss += 0.5 * float((precision * (step - centre).square()).sum())
-    root = weight.sqrt().unsqueeze(-1)
-    move, own = (
-        (root * columns[..., 0]).flatten(),
-        (root.unsqueeze(-1) * base.jacobian).flatten(0, 1),
-    )
-    move = move - own @ torch.linalg.lstsq(own, move.unsqueeze(-1)).solution.squeeze(-1)
-    vector = torch.cat([base.vector[:-1] + step[1:-1], step[:1], base.vector[-1:] + step[-1:]])
-    return Screened(
-        Hypothesis(trial.effects, trial.coordinates, vector), loss, float(step[0].sign()) * move
-    )
+        weight = noise.weight(square, phi) / phi  # (T, N)
+        hessian[:, 0, 0] = (weight * square_move).sum(-1)
+        hessian[:, 0, 1:] = hessian[:, 1:, 0] = (weight.unsqueeze(1) @ beside).squeeze(1)
+        hessian[:, 1:, 1:] = (weight @ square_own).unflatten(1, own.shape[-1:] * 2)
+        score = torch.cat([(weight * along).sum(-1, keepdim=True), weight @ along_own], 1)
+        score = score - precision * centre
+        step = -torch.linalg.solve(hessian + torch.diag(precision), score)
+        step[:, 0] = step[:, 0].clamp(-FARTHEST, FARTHEST)
+        a, rest = step[:, :1], step[:, 1:]
+        square = base.square + a.square() * square_move + 2 * a * along
+        square = square + 2 * (rest @ along_own.T + a * (beside @ rest.unsqueeze(-1)).squeeze(-1))
+        square = square + (rest.unsqueeze(-1) * rest.unsqueeze(1)).flatten(1) @ square_own.T
+        square = square.clamp_min(0.0)
+    loss = noise.loss(square, phi).sum(-1)
+    loss = loss + 0.5 * (precision * (step - centre).square()).sum(-1)
+    absorbed = torch.linalg.pinv(hessian[:, 1:, 1:], hermitian=True) @ hessian[:, 1:, :1]
+    left = moves - (own @ absorbed.unsqueeze(1)).squeeze(-1)  # (T, N, D)
+    left = (step[:, :1].sign() * weight.sqrt()).unsqueeze(-1) * left
+    vectors = torch.cat([base.vector[:-1] + step[:, 1:-1], step[:, :1]], 1)
+    vectors = torch.cat([vectors, base.vector[-1:] + step[:, -1:]], 1)
+    return [
+        Screened(Hypothesis(trial.effects, trial.coordinates, vector), float(lost), move.flatten())
+        for trial, vector, lost, move in zip(trials, vectors, loss, left, strict=True)
+    ]
 
 
 def distinct(

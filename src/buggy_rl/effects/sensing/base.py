@@ -17,6 +17,23 @@ class SensingEffect(Effect):
 
     kind = "sensing"
 
+    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        if not self.active:
+            return pose, velocity
+        # Time last but one in memory: a sum over it then does not depend on the number of rows.
+        rows, rows_velocity = (self._gather(part, 2).contiguous() for part in (pose, velocity))
+        own_pose, own_velocity = self._true_motion(rows, rows_velocity, dt)
+        return self._scatter(pose, own_pose, 2), self._scatter(velocity, own_velocity, 2)
+
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        """`unsensed` of the active rows [n, T, 3]; what is measured by default."""
+        return pose, velocity
+
+    def _over_time(self, name: str) -> Tensor:
+        """Values [n, 1] of a parameter in the active rows, or () for one that all rows share."""
+        value = self._value(name)
+        return value.unsqueeze(-1) if value.dim() else value
+
     def _set_measured(
         self, td: TensorDictBase, true: tuple[Tensor, Tensor], rows: tuple[Tensor, ...]
     ) -> None:

@@ -45,9 +45,8 @@ class SensorLeverArm(MemorylessSensing):
     def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         return shifted(pose, velocity, self._value("x"), self._value("y"))
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        values = over_time(self.values)
-        return shifted(pose, velocity, -values["x"], -values["y"])
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        return shifted(pose, velocity, -self._over_time("x"), -self._over_time("y"))
 
 
 class SensorYaw(MemorylessSensing):
@@ -71,8 +70,8 @@ class SensorYaw(MemorylessSensing):
     def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         return _turned(pose, velocity, self._value("angle"))
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        return _turned(pose, velocity, -over_time(self.values)["angle"])
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        return _turned(pose, velocity, -self._over_time("angle"))
 
 
 class SpeedScale(MemorylessSensing):
@@ -106,8 +105,8 @@ class SpeedScale(MemorylessSensing):
     def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         return pose, _scaled(velocity, self._value("ratio"))
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        return pose, _scaled(velocity, 1 / over_time(self.values)["ratio"])
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        return pose, _scaled(velocity, 1 / self._over_time("ratio"))
 
 
 class PoseScale(MemorylessSensing):
@@ -146,8 +145,8 @@ class PoseScale(MemorylessSensing):
         ratio = self._value("ratio")
         return _scaled(pose, ratio), _scaled(velocity, ratio)
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        ratio = 1 / over_time(self.values)["ratio"]
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        ratio = 1 / self._over_time("ratio")
         return _scaled(pose, ratio), _scaled(velocity, ratio)
 
 
@@ -172,13 +171,8 @@ class GyroBias(MemorylessSensing):
     def _measurement(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         return pose, biased(velocity, self._value("bias"))
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        return pose, biased(velocity, -over_time(self.values)["bias"])
-
-
-def over_time(values: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Values of the batch's shape, with a dimension of 1 for the rows of a recording behind it."""
-    return {k: v.unsqueeze(-1) if v.dim() else v for k, v in values.items()}
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        return pose, biased(velocity, -self._over_time("bias"))
 
 
 def shifted(pose: Tensor, velocity: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
@@ -282,9 +276,9 @@ class HeadingDrift(SensingEffect):
     ) -> dict[str, TensorSpec]:
         return {self.memory: numbers_spec(shape, 6, device=device)}
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
         rows = torch.arange(pose.shape[-2], device=pose.device)
-        error = over_time(self.values)["rate"] * dt * rows  # (*, T) of the heading
+        error = self._over_time("rate") * dt * rows  # (*, T) of the heading
         way = pose[..., :2].diff(dim=-2)
         middle = 0.5 * (error[..., 1:] + error[..., :-1])
         way = rotate(way, -middle.expand(way.shape[:-1]))

@@ -25,9 +25,8 @@ from buggy_rl.effects.delay import (
     time_constant,
 )
 from buggy_rl.effects.sensing.base import SensingEffect, sensed_motion
-from buggy_rl.effects.sensing.mounting import over_time
 
-SMOOTHING = 0.05  # [s] to each side of a slope in `unsensed`: 0.1 s in all; chosen
+SMOOTHING = 0.05  # [s] to each side of a slope in `_true_motion`: 0.1 s in all; chosen
 
 
 class SensorLatency(DeadTimeEffect, SensingEffect):
@@ -85,8 +84,8 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
     ) -> dict[str, TensorSpec]:
         return {self.memory: numbers_spec(shape, self._rows_back, 6, device=device)}
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        dead_time = self.values["dead_time"]
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        dead_time = self._value("dead_time")
         most = rows_back(dead_time, dt)
         whole, share = taps(dead_time, dt, most)
         beyond = extrapolated(pose[..., -1, :], velocity[..., -1, :], most, dt)
@@ -151,8 +150,8 @@ class SensorLag(SensingEffect):
     ) -> dict[str, TensorSpec]:
         return {self.memory: numbers_spec(shape, 12, device=device)}
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        lag = over_time(self.values)["time_constant"].unsqueeze(-1)
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        lag = self._over_time("time_constant").unsqueeze(-1)
         return pose + lag * rate(pose, dt), velocity + lag * rate(velocity, dt)
 
 

@@ -5,7 +5,8 @@ holds a different term in each environment, so that one rollout screens hundreds
 of one effect.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar
 
@@ -39,12 +40,18 @@ SHAPES_OF: dict[str, Any] = {
     "sin2": lambda s, bend: torch.sin(2 * s),
 }
 RATES = ("steering_rate", "throttle_rate")
+Signals = Mapping[str, Callable[[], Tensor]]
+"""What gives each signal [n]: only those that a member has are computed."""
 
 
 class Bank(Effect):
     """coefficient * shape(signal) of one of its members, in each environment."""
 
     members: ClassVar[tuple[Term, ...]]
+    needs_time: ClassVar[bool]
+    """Whether a member depends on the time."""
+    needs_past: ClassVar[bool]
+    """Whether a member depends on what was before."""
     source = (
         "Brunton, Proctor & Kutz 2016, PNAS 113(15), 3932 (a dictionary of candidate functions, "
         "each linear in its coefficient)"
@@ -55,16 +62,6 @@ class Bank(Effect):
     def sentence(cls, values: Mapping[str, float]) -> str:
         return cls.members[int(values.get("member", 0))].sentence(values["coefficient"])
 
-    @property
-    def needs_time(self) -> bool:
-        """Whether a member depends on the time."""
-        return any("time" in t.signals for t in self.members)
-
-    @property
-    def needs_past(self) -> bool:
-        """Whether a member depends on what was before."""
-        return any(t.memory == "lag" or set(t.signals) & set(RATES) for t in self.members)
-
     def _values_changed(self) -> None:
         """Looks up the tables of the members that the active rows have."""
         numbers, own = self._member.unique(return_inverse=True)
@@ -72,6 +69,7 @@ class Bank(Effect):
         names = sorted({n for t in used for n in t.signals})
         shapes = sorted({t.shape for t in used})
         self._signal_names, self._shape_names = names, shapes
+        self._lagging = any(t.memory == "lag" for t in used)
         first = torch.tensor([names.index(t.signals[0]) for t in used])
         second = torch.tensor(
             [names.index(t.signals[1]) if len(t.signals) > 1 else -1 for t in used]
@@ -87,8 +85,8 @@ class Bank(Effect):
             shape_index=shape[own],
             bend=bend[own],
             late=late[own],
-            place_index=place[own],
             largest=largest[own],
+            **{f"at_{p}": (place == i).float()[own] for i, p in enumerate(PLACES)},
         )
 
     @property
@@ -98,15 +96,15 @@ class Bank(Effect):
             return torch.zeros((), dtype=torch.long)
         return self._value("member").round().long().cpu()
 
-    def _shaped(self, signals: Mapping[str, Tensor]) -> Tensor:
+    def _shaped(self, signals: Signals) -> Tensor:
         """Shape of the own signal [n] of each active row, before the lag."""
         if len(self.members) == 1:
             (term,) = self.members
-            product = signals[term.signals[0]]
+            product = signals[term.signals[0]]()
             for name in term.signals[1:]:
-                product = product * signals[name]
+                product = product * signals[name]()
             return SHAPES_OF[term.shape](product, term.bend)
-        columns = torch.stack([signals[name] for name in self._signal_names], -1)  # (n, S)
+        columns = torch.stack([signals[name]() for name in self._signal_names], -1)  # (n, S)
         first, second = self._tensor("first"), self._tensor("second")
         product = _own(columns, first)
         product = torch.where(second < 0, product, product * _own(columns, second.clamp_min(0)))
@@ -116,29 +114,24 @@ class Bank(Effect):
 
     def _late(self, shaped: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
         """What acts [n], and the lagged shape [n] after the step."""
-        known = state[..., 3] > 0.5
-        share = -torch.expm1(torch.as_tensor(-self.dt / LAG, dtype=shaped.dtype))
-        before = torch.where(known, state[..., 0], shaped)
-        lagged = before + share * (shaped - before)
+        if not self._lagging:
+            return shaped, shaped
+        before = torch.where(state[..., 3] > 0.5, state[..., 0], shaped)
+        lagged = before - math.expm1(-self.dt / LAG) * (shaped - before)
         return torch.where(self._tensor("late"), lagged, shaped), lagged
 
     def _placed(self, shaped: Tensor, places: tuple[str, ...]) -> list[Tensor]:
         """What is added [n], within its bounds, in the column of its own place; 0 in the others."""
-        own = self._tensor("place_index")
         largest = self._tensor("largest").to(shaped.dtype)
         amount = (self._value("coefficient") * shaped).clamp(-largest, largest)
-        every = list(PLACES)
-        return [
-            torch.where(own == every.index(p), amount, torch.zeros_like(amount)) for p in places
-        ]
+        return [amount * self._tensor(f"at_{place}").to(amount.dtype) for place in places]
 
-    def _rates(self, drive: Tensor, steering: Tensor, state: Tensor) -> dict[str, Tensor]:
-        known = state[..., 3] > 0.5
-        zero = torch.zeros_like(drive)
-        return {
-            "throttle_rate": torch.where(known, (drive - state[..., 1]) / self.dt, zero),
-            "steering_rate": torch.where(known, (steering - state[..., 2]) / self.dt, zero),
-        }
+    def _rates(self, drive: Tensor, steering: Tensor, state: Tensor) -> Signals:
+        def of(now: Tensor, column: int) -> Tensor:
+            known = state[..., 3] > 0.5
+            return torch.where(known, (now - state[..., column]) / self.dt, torch.zeros_like(now))
+
+        return {"throttle_rate": lambda: of(drive, 1), "steering_rate": lambda: of(steering, 2)}
 
 
 def _own(columns: Tensor, index: Tensor) -> Tensor:
@@ -147,16 +140,16 @@ def _own(columns: Tensor, index: Tensor) -> Tensor:
     return columns.gather(-1, index.unsqueeze(-1)).squeeze(-1)
 
 
-def _of_motion(pose: Tensor, velocity: Tensor) -> dict[str, Tensor]:
+def _of_motion(pose: Tensor, velocity: Tensor) -> Signals:
     vx, vy, r = velocity.unbind(-1)
     return {
-        "one": torch.ones_like(vx),
-        "speed": torch.sqrt(vx.square() + vy.square()),
-        "lateral_acceleration": vx * r,
-        "yaw_rate": r,
-        "x": pose[..., 0],
-        "y": pose[..., 1],
-        "heading": pose[..., 2],
+        "one": lambda: torch.ones_like(vx),
+        "speed": lambda: torch.sqrt(vx.square() + vy.square()),
+        "lateral_acceleration": lambda: vx * r,
+        "yaw_rate": lambda: r,
+        "x": lambda: pose[..., 0],
+        "y": lambda: pose[..., 1],
+        "heading": lambda: pose[..., 2],
     }
 
 
@@ -193,10 +186,13 @@ class TimedBank(Bank):
             return self._gather(tensordict.get(self.memory))
         return like.new_zeros(*like.shape, STATE)
 
-    def _time(self, tensordict: TensorDictBase) -> dict[str, Tensor]:
-        if not self.needs_time:
-            return {}
-        return {"time": self._gather(tensordict.get(keys.ELAPSED)).squeeze(-1)}
+    def _commands(self, drive: Tensor, steering: Tensor, state: Tensor, now: Any) -> Signals:
+        """Signals of commands [n], of `state`, and of the time of `now`."""
+        return {
+            **{"steering": lambda: steering, "throttle": lambda: drive},
+            **self._rates(drive, steering, state),
+            "time": lambda: self._gather(now.get(keys.ELAPSED)).squeeze(-1),
+        }
 
 
 class MotionTerms(TimedBank, MotionEffect):
@@ -224,10 +220,8 @@ class MotionTerms(TimedBank, MotionEffect):
         state = self._past(before, steering)
         signals = {
             **_of_motion(motion.pose, motion.after),
-            "lateral_acceleration": motion.acceleration[1],
-            **{"steering": steering, "throttle": drive},
-            **self._rates(drive, steering, state),
-            **self._time(before),
+            "lateral_acceleration": lambda: motion.acceleration[1],
+            **self._commands(drive, steering, state, before),
         }
         acting, lagged = self._late(self._shaped(signals), state)
         if self.needs_past:
@@ -256,9 +250,7 @@ class CommandTerms(TimedBank):
         pose, velocity = (self._gather(tensordict.get(k)) for k in (keys.POSE, keys.VELOCITY))
         signals = {
             **_of_motion(pose.to(command), velocity.to(command)),
-            **{"steering": steering, "throttle": drive},
-            **self._rates(drive, steering, state),
-            **self._time(tensordict),
+            **self._commands(drive, steering, state, tensordict),
         }
         acting, lagged = self._late(self._shaped(signals), state)
         throttle, steer = self._placed(acting, ("throttle", "steering"))
@@ -302,12 +294,9 @@ class SensorTerms(Bank, SensingEffect):
         rows = self._shown(self._gather(pose), self._gather(velocity), 1.0)
         self._set_measured(after, (pose, velocity), rows)
 
-    def unsensed(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-        flat_pose, flat_velocity = (self._gather(x, 2).movedim(-2, 0) for x in (pose, velocity))
-        rows = self._shown(flat_pose, flat_velocity, -1.0)
-        parts = zip((pose, velocity), rows, strict=True)
-        there = [self._scatter(full, row.movedim(0, -2), 2) for full, row in parts]
-        return there[0], there[1]
+    def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        rows = self._shown(pose.movedim(-2, 0), velocity.movedim(-2, 0), -1.0)
+        return rows[0].movedim(0, -2), rows[1].movedim(0, -2)
 
     def _shown(self, pose: Tensor, velocity: Tensor, sign: float) -> tuple[Tensor, Tensor]:
         """Pose and velocity [..., n, 3] with the addition, or without it again where -1."""
@@ -368,6 +357,8 @@ def term_class(name: str) -> type[Bank]:
             "__doc__": f"{equation}",
             "name": name,
             "members": members,
+            "needs_time": any("time" in t.signals for t in members),
+            "needs_past": any(t.memory == "lag" or {*t.signals} & {*RATES} for t in members),
             "declared": declared,
             "equation": equation,
         },

@@ -147,5 +147,6 @@ class GripPatch(TyreEffect):
         """Friction over the simulated one, q [n], of an axle at a place [n, 2] [m]."""
         away = place - torch.stack([self._value("x"), self._value("y")], -1)
         distance = (away.square().sum(-1) + 1e-12).sqrt()
-        inside = torch.sigmoid((self._value("radius") - distance) / EDGE)
+        # Not by `torch.sigmoid`, whose last bit depends on where in the batch a car is.
+        inside = 0.5 + 0.5 * torch.tanh(0.5 * (self._value("radius") - distance) / EDGE)
         return 1 + (self._value("grip").clamp_min(1e-2) - 1) * inside

@@ -63,7 +63,9 @@ def steering_command(angle: Tensor, values: Mapping[str, Tensor]) -> Tensor:
     reach = torch.where(left, values["left_angle"], values["right_angle"])
     steepness = torch.where(left, values["left_steepness"], values["right_steepness"])
     share = (angle / reach).clamp(-0.999, 0.999)  # atanh(1) is infinite
-    return (torch.atanh(share) / steepness - values["steering_offset"]).clamp(-1.0, 1.0)
+    # Not by `torch.atanh`, whose last bit depends on where in the batch a car is.
+    atanh = 0.5 * torch.log((1 + share) / (1 - share))
+    return (atanh / steepness - values["steering_offset"]).clamp(-1.0, 1.0)
 
 
 def dead_time_weights(dead_time: Tensor, dt: float, length: int) -> Tensor:
@@ -273,7 +275,8 @@ class ActuatedEngine(Engine):
     def _advance(self, state: TensorDictBase, action: Tensor) -> dict[str, Tensor]:
         commands = torch.cat([action.unsqueeze(-2), state[COMMANDS]], -2)  # (*, K + 1, 2)
         arriving = commands.gather(-2, self._arriving.expand(*commands.shape[:-2], 2, 2))
-        target = (self._weights * arriving).sum(-2)  # (*, 2)
+        earlier, later = (self._weights * arriving).unbind(-2)
+        target = earlier + later  # (*, 2)
         to_go = state[ACTUATOR] - target
         actuators = [target + to_go * decay for decay in self._mean_decays]
         pose, velocity = self._moved_on(actuators, state[keys.POSE], state[keys.VELOCITY])

@@ -181,11 +181,12 @@ class SingleTrackEngine(ActuatedEngine):
     def _moved_on(
         self, actuators: Sequence[Tensor], pose: Tensor, velocity: Tensor
     ) -> tuple[Tensor, Tensor]:
-        if self.command.kind != "throttle" or not KERNEL.ready(pose[..., 0]):
+        substep = KERNEL.compiled(pose[..., 0]) if self.command.kind == "throttle" else None
+        if substep is None:
             return super()._moved_on(actuators, pose, velocity)
         h = pose.new_tensor(self.dt / self.substeps)
         for position in actuators:
-            pose, velocity = KERNEL.run(self._columns, h, position, pose, velocity)
+            pose, velocity = substep(self._columns, h, position, pose, velocity)
         return pose, velocity
 
     def _parameters_changed(self) -> None:

@@ -110,9 +110,10 @@ class ReferenceCar:
             voltage=self.drivetrain.open_voltage(car.charge),
             pose=pose,
         )
-        kernel = self.kernel
-        if kernel is not None and len(commands) == 1 and kernel.ready(car.vx):
-            self._kernel_steps(kernel, car, setting)
+        kernel = self.kernel if len(commands) == 1 else None
+        substep = None if kernel is None else kernel.compiled(car.vx)
+        if substep is not None:
+            self._compiled_steps(substep, kernel is KERNEL, car, setting)
             return
         for index in range(self.substeps):
             if 0 < index < len(commands):
@@ -129,17 +130,23 @@ class ReferenceCar:
             return KERNEL
         return BRAKED_KERNEL if self.build.command == BRAKED else None
 
-    def _kernel_steps(self, kernel: Kernel, car: CarState, setting: Setting) -> None:
-        """All substeps of a control period by the kernel."""
+    def _compiled_steps(
+        self,
+        substep: Callable[..., Sequence[Tensor]],
+        usual: bool,
+        car: CarState,
+        setting: Setting,
+    ) -> None:
+        """All substeps of a control period by the kernel of a usual build, or of another."""
         if self._side_by_side.shape[1:] != car.vx.shape:
-            names = VALUES if kernel is KERNEL else BRAKED_VALUES
+            names = VALUES if usual else BRAKED_VALUES
             self._side_by_side = torch.stack([self.values[n].expand_as(car.vx) for n in names])
-        size = () if kernel is KERNEL else (self.build.numbers(car.vx),)
+        size = () if usual else (self.build.numbers(car.vx),)
         given = (setting.steering, setting.duty, setting.voltage)
         fixed = (self._side_by_side, *size, car.vx.new_tensor(self.substep), *given)
         state: Sequence[Tensor] = [getattr(car, n) for n in MOVED]
         for _ in range(self.substeps):
-            state = kernel.run(*fixed, *state)
+            state = substep(*fixed, *state)
         for name, value in zip(MOVED, state, strict=True):
             setattr(car, name, value)
         car.rack = car.servo
