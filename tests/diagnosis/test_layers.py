@@ -1,5 +1,7 @@
 """Layers of a repaired simulator: each is kept for what it brings, and never all for less."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -21,12 +23,14 @@ from buggy_rl.diagnosis.repair.validation import (
     HeldOutResiduals,
     Stack,
     Validation,
+    delivered,
     validated,
 )
 from buggy_rl.diagnosis.run.case import Criteria, longer_segments
 from buggy_rl.diagnosis.search import terms
+from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.effects.terms.grammar import PREFIX
-from buggy_rl.estimation.evidence import blocks
+from buggy_rl.estimation.evidence import blocks, misfit
 from buggy_rl.estimation.gauss_newton import Problem
 from buggy_rl.estimation.hypothesis import Library
 from buggy_rl.estimation.noise_model import noise_model
@@ -252,3 +256,35 @@ def test_what_is_nearer_by_less_than_a_millimetre_takes_no_explanation_away(medi
         for m, s in ((median, 1.0), (0.0045, 4.0))
     )
     assert _is_nearer(simple, stack, group) is nearer
+
+
+def test_a_residual_learns_from_a_baseline_too_where_that_brings_rollouts_nearer():
+    same, right = planted_drives([TORQUE_STEER, {}], cars=4, seconds=9.0)
+    few, more = same[:2], {"wrong as well": same[2:], "right": right[2:]}
+    problem = problem_of(few)
+    learned = {
+        name: Validation(problem, plenty=plenty(few, drives)).residuals()
+        for name, drives in more.items()
+    }
+    assert learned["wrong as well"].recipe.baseline
+    assert not learned["right"].recipe.baseline
+    nothing = problem.library.hypothesis(())
+    alone = Validation(problem).residuals().recipe
+    both = learned["wrong as well"].recipe
+    fresh = problem_of(planted_drives([TORQUE_STEER], cars=2, seconds=9.0, seed=5)[0])
+    near, far = (
+        misfit(_rolled(delivered(problem, nothing, 2, recipe, plenty(few, same[2:])), fresh))
+        for recipe in (both, alone)
+    )
+    assert near < 0.9 * far
+
+
+def plenty(*drives):
+    return [cut_segments(each, 1.0, 1.0) for each in drives]
+
+
+def _rolled(file, fresh):
+    """Squares [N] of rollouts of a delivered residual over fresh drives."""
+    effect = ResidualAcceleration(model=file.residual, strength=1.0, dt=fresh.segments.dt)
+    simulation = replace(fresh.simulation, standing=(effect,))
+    return fresh.noise.whiten(simulation.residuals(fresh.segments))[0].square().mean(-1)

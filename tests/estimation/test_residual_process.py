@@ -44,7 +44,8 @@ def of_drives(wrong):
     drive = wrong.recording
     rows = rows_of(wrong, drive)
     noise = noise_model(SIMULATION, wrong)
-    return *learned(SIMULATION, rows_of(wrong, 1 - drive), 2, rows, noise), rows
+    found = learned(SIMULATION, rows_of(wrong, 1 - drive), 2, rows, noise)
+    return found.models, found.recipe, rows
 
 
 def distance(simulation, segments):
@@ -77,8 +78,8 @@ def test_a_right_simulator_is_left_as_it_is():
     right = segments_with({})
     drive = right.recording
     noise = noise_model(SIMULATION, right)
-    models, _ = learned(SIMULATION, rows_of(right, 1 - drive), 2, rows_of(right, drive), noise)
-    with_it = distance(beside(by_row(models, drive), right.dt), right)
+    found = learned(SIMULATION, rows_of(right, 1 - drive), 2, rows_of(right, drive), noise)
+    with_it = distance(beside(by_row(found.models, drive), right.dt), right)
     assert with_it < distance(SIMULATION, right) + 1e-3  # within the noise of the camera
 
 
@@ -140,8 +141,8 @@ def test_it_learns_nothing_from_what_the_sensor_alone_shows_wrong():
     biased = segments_with({"gyro_bias": {"bias": 0.15}})
     drive = biased.recording
     noise = noise_model(SIMULATION, biased)
-    models, _ = learned(SIMULATION, rows_of(biased, 1 - drive), 2, rows_of(biased, drive), noise)
-    with_it = distance(beside(by_row(models, drive), biased.dt), biased)
+    found = learned(SIMULATION, rows_of(biased, 1 - drive), 2, rows_of(biased, drive), noise)
+    with_it = distance(beside(by_row(found.models, drive), biased.dt), biased)
     assert with_it < distance(SIMULATION, biased) + 2e-3
 
 

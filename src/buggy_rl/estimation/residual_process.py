@@ -63,12 +63,24 @@ class Recipe:
     ridge: float
     iterations: tuple[tuple[float, float, float], ...] = ()
     """Weight of accelerations, precision of the weights, share of the way."""
+    baseline: bool = False
+    """Whether it learned from a baseline too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """Models of groups of segments, and how they were found."""
+
+    models: list[ResidualProcess]
+    recipe: Recipe
+    distance: float
+    """`closeness` of rollouts that were held out, their mean."""
 
 
 def learned(
     simulation: Simulation, data: Rows, groups: int, held_out: Rows, noise: NoiseModel
-) -> tuple[list[ResidualProcess], Recipe]:
-    """Models of groups of segments, and the recipe with which held-out rollouts come nearest.
+) -> Learned:
+    """Models of groups of segments, by the recipe with which held-out rollouts come nearest.
 
     Args:
         simulation: Of the simulator; alone in its process.
@@ -96,7 +108,7 @@ def learned(
             break
         weights, nearest = candidates[best], float(far[best])
         recipe = replace(recipe, iterations=(*recipe.iterations, TRIED[best]))
-    return learner.models(weights), recipe
+    return Learned(learner.models(weights), recipe, nearest)
 
 
 def relearned(simulation: Simulation, data: Rows, recipe: Recipe) -> ResidualProcess:

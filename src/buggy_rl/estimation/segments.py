@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import torch
 from tensordict import TensorDict
@@ -113,12 +114,7 @@ class Segments:
         count = -(-self.horizon // rows)
         firsts = torch.linspace(0, self.horizon - rows, count).round().long().tolist()
         parts = [self._from(first).shortened(rows) for first in firsts]
-        joined = {
-            name: torch.cat([getattr(part, name) for part in parts])
-            for name, value in vars(self).items()
-            if isinstance(value, Tensor)
-        }
-        return replace(self, **joined), torch.arange(len(self)).repeat(count)
+        return joined(parts), torch.arange(len(self)).repeat(count)
 
     def _from(self, first: int) -> "Segments":
         """Segments that begin so many rows later."""
@@ -142,6 +138,13 @@ class Segments:
         if len(self) <= most:
             return self
         return self[torch.linspace(0, len(self) - 1, most).round().long()]
+
+
+def joined(parts: Sequence[Segments]) -> Segments:
+    """Segments of one length and rate, one after another."""
+    names = [n for n, value in vars(parts[0]).items() if isinstance(value, Tensor)]
+    together: dict[str, Any] = {n: torch.cat([getattr(p, n) for p in parts]) for n in names}
+    return replace(parts[0], **together)
 
 
 def cut_segments(

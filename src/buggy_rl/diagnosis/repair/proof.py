@@ -255,14 +255,15 @@ def answer_section(case: DiagnosisCase, found: SearchResult) -> Mapping[str, Any
     problem = replace(problem, library=case.as_given, dispersion=1.0)
     starts: dict[str, Hypothesis] = dict(zip(("after", OTHER), every, strict=False))
     second = {name: fit for name, fit in starts.items() if name != "after"}
-    validation = Validation(problem, case.drives.longer, case.budget)
+    plenty = case.drives.plenty
+    validation = Validation(problem, case.drives.longer, case.budget, plenty)
     stacks, errors = validated(validation, every[0], second)
     name = chosen(errors, found.posterior.says == "unknown")
     refused = every[0].effects if name == "before" else ()
     worse = tuple(errors[n].median.get(SAID) for n in ("before", "after")) if refused else ()
     named = starts.get(name, problem.library.hypothesis(()))
     done = layered(validation, case.criteria, named, stacks, errors, name, case.budget.terms)
-    file = delivered(problem, done.start, validation.iterations, done.residual)
+    file = delivered(problem, done.start, validation.iterations, done.residual, plenty)
     repair = Repair(
         values=file.fit.values(),
         median=file.errors.median if file.fit.effects or done.residual is not None else {},

@@ -23,9 +23,16 @@ from buggy_rl.estimation.evidence import BLOCK, blocks
 from buggy_rl.estimation.gauss_newton import Problem, fitted
 from buggy_rl.estimation.hypothesis import OWN, Hypothesis, Library
 from buggy_rl.estimation.noise_model import NoiseModel, drawn_errors
-from buggy_rl.estimation.residual_process import Recipe, Rows, by_row, learned, relearned
+from buggy_rl.estimation.residual_process import (
+    Learned,
+    Recipe,
+    Rows,
+    by_row,
+    learned,
+    relearned,
+)
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
-from buggy_rl.estimation.segments import HORIZONS, Segments
+from buggy_rl.estimation.segments import HORIZONS, Segments, joined
 
 SAID = 1.0  # [s] horizon of the errors that are said
 
@@ -85,6 +92,8 @@ class Validation:
         problem: What hypotheses were fitted to.
         longer: Horizon [s] -> longer segments of the same recordings.
         budget: Whether horizons beyond the segments count too, and iterations of a fit.
+        plenty: Segments that a residual learns from, of the same recordings and maybe of a
+            baseline; those of the problem by default.
     """
 
     def __init__(
@@ -92,6 +101,7 @@ class Validation:
         problem: Problem,
         longer: Mapping[float, Segments] | None = None,
         budget: Budget = FULL,
+        plenty: Sequence[Segments] = (),
     ) -> None:
         self.problem = problem
         self._sensor = problem.noise.of_sensor
@@ -103,8 +113,10 @@ class Validation:
         longer = (longer or {}) if budget.longer else {}
         # Of longer segments no more than of those that are fitted to.
         for part in (problem.segments, *(s.spread(len(problem.segments)) for s in longer.values())):
-            owner = _owners(part, problem.segments, fold)
-            self.parts.append((part[owner >= 0], owner[owner >= 0]))
+            self.parts.append(_owned(part, problem.segments, fold))
+        own, *baseline = plenty or (problem.segments,)
+        self.baseline = baseline[0] if baseline else None
+        self.to_learn = _owned(own, problem.segments, fold)
 
     def refitted(
         self, starts: Mapping[str, Hypothesis], seconds: float = math.inf
@@ -131,26 +143,30 @@ class Validation:
         """
         problem, every = self.problem, range(len(self.aside))
         fits = fits or [problem.library.hypothesis(()).as_stamped for _ in every]
-        rests = [_rest(problem.segments, rows) for rows in self.aside]
+        segments, owner = self.to_learn
+        rests = [_rest(segments, torch.nonzero(owner == k).flatten()) for k in every]
         group = torch.cat([torch.full((len(rest),), k) for k, rest in enumerate(rests)])
         aside, own = (
             torch.cat(self.aside),
             torch.cat([torch.full((len(rows),), k) for k, rows in enumerate(self.aside)]),
         )
-        data = self._rows(torch.cat(rests), group, fits)
-        held_out = self._rows(aside, own, fits)
-        noise = self._sensor[aside]
-        found = learned(problem.simulation, data, len(fits), held_out, noise)
-        return HeldOutResiduals(*found)
+        library = problem.library
+        held_out = rows_to_learn(library, fits, problem.segments[aside], own)
+
+        def way(baseline: Segments | None) -> Learned:
+            data = rows_to_learn(library, fits, segments[torch.cat(rests)], group, baseline)
+            return learned(problem.simulation, data, len(fits), held_out, self._sensor[aside])
+
+        best = way(None)
+        if self.baseline is not None:
+            both = way(self.baseline)
+            if both.distance < best.distance:
+                best = replace(both, recipe=replace(both.recipe, baseline=True))
+        return HeldOutResiduals(best.models, best.recipe)
 
     def rest(self, aside: Tensor) -> Tensor:
         """Rows that are not set aside; of a single block, which proves nothing, all."""
         return _rest(self.problem.segments, aside)
-
-    def _rows(self, index: Tensor, group: Tensor, fits: Sequence[Hypothesis]) -> Rows:
-        vectors = torch.stack([fit.vector for fit in fits])[group]
-        settings = self.problem.library.settings([(fits[0], vectors)])
-        return Rows(self.problem.segments[index], group, settings)
 
     def errors(self, stacks: Mapping[str, "Stack"], seconds: float = math.inf) -> dict[str, Errors]:
         """Errors of rollouts of what is held out.
@@ -264,6 +280,34 @@ def validated(
     return stacks, validation.errors(stacks, seconds)
 
 
+def rows_to_learn(
+    library: Library,
+    fits: Sequence[Hypothesis],
+    segments: Segments,
+    group: Tensor,
+    baseline: Segments | None = None,
+) -> Rows:
+    """Segments that residuals learn from, with what each one's group has in place.
+
+    On a baseline the simulator was right: what is named was not there, nor was a parameter of the
+    simulator another.
+
+    Args:
+        library: Of the hypotheses.
+        fits: Hypothesis of each group.
+        segments: N of them.
+        group: Group [N] of each.
+        baseline: Segments of the car as it was, from which every group learns too.
+    """
+    vectors = torch.stack([fit.vector for fit in fits])[group]
+    if baseline is not None:
+        more, count = len(fits) * len(baseline), len(fits)
+        segments = joined([segments, *[baseline] * count])
+        group = torch.cat([group, torch.arange(count).repeat_interleave(len(baseline))])
+        vectors = torch.cat([vectors, vectors.new_zeros(more, vectors.shape[1])])
+    return Rows(segments, group, library.settings([(fits[0], vectors)]))
+
+
 @dataclass(frozen=True, eq=False)
 class Delivered:
     """What a simulator's file holds, and how far its rollouts are."""
@@ -280,6 +324,7 @@ def delivered(
     best: Hypothesis,
     iterations: int = FULL.iterations,
     recipe: Recipe | None = None,
+    plenty: Sequence[Segments] = (),
 ) -> Delivered:
     """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
@@ -288,12 +333,16 @@ def delivered(
         best: Where the fit begins; its clock is left out.
         iterations: Of the fit.
         recipe: Of a residual that is learned upon it; None for none.
+        plenty: As of a `Validation`.
     """
     [fit] = _fitted(problem, [best.as_stamped], iterations)
     simulation, residual = problem.simulation, None
     segments, settings = problem.segments, problem.library.settings([(fit, fit.vector)])
     if recipe is not None:
-        rows = Rows(segments, torch.zeros(len(segments), dtype=torch.long), settings)
+        own, *baseline = plenty or (segments,)
+        group = torch.zeros(len(own), dtype=torch.long)
+        beside = baseline[0] if recipe.baseline else None
+        rows = rows_to_learn(problem.library, [fit], own, group, beside)
         residual = _upon_standing(simulation, relearned(simulation, rows, recipe))
         effect = ResidualAcceleration(model=residual, strength=1.0, dt=segments.dt)
         simulation = replace(simulation, standing=(effect,))
@@ -385,10 +434,11 @@ def _rest(segments: Segments, aside: Tensor) -> Tensor:
     return torch.nonzero(kept if bool(kept.any()) else ~kept).flatten()
 
 
-def _owners(part: Segments, segments: Segments, fold: Tensor) -> Tensor:
-    """Fold [N] of segments of another length; -1 where their block has none."""
-    owner = dict(zip(_blocks(segments), fold.tolist(), strict=True))
-    return torch.tensor([owner.get(block, -1) for block in _blocks(part)])
+def _owned(part: Segments, segments: Segments, fold: Tensor) -> tuple[Segments, Tensor]:
+    """Other segments of the same recordings, without those whose block has none; their folds."""
+    by_block = dict(zip(_blocks(segments), fold.tolist(), strict=True))
+    owner = torch.tensor([by_block.get(block, -1) for block in _blocks(part)])
+    return part[owner >= 0], owner[owner >= 0]
 
 
 def _blocks(segments: Segments) -> list[tuple[int, int]]:

@@ -29,6 +29,7 @@ from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import HORIZONS, WARM_UP, Segments, cut_segments
 from buggy_rl.recordings import Recording
 
+PLENTY = 2
 MOST_BAD = 0.5  # share of segments that may be no numbers
 
 
@@ -44,6 +45,9 @@ class Drives:
     baseline: Segments | None = None
     """Segments of recordings on which the simulator counts as right, likewise spread; None without
     any."""
+    plenty: Sequence[Segments] = ()
+    """Up to `PLENTY` times as many segments of the recordings, and of the baseline if there is one:
+    a residual that is learned has more weights than anything else has numbers."""
 
     @classmethod
     def cut(
@@ -62,21 +66,29 @@ class Drives:
             segments_of(recordings, config),
             longer_segments(recordings, config.seconds),
             segments_of(baseline, config) if baseline else None,
+            [segments_of(r, config, PLENTY) for r in (recordings, baseline) if r],
         )
 
     def within(self, budget: Budget) -> "Drives":
         """The drives with as many segments as a budget has."""
-        kept, before = self.segments, self.baseline
+
+        def spread(segments: Segments) -> Segments:
+            return segments.spread(budget.segments(len(segments)))
+
         return replace(
             self,
-            segments=kept.spread(budget.segments(len(kept))),
-            baseline=None if before is None else before.spread(budget.segments(len(before))),
+            segments=spread(self.segments),
+            baseline=None if self.baseline is None else spread(self.baseline),
+            plenty=[spread(segments) for segments in self.plenty],
         )
 
 
-def segments_of(recordings: Sequence[Recording], config: DiagnosisConfig) -> Segments:
-    """Cuts as many segments as are asked for, spread evenly over recordings."""
-    return cut_segments(recordings, config.seconds, config.seconds).spread(config.stretches)
+def segments_of(
+    recordings: Sequence[Recording], config: DiagnosisConfig, times: int = 1
+) -> Segments:
+    """Cuts so many times as many segments as are asked for, spread evenly over recordings."""
+    every = cut_segments(recordings, config.seconds, config.seconds)
+    return every.spread(times * config.stretches)
 
 
 def longer_segments(recordings: Sequence[Recording], seconds: float) -> dict[float, Segments]:

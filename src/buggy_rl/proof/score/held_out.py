@@ -38,17 +38,18 @@ def stack_errors(
         beside: Further sets to fit about the simulator as given, by name.
     """
     problem = replace(case.problem, simulation=case.given, library=case.as_given, dispersion=1.0)
-    nothing = problem.library.hypothesis(())
+    nothing, plenty = problem.library.hypothesis(()), case.drives.plenty
+    validation = Validation(problem, plenty=plenty)
 
     def simple(start: Hypothesis, recipe: Recipe | None = None) -> Rolled:
-        file = delivered(problem, start, case.budget.iterations, recipe)
+        file = delivered(problem, start, case.budget.iterations, recipe, plenty)
         return Repair(residual=file.residual, fit=file.fit).simulation(case)
 
     rolled = {
         "as_given": Repair().simulation(case),
         "stack": stack,
         "retuned": simple(problem.library.hypothesis(retunable(problem.library))),
-        "residual": simple(nothing, Validation(problem).residuals().recipe),
+        "residual": simple(nothing, validation.residuals().recipe),
         **{name: simple(start) for name, start in (beside or {}).items()},
     }
     errors = {name: _errors(*each, aside) for name, each in rolled.items()}
