@@ -223,8 +223,8 @@ def _answer(line: Mapping[str, Any], weights: Mapping[int, Mapping[str, Any]]) -
     about = {"status": "answered", "seconds": line["diagnosis_seconds"]}
     stack = {"distance": line["held_out"], "farther": line["farther"], "floor": line["floor"]}
     known = {**weights.get(case.seed, {}), "stack": stack}
-    scored = ScoredCase(case, CaseAnswer.from_diagnosis(line, about))
-    return answer_of(scored, known, line["more"])
+    said = {**line, "more_is_missing": line["more"]}
+    return answer_of(ScoredCase(case, CaseAnswer.from_diagnosis(said, about)), known)
 
 
 def summary(cases: Sequence[WeighedAnswer]) -> str:

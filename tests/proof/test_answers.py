@@ -1,5 +1,7 @@
 """Figures of answers: names over strength, terms, what else is missing, repaired simulators."""
 
+from dataclasses import replace
+
 import pytest
 
 from buggy_rl.proof.cases.case import Case
@@ -12,11 +14,12 @@ GAIN, OFFSET = {"gain": 0.8}, {"offset": 0.1}
 TERM = "term.forward.steering"
 
 
-def answered(concealed, said, simulator="reference", baseline=False, **known):
+def answered(concealed, said, simulator="reference", baseline=False, more=None, **known):
     """A case of the reference car and an answer: effect -> probability."""
     case = Case(1, "reference", simulator, baseline, concealed)
     effects = tuple(ScoredEffect(name, p) for name, p in said.items())
-    return WeighedAnswer(ScoredCase(case, CaseAnswer("missing_physics", effects)), **known)
+    answer = CaseAnswer("missing_physics", effects, more=more)
+    return WeighedAnswer(ScoredCase(case, answer), **known)
 
 
 def value(cases, name):
@@ -103,3 +106,17 @@ def test_a_stack_is_beaten_only_where_another_is_nearer_surely():
     assert errors(0.05, 0.02, farther=0.9, error=0.1).beaten
     assert not errors(0.05, 0.02, farther=0.9, error=0.6).beaten
     assert not errors(0.02, 0.0195, farther=0.9, error=0.1).beaten
+
+
+def test_without_an_answer_an_effect_is_missed_and_nothing_wrong_is_said():
+    unknown = {"sticky_servo": {"band": 0.1}}
+    cases = [answered({"steering_gain": GAIN}, {}, strength={"steering_gain": 50.0})]
+    cases += [answered(concealed, {}) for concealed in ({}, unknown)]
+    silent = [
+        replace(c, scored=replace(c.scored, answer=replace(c.scored.answer, status="crashed")))
+        for c in cases
+    ]
+    assert value(silent, "effects above 6 nats") == (0.0, 1)
+    assert value(cases, "nothing concealed")[1] == value(cases, "outside of it")[1] == 1
+    assert value(silent, "nothing concealed")[1] == value(silent, "outside of it")[1] == 0
+    assert value(silent, "no answer") == (1.0, 3)

@@ -1,12 +1,14 @@
 """The page: every figure with its target, every failing case with the truth."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.page import proof_page, reason, write_page
 from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.score.answers import WeighedAnswer
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.rivals import McNemar, MethodComparison
 from buggy_rl.proof.score.score import passed, score
@@ -127,3 +129,23 @@ def answered(concealed, *said, verdict="missing_physics", status="answered", mar
 def test_why_an_answer_failed(outcome, why):
     assert not passed(outcome)
     assert reason(outcome) == why
+
+
+def test_answers_stand_first_with_a_curve_over_strength(tmp_path):
+    right = ScoredCase(
+        Case(1, "reference", "reference", concealed=WIND),
+        CaseAnswer("missing_physics", (ScoredEffect("wind", 0.9),)),
+    )
+    missed = replace(right, answer=CaseAnswer("unknown_physics"))
+    answers = [
+        WeighedAnswer(scored, {"wind": nats}) for scored, nats in ((right, 50.0), (missed, 3.0))
+    ]
+    config = ProofConfig(output=str(tmp_path / "out"), page=str(tmp_path / "proof.md"))
+    scored = {"ours": score([right, missed])}
+    text = write_page(config, scored, [], "prove", 0, answers).read_text()
+    assert text.index("## Answers") < text.index("## The figures")
+    assert "| effects above 6 nats that are named, of one | at least 90 % | 100.0 %" in text
+    by_strength = text.partition("| strength of at least [nats] |")[2].splitlines()[2:]
+    assert by_strength[0].startswith("| any | 50.0 %")
+    assert by_strength[2].startswith("| 6 | 100.0 %")
+    assert (tmp_path / "proof_strength.png").exists()

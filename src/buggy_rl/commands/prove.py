@@ -42,18 +42,22 @@ def main() -> None:
     if not {"score", "page"} & set(config.stages):
         return
     from buggy_rl.proof.ledger import OURS, SEALED
+    from buggy_rl.proof.score.answers import answer_rows
     from buggy_rl.proof.score.rivals import comparisons, scores_of
+    from buggy_rl.proof.score.score import lines_of
+    from buggy_rl.proof.score.weighing import answer_of
 
     entries = opened(config, cases)
     scores, compared = scores_of(entries), comparisons(entries)
+    answers = [answer_of(entry.scored(), entry.weighed) for entry in entries]
     if "score" in config.stages:
-        lines = [*scores[OURS].lines(), *map(str, compared)]
+        lines = [*lines_of(answer_rows(answers)), *scores[OURS].lines(), *map(str, compared)]
         publish_score(config, lines, count=config.draw.split in SEALED)
     if "page" in config.stages:
         from buggy_rl.proof.page import write_page
 
         command = command_line(without="stages=")
-        page = write_page(config, scores, compared, command, openings(config.counter))
+        page = write_page(config, scores, compared, command, openings(config.counter), answers)
         print(f"written: {page}")
 
 

@@ -114,7 +114,7 @@ class Segments:
         count = -(-self.horizon // rows)
         firsts = torch.linspace(0, self.horizon - rows, count).round().long().tolist()
         parts = [self._from(first).shortened(rows) for first in firsts]
-        return joined(parts), torch.arange(len(self)).repeat(count)
+        return segments_joined(parts), torch.arange(len(self)).repeat(count)
 
     def _from(self, first: int) -> "Segments":
         """Segments that begin so many rows later."""
@@ -140,7 +140,7 @@ class Segments:
         return self[torch.linspace(0, len(self) - 1, most).round().long()]
 
 
-def joined(parts: Sequence[Segments]) -> Segments:
+def segments_joined(parts: Sequence[Segments]) -> Segments:
     """Segments of one length and rate, one after another."""
     names = [n for n, value in vars(parts[0]).items() if isinstance(value, Tensor)]
     together: dict[str, Any] = {n: torch.cat([getattr(p, n) for p in parts]) for n in names}

@@ -16,21 +16,52 @@ from buggy_rl.proof.cases.case import DRIVING, NUISANCES
 from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, answer_rows, named_curve
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.rivals import MethodComparison
 from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
+from buggy_rl.proof.score.strength import STRENGTHS
 
 GOOD, BAD = COLOURS[1], COLOURS[0]
 
 
-def pictures(score: Score) -> dict[str, Picture]:
+def pictures(score: Score, answers: Sequence[WeighedAnswer] = ()) -> dict[str, Picture]:
     """Pictures by the end of their file's name; those without a case are left out."""
-    found = {"figures": targets(score.rows), "classes": classes(score.breakdown)}
+    found: dict[str, Picture] = {}
+    if answers:
+        found["strength"] = strength_curve(named_curve(answers, STRENGTHS))
+    found |= {"figures": targets(score.rows), "classes": classes(score.breakdown)}
     if score.calibration:
         found["confidence"] = _confidence(score)
     if score.confusion:
         found["confusion"] = confusion(score.confusion)
     return found
+
+
+def strength_curve(curve: Sequence[StrengthRow]) -> Picture:
+    """Share of effects that are named, and of names that are right, by the effects' strength."""
+    picture, axis = plt.subplots(figsize=(7, 3.6), constrained_layout=True)
+    places = np.arange(len(curve), dtype=float)
+    for own, (label, colour) in enumerate(
+        (("effects that are named (recall)", GOOD), ("names that are right (precision)", BAD))
+    ):
+        figures = [row.precision if own else row.recall for row in curve]
+        value, low, high = (
+            100 * np.array([getattr(f, end) for f in figures]) for end in ("value", "low", "high")
+        )
+        beside = places + 0.12 * (own - 0.5)
+        axis.vlines(beside, low, high, color=colour, lw=3, alpha=0.4)
+        axis.plot(beside, value, "o-", color=colour, ms=5, lw=1, label=label)
+    axis.set_xticks(places, [strength_label(row) for row in curve])
+    axis.set(xlabel="strength of at least so many nats", ylabel="%", ylim=(-3, 103))
+    axis.legend(frameon=False, loc="lower right", fontsize=8)
+    tidy(axis)
+    return picture
+
+
+def strength_label(row: StrengthRow) -> str:
+    """Least strength of a row, in words."""
+    return "any" if np.isinf(row.least) else f"{row.least:g}"
 
 
 def targets(rows: Sequence[ScoreRow]) -> Picture:
@@ -125,6 +156,7 @@ def _interval(axis: Axes, figure: Figure, place: int, colour: str) -> None:
 
 
 CAPTIONS = {
+    "strength": "Names over the strength of what is concealed",
     "figures": "Every share with its interval",
     "classes": "First names by effect, pairing, nuisance, size, length and driving",
     "confidence": "Calibration, and accuracy against coverage",
@@ -139,6 +171,7 @@ def proof_page(
     command: str,
     opened: int,
     images: Mapping[str, str],
+    answers: Sequence[WeighedAnswer] = (),
 ) -> str:
     """The whole page.
 
@@ -149,6 +182,7 @@ def proof_page(
         command: That makes the page again.
         opened: How often the sealed cases were scored.
         images: Kind of picture -> its path from the page.
+        answers: Of the diagnosis, beside what could be found.
     """
     own = scores[OURS]
     templates = Environment(
@@ -167,6 +201,8 @@ def proof_page(
         score=own,
         others=[name for name in scores if name != OURS],
         figures=_figures(scores),
+        answers=[_row(row) for row in answer_rows(answers)] if answers else [],
+        curve=[_strength(row) for row in named_curve(answers, STRENGTHS)] if answers else [],
         compared=[_compared(c) for c in compared],
         nuisances=NUISANCES,
         driving=DRIVING,
@@ -181,17 +217,18 @@ def write_page(
     compared: Sequence[MethodComparison],
     command: str,
     opened: int,
+    answers: Sequence[WeighedAnswer] = (),
 ) -> Path:
     """Writes the page and its pictures to the files of the config; the page's path."""
     file = Path(config.page or config.store.output / "proof.md")
     folder = Path(config.images or file.parent)
     folder.mkdir(parents=True, exist_ok=True)
     images = {}
-    for kind, picture in pictures(scores[OURS]).items():
+    for kind, picture in pictures(scores[OURS], answers).items():
         image = folder / f"{file.stem}_{kind}.png"
         picture.savefig(image, dpi=130)
         images[kind] = os.path.relpath(image, file.parent)
-    write_atomically(file, proof_page(config, scores, compared, command, opened, images))
+    write_atomically(file, proof_page(config, scores, compared, command, opened, images, answers))
     return file
 
 
@@ -202,20 +239,26 @@ def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
         for name, score in scores.items()
         if name != OURS
     ]
-    rows = []
-    for row in scores[OURS].rows:
-        measured = written(row.figure, row.percent)
-        rows.append(
-            [
-                # An indent shows that a figure is a part of the one above.
-                row.name.replace("  ", "– ", 1) if row.name.startswith("  ") else row.name,
-                _target(row),
-                f"**{measured}**" if row.met is False else measured,
-                str(row.figure.count),
-                *(other.get(row.name, "") for other in others),
-            ]
-        )
-    return rows
+    return [
+        [*_row(row), *(other.get(row.name, "") for other in others)] for row in scores[OURS].rows
+    ]
+
+
+def _row(row: ScoreRow) -> list[str]:
+    """A figure, its target, the measured value and the cases."""
+    measured = written(row.figure, row.percent)
+    return [
+        # An indent shows that a figure is a part of the one above.
+        row.name.replace("  ", "– ", 1) if row.name.startswith("  ") else row.name,
+        _target(row),
+        f"**{measured}**" if row.met is False else measured,
+        str(row.figure.count),
+    ]
+
+
+def _strength(row: StrengthRow) -> list[str]:
+    both = (row.recall, row.precision)
+    return [strength_label(row), *(text for f in both for text in (written(f), str(f.count)))]
 
 
 def _compared(c: MethodComparison) -> list[str]:

@@ -32,7 +32,7 @@ from buggy_rl.estimation.residual_process import (
     relearned,
 )
 from buggy_rl.estimation.rollout import ParameterSets, Simulation
-from buggy_rl.estimation.segments import HORIZONS, Segments, joined
+from buggy_rl.estimation.segments import HORIZONS, Segments, segments_joined
 
 SAID = 1.0  # [s] horizon of the errors that are said
 
@@ -302,7 +302,7 @@ def rows_to_learn(
     vectors = torch.stack([fit.vector for fit in fits])[group]
     if baseline is not None:
         more, count = len(fits) * len(baseline), len(fits)
-        segments = joined([segments, *[baseline] * count])
+        segments = segments_joined([segments, *[baseline] * count])
         group = torch.cat([group, torch.arange(count).repeat_interleave(len(baseline))])
         vectors = torch.cat([vectors, vectors.new_zeros(more, vectors.shape[1])])
     return Rows(segments, group, library.settings([(fits[0], vectors)]))

@@ -46,8 +46,8 @@ class Drives:
     """Segments of recordings on which the simulator counts as right, likewise spread; None without
     any."""
     plenty: Sequence[Segments] = ()
-    """Up to `PLENTY` times as many segments of the recordings, and of the baseline if there is one:
-    a residual that is learned has more weights than anything else has numbers."""
+    """Segments of the recordings, up to `PLENTY` times as many, and of a baseline likewise: what is
+    learned from them has more weights than anything else has numbers."""
 
     @classmethod
     def cut(

@@ -1,12 +1,12 @@
 """The page of the proof on real recordings, as Markdown."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from buggy_rl.core.files import write_atomically
+from buggy_rl.proof.page import strength_label
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.score import RealOutcome, RealScore
@@ -77,9 +77,8 @@ def _indented(name: str) -> str:
 
 
 def _strength(row: StrengthRow) -> list[str]:
-    least = "any" if math.isinf(row.least) else f"{row.least:g}"
     both = (row.recall, row.precision)
-    return [least, *(text for f in both for text in (written(f), str(f.count)))]
+    return [strength_label(row), *(text for f in both for text in (written(f), str(f.count)))]
 
 
 def _wrong(outcome: RealOutcome) -> list[str]:

@@ -1,6 +1,5 @@
 """Figures of edited recordings: what is named above one half, rightly and wrongly, by class."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,11 +8,8 @@ from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, named_curve
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import Figure, ScoreRow, classes, of, row, share
-from buggy_rl.proof.score.strength import VISIBLE
-
-STRENGTHS = (-math.inf, 0.0, VISIBLE, 12.0, 30.0, 100.0, 300.0, 1000.0)
-"""[nats] bounds of the classes of strength."""
+from buggy_rl.proof.score.score import Figure, ScoreRow, classes, lines_of, of, row, share
+from buggy_rl.proof.score.strength import STRENGTHS, VISIBLE
 
 
 @dataclass(frozen=True)
@@ -70,9 +66,7 @@ class RealScore:
 
     def lines(self) -> list[str]:
         """The figures in plain text."""
-        from buggy_rl.proof.score.score import written
-
-        return [f"{r.name:64} {written(r.figure):>24}  n = {r.figure.count:4}" for r in self.rows]
+        return lines_of(self.rows)
 
 
 KEYS: dict[str, Callable[[RealOutcome], str]] = {  # a property of a case with one edit -> its class

@@ -34,8 +34,11 @@ class WeighedAnswer:
     terms: dict[str, TermMatch] = field(default_factory=dict)
     """Terms at the place of what was composed, best ones first; empty where nothing was."""
     stack: StackErrors | None = None
-    more: float | None = None
-    """Probability that more is missing than is named."""
+
+    @property
+    def more(self) -> float | None:
+        """Probability that more is missing than is named."""
+        return self.scored.answer.more
 
     @property
     def family(self) -> str:
@@ -46,6 +49,11 @@ class WeighedAnswer:
     def composed(self) -> TermMatch | None:
         """The term that was composed, if the grammar has it."""
         return next((match for match in self.terms.values() if match.right), None)
+
+    @property
+    def answered(self) -> bool:
+        """Whether there is an answer: no drive was refused, and nothing crashed."""
+        return self.scored.answer.status == "answered"
 
     @property
     def lacking(self) -> bool:
@@ -102,10 +110,17 @@ class StrengthRow:
 
 
 def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
-    """Figures with their targets."""
+    """Figures with their targets.
+
+    A case without an answer is one in which nothing was found; that nothing wrong was said in it is
+    no merit, and is not counted.
+    """
     known = [c for c in cases if c.family in COUNTED]
     inside = [c for c in of(cases, "term") if c.visible]
-    outside = of(cases, "unknown")
+    nothing, outside, within = (
+        [bool(c.wrong) for c in of(cases, family) if c.answered]
+        for family in ("nothing", "unknown", "term")
+    )
     one, several = (
         [n in c.given for c in cases if c.family in families for n in c.visible]
         for families in (("one",), SEVERAL)
@@ -116,11 +131,12 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
         row(f"effects above {VISIBLE:g} nats that are named, of one", one, 0.9),
         row("  of two and three", several, 0.8),
         _brier(known),
-        row("nothing concealed: something named", [bool(c.wrong) for c in of(cases, "nothing")]),
+        row("nothing concealed: something named", nothing),
         row("in the grammar: term found", [bool(c.found_term) for c in inside], 0.8),
         ScoreRow("  its interval holds the coefficient", share(covered), 0.92, ceiling=0.97),
-        row("in the grammar: an effect named", [bool(c.wrong) for c in of(cases, "term")]),
-        row("outside of it: an effect named", [bool(c.wrong) for c in outside], 0.05, most=True),
+        row("in the grammar: an effect named", within),
+        row("outside of it: an effect named", outside, 0.05, most=True),
+        row("no answer: a drive refused, or a crash", [not c.answered for c in cases]),
         *_stack_rows([c.stack for c in cases if c.stack is not None]),
         *_more_rows(cases),
     ]

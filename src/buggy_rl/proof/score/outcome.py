@@ -51,6 +51,8 @@ class CaseAnswer:
     """Effect -> probability, of all in a posterior; empty where only names are said."""
     standing: tuple[str, ...] = ()
     """Effects that are said to be missing whatever else is, beside unknown physics."""
+    more: float | None = None
+    """Probability that more is missing than is named; None where it is not said."""
 
     @classmethod
     def of(cls, posterior: Posterior) -> "CaseAnswer":
@@ -98,7 +100,8 @@ class CaseAnswer:
             )
             for effect in answer.get("effects", [])
         )
-        return cls(answer.get("verdict", ""), said, about["status"], about["seconds"])
+        verdict, more = answer.get("verdict", ""), answer.get("more_is_missing")
+        return cls(verdict, said, about["status"], about["seconds"], more=more)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "CaseAnswer":

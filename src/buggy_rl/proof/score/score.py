@@ -174,16 +174,21 @@ class Score:
 
     def lines(self) -> list[str]:
         """The score in plain text."""
-        found = [
-            f"{row.name:58} {written(row.figure, row.percent):>28}  n = {row.figure.count:4}"
-            + ("" if row.met is None else "  met" if row.met else "  NOT MET")
-            for row in self.rows
-        ]
+        found = lines_of(self.rows)
         for o in self.failing:
             answer, true = o.answer, "+".join(o.case.truth) or "nothing"
             said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in answer.said)
             found.append(f"{o.case.id}: {true} -> {answer.verdict} {said or answer.status}")
         return found
+
+
+def lines_of(rows: Sequence[ScoreRow]) -> list[str]:
+    """Figures in plain text, and whether they meet their targets."""
+    return [
+        f"{row.name:64} {written(row.figure, row.percent):>28}  n = {row.figure.count:4}"
+        + ("" if row.met is None else "  met" if row.met else "  NOT MET")
+        for row in rows
+    ]
 
 
 def score(outcomes: Sequence[ScoredCase]) -> Score:

@@ -4,6 +4,7 @@ Strength of an effect = least held-out loss of the sets without it, less that of
 without it: the rest of the truth, alone and with each of the most promising other effects.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.proof.score.oracle import JOINED, TrueFits
 
 VISIBLE = 6.0  # [nats] strength above which an effect can be found
+STRENGTHS = (-math.inf, 0.0, VISIBLE, 12.0, 30.0, 100.0, 300.0, 1000.0)
+"""[nats] above which names are counted, for a curve over strength."""
 
 
 def strengths(fits: TrueFits, group: Tensor) -> dict[str, Any]:

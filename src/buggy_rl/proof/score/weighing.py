@@ -95,9 +95,7 @@ def _weights(asked: Asked, case: Case, effects: Sequence[str], rivals: int) -> _
     return _Weights(fits, told)
 
 
-def answer_of(
-    scored: ScoredCase, weights: Mapping[str, Any], more: float | None = None
-) -> WeighedAnswer:
+def answer_of(scored: ScoredCase, weights: Mapping[str, Any]) -> WeighedAnswer:
     """An answer beside what was written of its case."""
     terms = [TermMatch(**match) for match in weights.get("terms", ())]
     stack = weights.get("stack")
@@ -106,7 +104,6 @@ def answer_of(
         strength=dict(weights.get("strength", {})),
         terms={match.name: match for match in terms},
         stack=None if stack is None else StackErrors.from_dict(stack),
-        more=more,
     )
 
 
