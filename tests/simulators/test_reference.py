@@ -29,8 +29,7 @@ def test_a_car_alone_without_a_batch_hands_its_kernel_all_that_it_reads(exact, m
         return drive(ReferenceEngine(()), start([1.0, 0.0, 0.0]), held(0.2, 0.5, 0.2))
 
     expected = drive_alone()
-    monkeypatch.setattr(Kernel, "ready", lambda *_: True)
-    monkeypatch.setattr(Kernel, "run", lambda kernel, *given: kernel.function(*given))
+    monkeypatch.setattr(Kernel, "compiled", lambda kernel, _: kernel.function)
     torch.testing.assert_close(drive_alone()[keys.VELOCITY], expected[keys.VELOCITY])
 
 

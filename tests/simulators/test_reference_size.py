@@ -131,6 +131,5 @@ def test_the_braked_car_s_kernel_is_its_substep(monkeypatch, size):
     assert reference(**options).car.kernel is BRAKED_KERNEL  # type: ignore[attr-defined]
     assert reference(**options, faults={"payload.mass_ratio": 1.2}).car.kernel is None
     # What is compiled, run by PyTorch.
-    monkeypatch.setattr(Kernel, "ready", lambda *_: True)
-    monkeypatch.setattr(Kernel, "run", lambda kernel, *given: kernel.function(*given))
+    monkeypatch.setattr(Kernel, "compiled", lambda kernel, _: kernel.function)
     torch.testing.assert_close(rows(reference(**options), 0.5), by_pytorch, rtol=1e-4, atol=1e-4)
