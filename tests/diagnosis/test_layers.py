@@ -26,7 +26,7 @@ from buggy_rl.diagnosis.repair.validation import (
     delivered,
     validated,
 )
-from buggy_rl.diagnosis.run.case import Criteria, longer_segments
+from buggy_rl.diagnosis.run.case import Criteria, Plenty, longer_segments
 from buggy_rl.diagnosis.search import terms
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.effects.terms.grammar import PREFIX
@@ -279,8 +279,8 @@ def test_a_residual_learns_from_a_baseline_too_where_that_brings_rollouts_nearer
     assert near < 0.9 * far
 
 
-def plenty(*drives):
-    return [cut_segments(each, 1.0, 1.0) for each in drives]
+def plenty(drives, baseline):
+    return Plenty(*(cut_segments(each, 1.0, 1.0) for each in (drives, baseline)))
 
 
 def _rolled(file, fresh):

@@ -388,3 +388,12 @@ def test_a_car_leans_as_high_as_its_centre_of_gravity():
     assert options("mujoco")["tire_grip"]["height"] == pytest.approx(0.045, rel=0.15)
     assert options("reference")["tire_grip"]["height"] == pytest.approx(0.045, rel=0.2)
     assert options("single_track")["tire_grip"]["height"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_no_bit_of_the_grip_depends_on_how_many_cars_there_are():
+    places = torch.rand(4096, 2, generator=torch.Generator().manual_seed(0))
+    patch = make_effect("grip_patch", {"x": 0.5, "y": 0.5, "radius": 0.3, "grip": 0.5})
+    together = patch._grip_at(places)
+    for first in range(0, 4096, 16):
+        few = slice(first, first + 33)
+        assert torch.equal(together[few], patch._grip_at(places[few]))

@@ -52,14 +52,14 @@ def strength_curve(curve: Sequence[StrengthRow]) -> Picture:
         beside = places + 0.12 * (own - 0.5)
         axis.vlines(beside, low, high, color=colour, lw=3, alpha=0.4)
         axis.plot(beside, value, "o-", color=colour, ms=5, lw=1, label=label)
-    axis.set_xticks(places, [strength_label(row) for row in curve])
+    axis.set_xticks(places, [_label(row) for row in curve])
     axis.set(xlabel="strength of at least so many nats", ylabel="%", ylim=(-3, 103))
     axis.legend(frameon=False, loc="lower right", fontsize=8)
     tidy(axis)
     return picture
 
 
-def strength_label(row: StrengthRow) -> str:
+def _label(row: StrengthRow) -> str:
     """Least strength of a row, in words."""
     return "any" if np.isinf(row.least) else f"{row.least:g}"
 
@@ -202,7 +202,7 @@ def proof_page(
         others=[name for name in scores if name != OURS],
         figures=_figures(scores),
         answers=[_row(row) for row in answer_rows(answers)] if answers else [],
-        curve=[_strength(row) for row in named_curve(answers, STRENGTHS)] if answers else [],
+        curve=[strength_cells(row) for row in named_curve(answers, STRENGTHS)] if answers else [],
         compared=[_compared(c) for c in compared],
         nuisances=NUISANCES,
         driving=DRIVING,
@@ -248,17 +248,22 @@ def _row(row: ScoreRow) -> list[str]:
     """A figure, its target, the measured value and the cases."""
     measured = written(row.figure, row.percent)
     return [
-        # An indent shows that a figure is a part of the one above.
-        row.name.replace("  ", "– ", 1) if row.name.startswith("  ") else row.name,
+        indented(row.name),
         _target(row),
         f"**{measured}**" if row.met is False else measured,
         str(row.figure.count),
     ]
 
 
-def _strength(row: StrengthRow) -> list[str]:
+def indented(name: str) -> str:
+    """Name of a figure; an indent shows that it is a part of the one above."""
+    return name.replace("  ", "– ", 1) if name.startswith("  ") else name
+
+
+def strength_cells(row: StrengthRow) -> list[str]:
+    """Cells of a row: least strength, and both shares with their cases."""
     both = (row.recall, row.precision)
-    return [strength_label(row), *(text for f in both for text in (written(f), str(f.count)))]
+    return [_label(row), *(text for f in both for text in (written(f), str(f.count)))]
 
 
 def _compared(c: MethodComparison) -> list[str]:

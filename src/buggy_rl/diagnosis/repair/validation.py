@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from buggy_rl.diagnosis.run.budget import FULL, Budget
+from buggy_rl.diagnosis.run.case import Plenty
 from buggy_rl.effects import effect_class
 from buggy_rl.effects.base import Effect
 from buggy_rl.effects.residual import ResidualAcceleration
@@ -92,8 +93,8 @@ class Validation:
         problem: What hypotheses were fitted to.
         longer: Horizon [s] -> longer segments of the same recordings.
         budget: Whether horizons beyond the segments count too, and iterations of a fit.
-        plenty: Segments that a residual learns from, of the same recordings and maybe of a
-            baseline; those of the problem by default.
+        plenty: Segments that a residual learns from, of the same recordings; those of the problem
+            by default.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class Validation:
         problem: Problem,
         longer: Mapping[float, Segments] | None = None,
         budget: Budget = FULL,
-        plenty: Sequence[Segments] = (),
+        plenty: Plenty | None = None,
     ) -> None:
         self.problem = problem
         self._sensor = problem.noise.of_sensor
@@ -114,9 +115,9 @@ class Validation:
         # Of longer segments no more than of those that are fitted to.
         for part in (problem.segments, *(s.spread(len(problem.segments)) for s in longer.values())):
             self.parts.append(_owned(part, problem.segments, fold))
-        own, *baseline = plenty or (problem.segments,)
-        self.baseline = baseline[0] if baseline else None
-        self.to_learn = _owned(own, problem.segments, fold)
+        self.plenty = plenty or Plenty(problem.segments)
+        self.to_learn = _owned(self.plenty.segments, problem.segments, fold)
+        """Segments that a residual learns from, and the fold [N] of each."""
 
     def refitted(
         self, starts: Mapping[str, Hypothesis], seconds: float = math.inf
@@ -158,8 +159,8 @@ class Validation:
             return learned(problem.simulation, data, len(fits), held_out, self._sensor[aside])
 
         best = way(None)
-        if self.baseline is not None:
-            both = way(self.baseline)
+        if self.plenty.baseline is not None:
+            both = way(self.plenty.baseline)
             if both.distance < best.distance:
                 best = replace(both, recipe=replace(both.recipe, baseline=True))
         return HeldOutResiduals(best.models, best.recipe)
@@ -324,7 +325,7 @@ def delivered(
     best: Hypothesis,
     iterations: int = FULL.iterations,
     recipe: Recipe | None = None,
-    plenty: Sequence[Segments] = (),
+    plenty: Plenty | None = None,
 ) -> Delivered:
     """A hypothesis as a simulator's file can hold it, fitted to all segments.
 
@@ -339,10 +340,10 @@ def delivered(
     simulation, residual = problem.simulation, None
     segments, settings = problem.segments, problem.library.settings([(fit, fit.vector)])
     if recipe is not None:
-        own, *baseline = plenty or (segments,)
-        group = torch.zeros(len(own), dtype=torch.long)
-        beside = baseline[0] if recipe.baseline else None
-        rows = rows_to_learn(problem.library, [fit], own, group, beside)
+        plenty = plenty or Plenty(segments)
+        group = torch.zeros(len(plenty.segments), dtype=torch.long)
+        beside = plenty.baseline if recipe.baseline else None
+        rows = rows_to_learn(problem.library, [fit], plenty.segments, group, beside)
         residual = _upon_standing(simulation, relearned(simulation, rows, recipe))
         effect = ResidualAcceleration(model=residual, strength=1.0, dt=segments.dt)
         simulation = replace(simulation, standing=(effect,))

@@ -34,6 +34,16 @@ MOST_BAD = 0.5  # share of segments that may be no numbers
 
 
 @dataclass(frozen=True, eq=False)
+class Plenty:
+    """Segments to learn from: a learned residual has more weights than anything else numbers."""
+
+    segments: Segments
+    """Segments of the recordings, up to `PLENTY` times as many as are searched."""
+    baseline: Segments | None = None
+    """Segments of the baseline, likewise, where there is one."""
+
+
+@dataclass(frozen=True, eq=False)
 class Drives:
     """What a simulator should have predicted, and what it predicts rightly."""
 
@@ -45,9 +55,8 @@ class Drives:
     baseline: Segments | None = None
     """Segments of recordings on which the simulator counts as right, likewise spread; None without
     any."""
-    plenty: Sequence[Segments] = ()
-    """Segments of the recordings, up to `PLENTY` times as many, and of a baseline likewise: what is
-    learned from them has more weights than anything else has numbers."""
+    plenty: Plenty | None = None
+    """Segments that a residual learns from; None for those above."""
 
     @classmethod
     def cut(
@@ -66,20 +75,27 @@ class Drives:
             segments_of(recordings, config),
             longer_segments(recordings, config.seconds),
             segments_of(baseline, config) if baseline else None,
-            [segments_of(r, config, PLENTY) for r in (recordings, baseline) if r],
+            Plenty(
+                segments_of(recordings, config, PLENTY),
+                segments_of(baseline, config, PLENTY) if baseline else None,
+            ),
         )
 
     def within(self, budget: Budget) -> "Drives":
         """The drives with as many segments as a budget has."""
 
-        def spread(segments: Segments) -> Segments:
+        def few(segments: Segments) -> Segments:
             return segments.spread(budget.segments(len(segments)))
 
+        before, plenty = self.baseline, self.plenty
+        if plenty is not None:
+            beside = None if plenty.baseline is None else few(plenty.baseline)
+            plenty = Plenty(few(plenty.segments), beside)
         return replace(
             self,
-            segments=spread(self.segments),
-            baseline=None if self.baseline is None else spread(self.baseline),
-            plenty=[spread(segments) for segments in self.plenty],
+            segments=few(self.segments),
+            baseline=None if before is None else few(before),
+            plenty=plenty,
         )
 
 

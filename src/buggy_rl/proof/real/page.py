@@ -6,11 +6,10 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from buggy_rl.core.files import write_atomically
-from buggy_rl.proof.page import strength_label
+from buggy_rl.proof.page import indented, strength_cells
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.score import RealOutcome, RealScore
-from buggy_rl.proof.score.answers import StrengthRow
 from buggy_rl.proof.score.outcome import CaseAnswer
 from buggy_rl.proof.score.score import written
 from buggy_rl.proof.score.strength import VISIBLE
@@ -46,8 +45,8 @@ def real_page(
         hashes=config.store.hashes.name,
         least=config.draw.least,
         visible=VISIBLE,
-        rows=[[_indented(r.name), written(r.figure), r.figure.count] for r in score.rows],
-        strengths=[_strength(row) for row in score.strengths],
+        rows=[[indented(r.name), written(r.figure), r.figure.count] for r in score.rows],
+        strengths=[strength_cells(row) for row in score.strengths],
         classes={
             name: [[label, *map(written, both), both[0].count] for label, both in rows.items()]
             for name, rows in score.classes.items()
@@ -69,16 +68,6 @@ def write_real_page(
     file = Path(config.page or config.store.output / "proof_real.md")
     write_atomically(file, real_page(config, score, known, command, opened))
     return file
-
-
-def _indented(name: str) -> str:
-    """An indent shows that a figure is a part of the one above."""
-    return name.replace("  ", "– ", 1) if name.startswith("  ") else name
-
-
-def _strength(row: StrengthRow) -> list[str]:
-    both = (row.recall, row.precision)
-    return [strength_label(row), *(text for f in both for text in (written(f), str(f.count)))]
 
 
 def _wrong(outcome: RealOutcome) -> list[str]:
