@@ -126,6 +126,20 @@ def test_no_bit_of_a_car_depends_on_how_many_are_simulated(folder, packages, mon
 
 
 @compiler
+@pytest.mark.parametrize("n", [1, 7, 32])
+def test_several_runs_at_once_are_one_after_another_to_the_last_bit(folder, monkeypatch, n):
+    monkeypatch.setenv(FOLDER, str(folder))
+    *fixed, pose, velocity = noisy(KERNEL, n)
+    with torch.no_grad():
+        run = KERNEL.compiled(torch.ones(2))
+        assert run is not None
+        at_once = run(*fixed, pose, velocity, times=3)
+        for _ in range(3):
+            pose, velocity = run(*fixed, pose, velocity)
+    assert all(torch.equal(a, b) for a, b in zip(at_once, (pose, velocity), strict=True))
+
+
+@compiler
 def test_an_engine_drives_alike_with_it(folder, monkeypatch):
     runs = []
     for chosen in ("", str(folder)):

@@ -6,6 +6,7 @@ from torch.testing import assert_close
 
 from buggy_rl.core.vehicle import (
     integrate_pose,
+    planar_norm,
     rotate,
     shift_pose,
     shift_velocity,
@@ -20,6 +21,14 @@ def test_columns_are_each_contiguous():
     both = side_by_side_columns(speed, zero)
     assert_close(both, torch.stack([speed, torch.zeros(4, 2)], -1))
     assert both[..., 0].is_contiguous()
+
+
+def test_a_length_is_that_of_its_sides_and_has_a_gradient_at_rest():
+    sides = torch.tensor([[3.0, 4.0], [0.0, 1e-6], [0.0, 0.0]], requires_grad=True)
+    found = planar_norm(*sides.unbind(-1))
+    assert_close(found, torch.tensor([5.0, 1e-6, 0.0]))
+    found.sum().backward()
+    assert_close(sides.grad, torch.tensor([[0.6, 0.8], [0.0, 1.0], [0.0, 0.0]]))
 
 
 def test_a_quarter_turn_to_the_left_takes_x_to_y():

@@ -1,6 +1,7 @@
 """Layers of a repaired simulator: each is kept for what it brings, and never all for less."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -95,6 +96,16 @@ def test_layers_are_in_the_answer_in_their_order(found):
     kinds = [layer["kind"] for layer in found.to_dict()["layers"]]
     order = ["effects", "parameters", "terms", "residual"]
     assert kinds == [kind for kind in order if kind in kinds]
+
+
+def test_a_term_stands_for_an_effect_and_not_for_a_parameter_of_the_simulator():
+    library = Library(["steering_lag"], single_track(1).declared)
+    effects = ("parameter:mass", "steering_lag", "term.yaw.throttle")
+    fit = library.hypothesis(effects)
+    one = terms._without_one(
+        SimpleNamespace(library=library), SimpleNamespace(effects=effects, fit=fit)
+    )
+    assert [h.effects for h in one] == [effects[:1] + effects[2:], effects[:2]]
 
 
 def test_where_nothing_is_wrong_nothing_is_laid_on():

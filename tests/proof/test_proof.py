@@ -98,6 +98,8 @@ def test_the_diagnosis_runs_in_the_folder_of_its_inputs_and_a_crash_is_an_outcom
     script = tmp_path / "tool.py"
     script.write_text(TOOL)
     jobs = [diagnosis_job(store, case.id, script, 60.0) for case in cases]
+    beside = diagnosis_job(store, cases[0].id, script, 60.0, alone=False)
+    assert beside.command == (*jobs[0].command, "workers=1")
     assert len([state for state in run_jobs(jobs, 1, poll=0.02) if state.outcome]) == 2
     question, saw = json.loads((store.diagnosis(cases[0].id) / "saw.json").read_text())
     assert question == "question.yaml"

@@ -5,7 +5,7 @@ import torch
 from tensordict import TensorDict
 
 from buggy_rl.core import keys
-from buggy_rl.core.kernels import FOLDER, Kernel
+from buggy_rl.core.kernels import FOLDER
 from buggy_rl.core.vehicle import GRAVITY, rotate, shift_velocity
 from buggy_rl.simulators.reference import ReferenceEngine
 from buggy_rl.simulators.reference.parameters import DIMENSIONS
@@ -24,12 +24,12 @@ def launch():
     return drive(ReferenceEngine(2, parameters=SYMMETRIC), start(torch.zeros(2, 3)), held(1, 0, 8))
 
 
-def test_a_car_alone_without_a_batch_hands_its_kernel_all_that_it_reads(exact, monkeypatch):
+def test_a_car_alone_without_a_batch_hands_its_kernel_all_that_it_reads(exact, packaged):
     def drive_alone():
         return drive(ReferenceEngine(()), start([1.0, 0.0, 0.0]), held(0.2, 0.5, 0.2))
 
     expected = drive_alone()
-    monkeypatch.setattr(Kernel, "compiled", lambda kernel, _: kernel.function)
+    packaged()
     torch.testing.assert_close(drive_alone()[keys.VELOCITY], expected[keys.VELOCITY])
 
 

@@ -8,7 +8,6 @@ from tensordict import TensorDict
 
 from buggy_rl.core import keys
 from buggy_rl.core.car_file import load_car
-from buggy_rl.core.kernels import Kernel
 from buggy_rl.core.vehicle import Similarity, VehicleDimensions, similar_dimensions
 from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.reference import ReferenceEngine
@@ -125,11 +124,10 @@ def test_ranges_of_faults_grow_with_the_car():
 
 
 @pytest.mark.parametrize("size", [{}, LARGE], ids=["buggy", "large"])
-def test_the_braked_car_s_kernel_is_its_substep(monkeypatch, size):
+def test_the_braked_car_s_kernel_is_its_substep(packaged, size):
     options = {"command": "throttle_brake_reverse", "dimensions": size or None}
     by_pytorch = rows(reference(**options), 0.5)
     assert reference(**options).car.kernel is BRAKED_KERNEL  # type: ignore[attr-defined]
     assert reference(**options, faults={"payload.mass_ratio": 1.2}).car.kernel is None
-    # What is compiled, run by PyTorch.
-    monkeypatch.setattr(Kernel, "compiled", lambda kernel, _: kernel.function)
+    packaged()
     torch.testing.assert_close(rows(reference(**options), 0.5), by_pytorch, rtol=1e-4, atol=1e-4)

@@ -5,16 +5,17 @@
     python scripts/prove.py configs/proof.yaml draw.split=sealed draw.first=2000 workers=2
     python scripts/prove.py configs/proof.yaml stages=score,page
 
-Stages: prepare (simulators that are fitted first), seal (the hashes of all answers and of the
-secret are published, then the cases are driven), ask (scripts/diagnose.py, which is given one case
-and no answer, and cannot read any other file of the run: Linux's Landlock, or confine=false), again
-(where it cannot tell, the manoeuvre that it suggests is driven), weigh (the true structure fitted
-to the same drives), compare (other methods), settle (complete cases are entered in the ledger, one
-line each: the answers and the hash of the truth), score and page (which open what is sealed: the
-truth is added to the lines; score publishes the secret). A stage does nothing twice: stop it, start
-it. A case in the ledger is not run again on any machine: with the same ledger and secret,
-draw.cases=50 today and draw.cases=100 tomorrow are 100 cases; of sealed seeds, before the secret is
-published. A line that was not opened is opened where its case was sealed.
+Stages: publish (the hashes of all answers and of the secret), prepare (simulators that are fitted
+first), seal (the cases are driven; what was not published is), ask (scripts/diagnose.py, which is
+given one case and no answer, and cannot read any other file of the run: Linux's Landlock, or
+confine=false), again (where it cannot tell, the manoeuvre that it suggests is driven), weigh (the
+true structure fitted to the same drives), compare (other methods), settle (complete cases are
+entered in the ledger, one line each: the answers and the hash of the truth), score and page (which
+open what is sealed: the truth is added to the lines; score publishes the secret). A stage does
+nothing twice: stop it, start it. A case in the ledger is not run again on any machine: with the
+same ledger and secret, draw.cases=50 today and draw.cases=100 tomorrow are 100 cases; of sealed
+seeds, before the secret is published. A line that was not opened is opened where its case was
+sealed.
 """
 
 from pathlib import Path

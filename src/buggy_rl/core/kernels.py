@@ -63,10 +63,10 @@ class Kernel:
         return self.compiled(row) or self.function
 
     def compiled(self, row: Tensor) -> Callable[..., Sequence[Tensor]] | None:
-        """Runs the package on arguments like those of `example`.
+        """What runs the package on arguments like those of `example`.
 
-        None where there is none, or where it does not take cars like `row`, which has a value per
-        car.
+        With `times=n` it runs n times, the results in the place of the last arguments. None where
+        there is no package, or where it does not take cars like `row`, which has a value per car.
         """
         if (
             torch.compiler.is_compiling()  # traced into another package
@@ -80,14 +80,19 @@ class Kernel:
         package = _package(self, os.environ.get(FOLDER, str(CACHE)))
         return None if package is None else partial(self._run, package)
 
-    def _run(self, package: Package, *arguments: Tensor) -> Sequence[Tensor]:
+    def _run(self, package: Package, *arguments: Tensor, times: int = 1) -> Sequence[Tensor]:
         first, dim, rank = self._first
         alone = arguments[first].dim() < rank
         if alone:
             each = zip(arguments, self.batch, strict=True)
             arguments = tuple(a if dim is None else a.unsqueeze(dim) for a, dim in each)
         count = arguments[first].shape[dim]
-        found = package(self._batch_last(arguments, -count % LANES))
+        given = self._batch_last(arguments, -count % LANES)
+        found = package(given)
+        for _ in range(times - 1):
+            state = zip(found, self._batch_of_results, strict=True)
+            given[-len(found) :] = [_last(r, dim).contiguous() for r, dim in state]
+            found = package(given)
         if count % LANES == 0:
             return found
         results = zip(found, self._batch_of_results, strict=True)

@@ -1,8 +1,9 @@
 """Hypotheses: sets of effects and wrong parameters, and their numbers as one normalised vector."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import torch
 from torch import Tensor
@@ -217,29 +218,32 @@ class Library:
         effects: dict[str, dict[str, Tensor]] = {}
         parameters: dict[str, Tensor] = {}
         offset = torch.zeros(shape)
-        for row, (hypothesis, vector) in enumerate(rows):
-            for c, z in zip(hypothesis.coordinates, vector.unbind(-1), strict=True):
+        first = 0
+        for hypothesis, own in _runs(rows):
+            of = slice(first, first + len(own))
+            first += len(own)
+            for c, z in zip(hypothesis.coordinates, own.unbind(-1), strict=True):
                 value, name = c.parameter.value_at(z).float(), c.parameter.name
                 if not c.effect:
-                    offset[row] = value
+                    offset[of] = value
                 elif c.effect.startswith(PREFIX):
                     continue
                 elif c.effect.startswith(OWN):
-                    own = self.parameters[name]  # an engine may refuse what is out of bounds
+                    declared = self.parameters[name]  # an engine may refuse what is out of bounds
                     if name not in parameters:
-                        parameters[name] = torch.full(shape, own.value)
-                    parameters[name][row] = value.clamp(own.lower, own.upper)
+                        parameters[name] = torch.full(shape, declared.value)
+                    parameters[name][of] = value.clamp(declared.lower, declared.upper)
                 else:
                     if c.effect not in effects:
-                        declared = effect_class(c.effect).declared
-                        effects[c.effect] = {p.name: torch.full(shape, p.value) for p in declared}
-                    effects[c.effect][name][row] = value
+                        numbers = effect_class(c.effect).declared
+                        effects[c.effect] = {p.name: torch.full(shape, p.value) for p in numbers}
+                    effects[c.effect][name][of] = value
             for bank, member, column in in_banks(hypothesis.effects, hypothesis.coordinates):
                 if bank not in effects:
                     effects[bank] = {n: torch.zeros(shape) for n in ("member", "coefficient")}
-                z, parameter = vector[..., column], hypothesis.coordinates[column].parameter
-                effects[bank]["member"][row] = float(member)
-                effects[bank]["coefficient"][row] = parameter.value_at(z).float()
+                z, parameter = own[..., column], hypothesis.coordinates[column].parameter
+                effects[bank]["member"][of] = float(member)
+                effects[bank]["coefficient"][of] = parameter.value_at(z).float()
         return ParameterSets(*self.inside.moved(effects, parameters), offset)
 
     def trials(
@@ -266,6 +270,13 @@ class Library:
             if both_ways:
                 result.append([-z for z in result[-1]])
         return result
+
+
+def _runs(rows: Sequence[tuple[Hypothesis, Tensor]]) -> Iterator[tuple[Hypothesis, Tensor]]:
+    """Hypotheses that follow one another and are the same, with their vectors [R, *, P]."""
+    for _, run in groupby(rows, key=lambda row: id(row[0])):
+        same = list(run)
+        yield same[0][0], torch.stack([vector for _, vector in same])
 
 
 def in_banks(

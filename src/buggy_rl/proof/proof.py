@@ -22,7 +22,10 @@ from buggy_rl.proof.cases.secret import refuse_public_secret
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.proof.running import ProofStep, SealedRun, asked, diagnoses, parallel
 
-STAGES = ("prepare", "seal", "ask", "again", "weigh", "compare", "settle", "score", "page")
+STAGES = (
+    *("publish", "prepare", "seal", "ask", "again"),
+    *("weigh", "compare", "settle", "score", "page"),
+)
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,9 @@ class ProofConfig(SealedRun):
     """Sealed cases, diagnosed and scored."""
 
     stages: list[str] = field(default_factory=lambda: list(STAGES))
-    """Any of prepare, seal, ask, again, weigh, compare, settle, score, page; done is done."""
+    """Any of publish, prepare, seal, ask, again, weigh, compare, settle, score, page.
+
+    What is done is not done again."""
     draw: DrawConfig = field(default_factory=DrawConfig)
     effects: list[str] = field(default_factory=list)
     """Effects that the diagnosis chooses from; empty for the whole library."""
@@ -64,7 +69,7 @@ def steps(
         scripts: Folder of `diagnose.py`, `fit_mujoco.py` and `train_models.py`.
     """
     store, stages = config.store, config.stages
-    if "seal" in stages:
+    if {"publish", "seal"} & set(stages):
         if config.kind != "development":
             refuse_public_secret(store, drawn)
         publish(store, drawn, secret)

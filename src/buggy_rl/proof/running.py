@@ -121,7 +121,8 @@ def diagnoses(config: SealedRun, title: str, ids: Sequence[str], script: Path) -
     """
     left = [id_ for id_ in ids if not config.store.diagnosed(id_)]
     hidden = _hidden(config) if left else []
-    jobs = [diagnosis_job(config.store, id_, script, config.limit, hidden) for id_ in left]
+    alone = config.workers == 1
+    jobs = [diagnosis_job(config.store, id_, script, config.limit, hidden, alone) for id_ in left]
     return ProofStep(title, len(left), _diagnosed(config, jobs))
 
 
@@ -163,7 +164,12 @@ def source_digest() -> str:
 
 
 def diagnosis_job(
-    store: CaseStore, id_: str, script: Path, limit: float, hidden: Sequence[Path] = ()
+    store: CaseStore,
+    id_: str,
+    script: Path,
+    limit: float,
+    hidden: Sequence[Path] = (),
+    alone: bool = True,
 ) -> Job:
     """The diagnosis of a case, in the folder of all that it is given; a crash is an outcome.
 
@@ -173,9 +179,11 @@ def diagnosis_job(
         script: `diagnose.py`.
         limit: Time limit [s].
         hidden: What it may not read, but for its own folders; nothing to run it openly.
+        alone: Whether it has all cores; beside others it has one, and the same answer.
     """
     folder, seen = store.diagnosis(id_).resolve(), store.inputs(id_).resolve()
     command = (str(script.resolve()), "question.yaml", f"output={folder}")
+    command = command if alone else (*command, "workers=1")
     if hidden:
         paths = (str(path.resolve()) for path in hidden)
         shown = (str(seen), str(folder))

@@ -22,7 +22,7 @@ from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.effects.terms.grammar import PREFIX, terms
 from buggy_rl.estimation.gauss_newton import Fit, Problem
-from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.hypothesis import OWN, Hypothesis
 from buggy_rl.estimation.sparse import thinned
 
 FARTHEST = 20.0  # [prior scales] at which a line ends
@@ -111,10 +111,15 @@ def discovered(
 
 
 def _without_one(problem: Problem, best: Candidate) -> list[Hypothesis]:
-    """A set without each of its effects and terms, from the numbers that it has."""
+    """A set without each of its effects and terms, from the numbers that it has.
+
+    Parameters of the simulator stay: they are a layer as a whole, which a term cannot stand for.
+    """
     known = best.fit.named()
     return [
-        problem.library.at([e for e in best.effects if e != out], known) for out in best.effects
+        problem.library.at([e for e in best.effects if e != out], known)
+        for out in best.effects
+        if not out.startswith(OWN)
     ]
 
 

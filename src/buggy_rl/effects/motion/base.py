@@ -22,6 +22,7 @@ from buggy_rl.core.longitudinal import ONE_WAY_REST
 from buggy_rl.core.vehicle import (
     VehicleDimensions,
     integrate_pose,
+    planar_norm,
     shift_velocity,
     side_by_side_columns,
 )
@@ -159,7 +160,7 @@ class Motion:
     @property
     def speed(self) -> Tensor:
         """Speed [n] at the end of the step [m/s]."""
-        return torch.linalg.vector_norm(self.after[..., :2], dim=-1)
+        return planar_norm(self.after[..., 0], self.after[..., 1])
 
     @property
     def setting_off(self) -> Tensor:

@@ -18,7 +18,7 @@ from torchrl.data.utils import DEVICE_TYPING
 
 from buggy_rl.core import keys
 from buggy_rl.core.longitudinal import drive_of
-from buggy_rl.core.vehicle import rotate
+from buggy_rl.core.vehicle import planar_norm, rotate
 from buggy_rl.effects.actuation.command import FARTHEST, GIVEN
 from buggy_rl.effects.base import Effect, EffectParameter, numbers_spec
 from buggy_rl.effects.motion.base import Motion, MotionEffect
@@ -144,7 +144,7 @@ def _of_motion(pose: Tensor, velocity: Tensor) -> Signals:
     vx, vy, r = velocity.unbind(-1)
     return {
         "one": lambda: torch.ones_like(vx),
-        "speed": lambda: torch.sqrt(vx.square() + vy.square()),
+        "speed": lambda: planar_norm(vx, vy),
         "lateral_acceleration": lambda: vx * r,
         "yaw_rate": lambda: r,
         "x": lambda: pose[..., 0],

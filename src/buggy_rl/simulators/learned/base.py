@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor, nn
 
 from buggy_rl.core.longitudinal import ONE_WAY, ONE_WAY_REST, LongitudinalCommand
+from buggy_rl.core.vehicle import planar_norm
 
 TAIL = 5e-4  # share of the rows on each side of the range, excluded as sensor noise; chosen
 BINS = 24  # cells along each input; coarse, so that minutes of driving fill them; chosen
@@ -164,21 +165,16 @@ class DynamicsModel(nn.Module):
         velocity = history[..., -1, :3]
         following = self.envelope.clamp_velocity(velocity + self.change(history), MARGIN)
         vx, vy, yaw_rate = velocity.unbind(-1)
-        speed = _length(vx, vy)
+        speed = planar_norm(vx, vy)
         highest_throttle = one_way_throttle(history[..., 3], self.command.rest).amax(-1)
         # Without drive: v' shrinks to at most |v| - loss, and yaw rate with it.
         limit = (speed - self.coast_loss).clamp_min(0.0)
-        shrink = limit / _length(following[..., 0], following[..., 1]).clamp_min(1e-6)
+        shrink = limit / planar_norm(following[..., 0], following[..., 1]).clamp_min(1e-6)
         coasting = (highest_throttle <= NO_DRIVE) & (speed < CREEP_SPEED)
         shrink = torch.where(coasting, shrink.clamp_max(1.0), 1.0)
         slow = (speed < REST_SPEED) & (yaw_rate.abs() < REST_YAW_RATE)
         standing = slow & (highest_throttle <= self.rest_throttle)
         return torch.where(standing, 0.0, shrink).unsqueeze(-1) * following
-
-
-def _length(x: Tensor, y: Tensor) -> Tensor:
-    """sqrt(x^2 + y^2); at rest its gradient is 0, where that of `hypot` is not a number."""
-    return torch.linalg.vector_norm(torch.stack([x, y]), dim=0)
 
 
 class Ensemble(DynamicsModel):

@@ -144,9 +144,7 @@ class ReferenceCar:
         size = () if usual else (self.build.numbers(car.vx),)
         given = (setting.steering, setting.duty, setting.voltage)
         fixed = (self._side_by_side, *size, car.vx.new_tensor(self.substep), *given)
-        state: Sequence[Tensor] = [getattr(car, n) for n in MOVED]
-        for _ in range(self.substeps):
-            state = substep(*fixed, *state)
+        state = substep(*fixed, *(getattr(car, n) for n in MOVED), times=self.substeps)
         for name, value in zip(MOVED, state, strict=True):
             setattr(car, name, value)
         car.rack = car.servo
