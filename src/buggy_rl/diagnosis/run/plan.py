@@ -19,6 +19,7 @@ Part = Literal["first_round", "round", "refitted", "longer", "terms", "experimen
 """What may be left out where time is up."""
 STAGES: tuple[Stage, ...] = ("prepare", "search", "answer")
 FITTED = 8  # terms that are fitted in a round
+GLANCE = 4  # all terms are screened on one in so many segments, the best one in so many on all
 NUMBERS = 3  # free parameters of a hypothesis on average, its clock included
 PLANNED_ROUNDS = 2  # about the leading set: most searches end before the last of them
 USUAL = 6  # iterations after which a fit has ended, most often
@@ -206,11 +207,11 @@ def planned_rollouts(question: Question, budget: Budget, workers: int = 1) -> It
 
 def _terms(count: int, rows: int, budget: Budget) -> Iterator[Rollout]:
     """Rollouts in which terms are screened and the best of them fitted."""
-    screened = len(terms()) * min(count, budget.terms)
-    if screened:
-        yield Rollout("answer", screened, rows, 0.1, TERM_ROUNDS, "terms")
+    for share in (count // 2, count // 2, count) if budget.terms else ():  # halves and the whole
+        screened = len(terms()) * min(share, budget.terms) // GLANCE
+        yield Rollout("answer", screened, rows, 0.1, 1 + TERM_ROUNDS, "terms")
         for _ in range(TERM_ROUNDS):
-            yield from _fits(FITTED, count, rows, budget, "terms", "answer")
+            yield from _fits(FITTED, share, rows, budget, "terms", "answer")
 
 
 def _rolled_trials(environments: int, rows: int, part: str = "") -> Iterator[Rollout]:

@@ -1,6 +1,7 @@
 """Discovery of terms: equations for what a leading set leaves.
 
-1. Every term is rolled out beside the leading set at one size, all in one batch.
+1. Every term is rolled out beside the leading set at one size, all in one batch, on a quarter of
+   the segments; the best quarter of the terms on all of them, at first and after every term taken.
 2. Ranked by the loss of the straight line through its rollout, in either sense, projected off what
    the set's own numbers absorb. Terms whose lines run alike over what was driven are one.
 3. The best are fitted by rollouts beside the set, held out block by block, and so is the set
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.run.budget import FULL
 from buggy_rl.diagnosis.run.case import Criteria
-from buggy_rl.diagnosis.run.plan import FITTED
+from buggy_rl.diagnosis.run.plan import FITTED, GLANCE
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate
 from buggy_rl.diagnosis.search.result import State, tried_too
 from buggy_rl.effects.terms.grammar import PREFIX, terms
@@ -30,6 +31,7 @@ ALIKE = 0.98  # [-] correlation of two lines above which they are one finding
 MOST = 3  # terms
 ROUNDS = 5
 REWEIGHTED = 4
+LEAST = 40  # terms that are looked at on all segments, of how few ever
 TOGETHER = 200  # trials whose lines are solved at once, to bound memory
 
 
@@ -87,12 +89,15 @@ def discovered(
         terms_of_it = sum(name.startswith(PREFIX) for name in candidate.effects)
         return state.loss(candidate) + PRICE * len(candidate.effects) + dear * terms_of_it
 
+    begun = state.dispersed(criteria.rules.expected_left * best.typical).problem
+    glanced = screen_terms(begun, base.fit, names, math.ceil(looked_at / GLANCE))
+    promising = [s.name for s in glanced[: max(LEAST, math.ceil(len(glanced) / GLANCE))]]
     for _ in range(ROUNDS):
         state = state.dispersed(criteria.rules.expected_left * best.typical)
         own = [name for name in best.effects if name.startswith(PREFIX)]
         starts: list[Hypothesis] = _without_one(problem, best) if own else []
         if len(own) < MOST:
-            ranked = screen_terms(state.problem, best.fit, names, looked_at)
+            ranked = screen_terms(state.problem, best.fit, promising, looked_at)
             if not first:
                 none = _own_loss(state.problem, best.fit, looked_at)
                 first = tuple((s.name, none - s.loss) for s in ranked[:30])
