@@ -37,6 +37,21 @@ def test_a_parameter_of_the_simulators_own_is_recovered(drives):
     assert found["parameter:drive_force"]["drive_force"] == pytest.approx(4.0, rel=0.03)
 
 
+def test_what_is_known_of_derivatives_is_not_found_anew_and_leads_to_the_same_fit(drives):
+    problem = problem_of(drives["heavy"], parameters=["drive_force"])
+    name = ("parameter:drive_force", "drive_force")
+    [base] = fitted(problem, [problem.library.hypothesis(name[:1])])
+    begun = problem.library.at((name[0], "viscous_drag"), base.named())
+    [anew] = fitted(problem, [begun])
+    knowing = replace(problem, known={name: base.jacobian[..., 0]})
+    [found] = fitted(knowing, [begun])
+    assert torch.equal(found.jacobian[..., 0], base.jacobian[..., 0])
+    assert not torch.equal(anew.jacobian[..., 0], base.jacobian[..., 0])
+    assert problem.cost(found) == pytest.approx(problem.cost(anew), abs=0.5)
+    rows = torch.arange(3)
+    assert torch.equal(knowing[rows].known[name], base.jacobian[rows, :, 0])
+
+
 def test_an_effect_is_neutral_on_recordings_of_the_same_simulator(drives):
     gain = fit(problem_of(drives["nothing"]), "steering_gain")
     assert gain["steering_gain"]["gain"] == pytest.approx(1.0, abs=0.02)

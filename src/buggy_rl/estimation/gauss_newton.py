@@ -1,8 +1,8 @@
 """Damped Gauss-Newton on whitened residuals, of many hypotheses in one batch of rollouts."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -53,10 +53,16 @@ class Problem:
     library: Library
     dispersion: float = 1.0
     """Squares are divided by it: the mean squared standardised residual that is expected."""
+    known: Mapping[tuple[str, str], Tensor] = field(default_factory=dict)
+    """(Effect, parameter) -> derivatives [N, D] of whitened residuals that are taken as they are
+    wherever it stands, and not found anew: of numbers that hardly change, such as those of a
+    fitted simulator. They need the noise model that they were made with."""
 
     def __getitem__(self, index: Tensor) -> "Problem":
         """Problem on some of the segments."""
-        return replace(self, segments=self.segments[index], noise=self.noise[index])
+        known = {number: column[index] for number, column in self.known.items()}
+        segments, noise = self.segments[index], self.noise[index]
+        return replace(self, segments=segments, noise=noise, known=known)
 
     def whitened(self, rows: Sequence[tuple[Hypothesis, Tensor]]) -> list[Tensor]:
         """Whitened residuals [N, D] of hypotheses at vectors [P], or [N, P] by segment."""
@@ -75,18 +81,57 @@ class Problem:
         """
         if isinstance(linear, bool):
             linear = [linear] * len(hypotheses)
-        steps = [_differences(h) if one else [] for h, one in zip(hypotheses, linear, strict=True)]
+        wanted = zip(hypotheses, linear, strict=True)
+        steps = [self._differences(h) if one else None for h, one in wanted]
         rows = [
             (h, vector)
             for h, own in zip(hypotheses, steps, strict=True)
-            for vector in (h.vector, *(h.vector + step for step in own))
+            for vector in (h.vector, *(h.vector + step for step in (own or {}).values()))
         ]
         whitened = iter(self.whitened(rows))
         fits = []
         for h, own in zip(hypotheses, steps, strict=True):
             fit = Fit(h.effects, h.coordinates, h.vector, next(whitened))
-            fits.append(_with_derivatives(fit, own, [next(whitened) for _ in own]))
+            fits.append(fit if own is None else self._with_derivatives(fit, own, whitened))
         return fits
+
+    def linearised(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Fits with their derivatives; all in one batch."""
+        steps = [self._differences(fit) if fit.jacobian is None else None for fit in fits]
+        rows = [
+            (fit, fit.vector + step)
+            for fit, own in zip(fits, steps, strict=True)
+            for step in (own or {}).values()
+        ]
+        moved = iter(self.whitened(rows))
+        return [
+            fit if own is None else self._with_derivatives(fit, own, moved)
+            for fit, own in zip(fits, steps, strict=True)
+        ]
+
+    def _differences(self, h: Hypothesis) -> dict[int, Tensor]:
+        """A step [P] along each coordinate that is not known, away from its bounds."""
+        steps = {}
+        for p, c in enumerate(h.coordinates):
+            if (c.effect, c.parameter.name) in self.known:
+                continue
+            step = torch.zeros_like(h.vector)
+            step[p] = STEP
+            if not torch.equal(h.bounded(h.vector + step), h.vector + step):
+                step[p] = -STEP
+            steps[p] = step
+        return steps
+
+    def _with_derivatives(
+        self, fit: Fit, steps: Mapping[int, Tensor], moved: Iterator[Tensor]
+    ) -> Fit:
+        """Fit with one-sided differences of whitened residuals [N, D], and with what is known."""
+        found = {p: (next(moved) - fit.whitened) / float(step.sum()) for p, step in steps.items()}
+        columns = [
+            found[p] if p in found else self.known[c.effect, c.parameter.name]
+            for p, c in enumerate(fit.coordinates)
+        ]
+        return replace(fit, jacobian=torch.stack(columns, -1))
 
     def cost(self, fit: Fit) -> float:
         """Loss of all segments and prior penalty [nats]."""
@@ -129,7 +174,7 @@ def fitted(
                 for i, dampings in going.items()
                 if reference - costs[i] > HOPELESS * (reference - best[groups[i]])
             }
-        for i, fit in zip(going, linearised(problem, [found[i] for i in going]), strict=True):
+        for i, fit in zip(going, problem.linearised([found[i] for i in going]), strict=True):
             found[i] = fit
         ways = {i: _steps(problem, found[i], dampings) for i, dampings in going.items()}
         steps = {
@@ -148,7 +193,7 @@ def fitted(
                 going[i] = DAMPINGS if iteration + 1 < TRIED else DAMPINGS[:1]
             elif fit is before[i] and len(steps[i]) == 1:
                 going[i] = DAMPINGS[1:]
-    return linearised(problem, found)
+    return problem.linearised(found)
 
 
 def _by_group(costs: Sequence[float], groups: Sequence[int]) -> dict[int, float]:
@@ -227,37 +272,6 @@ def _worth(gain: float, cost: float) -> bool:
     """Whether a decrease of the cost [nats] is worth another step."""
     relative, absolute = CONVERGED
     return gain > relative * max(1.0, abs(cost)) or gain > absolute
-
-
-def linearised(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """Fits with their derivatives; all in one batch."""
-    steps = [_differences(fit) if fit.jacobian is None else [] for fit in fits]
-    rows = [(fit, fit.vector + s) for fit, own in zip(fits, steps, strict=True) for s in own]
-    moved = iter(problem.whitened(rows))
-    return [
-        _with_derivatives(fit, own, [next(moved) for _ in own])
-        for fit, own in zip(fits, steps, strict=True)
-    ]
-
-
-def _differences(fit: Hypothesis) -> list[Tensor]:
-    """A step [P] along each coordinate, away from its bounds."""
-    steps = []
-    for p in range(len(fit.vector)):
-        step = torch.zeros_like(fit.vector)
-        step[p] = STEP
-        if not torch.equal(fit.bounded(fit.vector + step), fit.vector + step):
-            step[p] = -STEP
-        steps.append(step)
-    return steps
-
-
-def _with_derivatives(fit: Fit, steps: Sequence[Tensor], moved: Sequence[Tensor]) -> Fit:
-    """Fit with one-sided differences of whitened residuals [N, D] at each step, if any."""
-    if not steps:
-        return fit
-    columns = [(m - fit.whitened) / float(s.sum()) for m, s in zip(moved, steps, strict=True)]
-    return replace(fit, jacobian=torch.stack(columns, -1))
 
 
 def normal_equations(problem: Problem, fit: Fit) -> tuple[Tensor, Tensor]:

@@ -23,7 +23,7 @@ from buggy_rl.diagnosis.search.case_evidence import CaseEvidence, HypothesisEvid
 from buggy_rl.diagnosis.search.posterior import SURE, posterior
 from buggy_rl.diagnosis.search.result import SearchResult
 from buggy_rl.estimation.evidence import misfit, typical
-from buggy_rl.estimation.gauss_newton import Fit, Problem, linearised
+from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.noise_model import noise_model
 from buggy_rl.estimation.segments import Segments, cut_segments
 
@@ -135,7 +135,7 @@ def _rolled_out(problem: Problem, truth: Candidate, known: Sequence[Candidate]) 
     )
     there = replace(problem, segments=segments, noise=noise)
     true, *rolled = there.rolled_out([candidate.fit for candidate in (truth, *known)])
-    fits, kept = linearised(there, rolled), trusted(problem.segments, segments, outside)
+    fits, kept = there.linearised(rolled), trusted(problem.segments, segments, outside)
     result = []
     for number in range(len(MANOEUVRES)):
         rows = (segments.recording // HEADINGS == number) & kept
