@@ -180,6 +180,7 @@ class Simulation:
     def _readings(
         self, segments: Segments, settings: ParameterSets, start_error: Tensor | None
     ) -> Tensor:
+        """Readings of a part of the sets, with as many environments more as fill the lanes."""
         sets, count = len(settings), len(segments)
         more = -(sets * count) % LANES
         if not more or start_error is not None or SPARE * more > sets * count:
