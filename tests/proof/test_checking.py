@@ -47,6 +47,12 @@ def test_another_secret_is_found(folder):
         published(folder)
 
 
+def test_before_the_secret_is_published_it_is_said(folder):
+    (folder / "secret.txt").unlink()
+    with pytest.raises(FileNotFoundError, match="published when all cases were counted"):
+        published(folder)
+
+
 def test_a_truth_that_was_changed_afterwards_is_found(folder):
     ledger = Ledger(folder / "ledger.jsonl")
     entry = ledger.entries()[1]

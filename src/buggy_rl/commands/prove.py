@@ -15,7 +15,9 @@ open what is sealed: the truth is added to the lines; score publishes the secret
 nothing twice: stop it, start it. A case in the ledger is not run again on any machine: with the
 same ledger and secret, draw.cases=50 today and draw.cases=100 tomorrow are 100 cases; of sealed
 seeds, before the secret is published. A line that was not opened is opened where its case was
-sealed.
+sealed; of a ledger in which all are, stages=[page] needs nothing else:
+
+    python scripts/prove.py configs/proof_third.yaml output=docs/proof/third "stages=[page]"
 """
 
 from pathlib import Path
@@ -28,27 +30,19 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.proof:ProofConfig")
 
-    from buggy_rl.proof.cases.draw import drawn
-    from buggy_rl.proof.cases.secret import secret_of
-    from buggy_rl.proof.proof import settle, steps
-    from buggy_rl.proof.running import opened, openings
+    from buggy_rl.proof.running import all_opened, openings
 
-    make_folders(config)
-    secret = secret_of(config.store)
-    cases = drawn(config.draw, secret)
-    run_steps(steps(config, cases, secret, Path(__file__).parent))
-    save_run(config, config.store.sealed)  # beside the answers: it tells what they were drawn from
-    if "settle" in config.stages:
-        tell_settled(config, settle(config, cases))
+    alone = {*config.stages} == {"page"}
+    entries = all_opened(config) if alone else []
+    entries = entries or run_stages(config)
     if not {"score", "page"} & set(config.stages):
         return
-    from buggy_rl.proof.ledger import OURS, SEALED
+    from buggy_rl.proof.ledger import OURS, SEALED, answered_by
     from buggy_rl.proof.score.answers import answer_rows
     from buggy_rl.proof.score.rivals import comparisons, scores_of
     from buggy_rl.proof.score.score import lines_of
     from buggy_rl.proof.score.weighing import answer_of
 
-    entries = opened(config, cases)
     scores, compared = scores_of(entries), comparisons(entries)
     answers = [answer_of(entry.scored(), entry.weighed) for entry in entries]
     if "score" in config.stages:
@@ -57,9 +51,27 @@ def main() -> None:
     if "page" in config.stages:
         from buggy_rl.proof.page import write_page
 
-        command = command_line(without="stages=")
-        page = write_page(config, scores, compared, command, openings(config.counter), answers)
-        print(f"written: {page}")
+        command = command_line() if alone else command_line(without="stages=")
+        times = openings(config.counter)
+        made = answered_by(entries)
+        print(f"written: {write_page(config, scores, compared, command, times, answers, made)}")
+
+
+def run_stages(config):
+    """Runs the stages before `score`; the entries, opened, where they are to be counted."""
+    from buggy_rl.proof.cases.draw import drawn
+    from buggy_rl.proof.cases.secret import secret_of
+    from buggy_rl.proof.proof import settle, steps
+    from buggy_rl.proof.running import opened
+
+    make_folders(config)
+    secret = secret_of(config.store)
+    cases = drawn(config.draw, secret)
+    run_steps(steps(config, cases, secret, Path(__file__).parent))
+    save_run(config, config.store.sealed)  # beside the answers: it tells what they were drawn from
+    if "settle" in config.stages:
+        tell_settled(config, settle(config, cases))
+    return opened(config, cases) if {"score", "page"} & set(config.stages) else []
 
 
 def make_folders(config) -> None:

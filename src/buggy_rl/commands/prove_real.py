@@ -28,38 +28,51 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.real.real:RealProofConfig")
 
-    from buggy_rl.proof.cases.secret import secret_of
-    from buggy_rl.proof.real.dataset import load_dataset
-    from buggy_rl.proof.real.draw import drawn
-    from buggy_rl.proof.real.real import known_steps, settle, steps
-    from buggy_rl.proof.running import opened, openings
+    from buggy_rl.proof.running import all_opened, openings
 
-    store, scripts = config.store, Path(__file__).parent
-    make_folders(config)
-    cases = []
-    if {*config.stages} - {"known"}:
-        secret = secret_of(store)
-        datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
-        cases = drawn(config.draw, datasets, secret)
-        run_steps(steps(config, datasets, cases, secret, scripts))
-        save_run(config, store.sealed)
-    if "settle" in config.stages:
-        tell_settled(config, settle(config, cases))
+    alone = not {*config.stages} - {"known", "page"}
+    entries = all_opened(config) if alone else []
+    entries = entries or run_stages(config)
     if "known" in config.stages and config.known.data is not None:
-        run_steps(known_steps(config, scripts))
+        from buggy_rl.proof.real.real import known_steps
+
+        run_steps(known_steps(config, Path(__file__).parent))
     if {"score", "page"} & {*config.stages}:
+        from buggy_rl.proof.ledger import answered_by
         from buggy_rl.proof.real.known import known_results
         from buggy_rl.proof.real.page import write_real_page
         from buggy_rl.proof.real.score import RealOutcome, real_score
 
-        score = real_score([RealOutcome.of(entry) for entry in opened(config, cases)])
+        score = real_score([RealOutcome.of(entry) for entry in entries])
         if "score" in config.stages:
             publish_score(config, score.lines())
         if "page" in config.stages:
-            known = known_results(store, config.known.changes)
-            command = command_line(without="stages=")
+            known = known_results(config.store, config.known.changes)
+            command = command_line() if alone else command_line(without="stages=")
             times = openings(config.counter)
-            print(f"written: {write_real_page(config, score, known, command, times)}")
+            page = write_real_page(config, score, known, command, times, answered_by(entries))
+            print(f"written: {page}")
+
+
+def run_stages(config):
+    """Runs the stages before `score`; the entries, opened, where they are to be counted."""
+    from buggy_rl.proof.cases.secret import secret_of
+    from buggy_rl.proof.real.dataset import load_dataset
+    from buggy_rl.proof.real.draw import drawn
+    from buggy_rl.proof.real.real import settle, steps
+    from buggy_rl.proof.running import opened
+
+    make_folders(config)
+    if not {*config.stages} - {"known"}:
+        return []
+    secret = secret_of(config.store)
+    datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
+    cases = drawn(config.draw, datasets, secret)
+    run_steps(steps(config, datasets, cases, secret, Path(__file__).parent))
+    save_run(config, config.store.sealed)
+    if "settle" in config.stages:
+        tell_settled(config, settle(config, cases))
+    return opened(config, cases) if {"score", "page"} & {*config.stages} else []
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 from buggy_rl.proof.cases.case import Concealing
 from buggy_rl.proof.cases.sealing import CaseStore, sealed_text
 from buggy_rl.proof.cases.secret import FILE, HASH
-from buggy_rl.proof.ledger import Entry, Ledger
+from buggy_rl.proof.ledger import Entry, Ledger, answered_by
 
 LEDGERS = ("ledger.jsonl", "ledger.jsonl.gz")
 
@@ -35,6 +35,11 @@ def published(folder: Path) -> Published:
         FileNotFoundError: A file is missing.
         ValueError: The secret has another hash.
     """
+    if not (folder / FILE).exists() and (folder / HASH).exists():
+        raise FileNotFoundError(
+            f"{folder / FILE} is not there: it is published when all cases were counted, and what "
+            "was concealed can be checked from then on"
+        )
     text = (folder / FILE).read_bytes()
     digest = (folder / HASH).read_text().split()[0]
     if hashlib.sha256(text).hexdigest() != digest:
@@ -79,19 +84,4 @@ def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:
         if absent := sorted(set(drawn) - set(opened)):
             raise ValueError(f"case {absent[0]} was drawn, not sealed; {len(absent)} were not")
         lines.append(f"{len(opened)} cases are what the secret draws: nobody chose them")
-    return [*lines, *_made(list(opened.values()))]
-
-
-def _made(entries: Sequence[Entry]) -> list[str]:
-    """Time and code of the diagnoses, as the ledger has them."""
-    times = sorted(entry.made["time"] for entry in entries if "time" in entry.made)
-    if not times:
-        return ["the ledger does not say when its cases were diagnosed"]
-    commits = sorted({entry.made.get("commit", "unknown")[:7] for entry in entries})
-    sources = {entry.made.get("source") for entry in entries}
-    confined = sum(entry.made.get("confined") == "landlock" for entry in entries)
-    return [
-        f"diagnosed from {times[0]} to {times[-1]}, commits {', '.join(commits)}, {len(sources)} "
-        "states of the source",
-        f"{confined} of {len(entries)} diagnoses could not read what was sealed",
-    ]
+    return [*lines, *answered_by(list(opened.values()))]

@@ -234,6 +234,21 @@ def _line(entry: Entry) -> str:
     return json.dumps(entry.to_dict()) + "\n"
 
 
+def answered_by(entries: Sequence[Entry]) -> list[str]:
+    """Times and code of the diagnoses, and how many of them were confined, in words."""
+    times = sorted(entry.made["time"] for entry in entries if "time" in entry.made)
+    if not times:
+        return ["the ledger does not say when its cases were diagnosed"]
+    commits = sorted({entry.made.get("commit", "unknown")[:7] for entry in entries})
+    sources = len({entry.made.get("source") for entry in entries})
+    confined = sum(entry.made.get("confined") == "landlock" for entry in entries)
+    return [
+        f"diagnosed from {times[0]} to {times[-1]}, commit{'s' * (len(commits) > 1)} "
+        f"{', '.join(commits)}, {sources} state{'s' * (sources > 1)} of the source",
+        f"{confined} of {len(entries)} diagnoses could not read what was sealed",
+    ]
+
+
 def searched(ledgers: Iterable[Path]) -> list[Entry]:
     """Entries of ledgers that were searched: what weights and intervals are fitted to.
 

@@ -172,6 +172,7 @@ def proof_page(
     opened: int,
     images: Mapping[str, str],
     answers: Sequence[WeighedAnswer] = (),
+    made: Sequence[str] = (),
 ) -> str:
     """The whole page.
 
@@ -183,6 +184,7 @@ def proof_page(
         opened: How often the sealed cases were scored.
         images: Kind of picture -> its path from the page.
         answers: Of the diagnosis, beside what could be found.
+        made: When and by which code, in words.
     """
     own = scores[OURS]
     templates = Environment(
@@ -196,6 +198,7 @@ def proof_page(
         command=command,
         split=config.draw.split,
         opened=opened,
+        made="; ".join(made),
         images=images,
         captions=CAPTIONS,
         score=own,
@@ -218,6 +221,7 @@ def write_page(
     command: str,
     opened: int,
     answers: Sequence[WeighedAnswer] = (),
+    made: Sequence[str] = (),
 ) -> Path:
     """Writes the page and its pictures to the files of the config; the page's path."""
     file = Path(config.page or config.store.output / "proof.md")
@@ -228,7 +232,8 @@ def write_page(
         image = folder / f"{file.stem}_{kind}.png"
         picture.savefig(image, dpi=130)
         images[kind] = os.path.relpath(image, file.parent)
-    write_atomically(file, proof_page(config, scores, compared, command, opened, images, answers))
+    text = proof_page(config, scores, compared, command, opened, images, answers, made)
+    write_atomically(file, text)
     return file
 
 

@@ -250,6 +250,12 @@ def opened(config: SealedRun, drawn: Sequence[Concealing]) -> list[Entry]:
     return [known[id_] for id_ in sorted(known)]
 
 
+def all_opened(config: SealedRun) -> list[Entry]:
+    """Entries of a ledger in which every case is opened, as it is published; none of another."""
+    entries = [entry for entry in config.lines.entries() if entry.kind == config.kind]
+    return [] if any(entry.opened is None for entry in entries) else entries
+
+
 def open_entry(store: CaseStore, entry: Entry) -> Entry:
     """An entry with the truth, and what the oracle found."""
     case = store.sealed_case(entry.id, entry.seal)

@@ -119,7 +119,7 @@ def test_the_page_lists_every_wrong_name_and_every_known_change(tmp_path):
     assert "| cannot tell: wind (0.60) | **not right** |" in text
     assert "|  | not diagnosed |" in text
     assert "Forces, tyres, bodies, lags and rate limits are not covered" in text
-    assert "they were counted 1 time. Intervals" in text
+    assert "they were scored 1 time. Intervals" in text
 
 
 def test_the_page_is_written_beside_the_cases(tmp_path):

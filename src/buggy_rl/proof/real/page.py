@@ -23,6 +23,7 @@ def real_page(
     known: Sequence[KnownResult],
     command: str,
     opened: int,
+    made: Sequence[str] = (),
 ) -> str:
     """The whole page.
 
@@ -32,6 +33,7 @@ def real_page(
         known: Known changes that were measured.
         command: That makes the page again.
         opened: How often the cases were counted.
+        made: When and by which code they were answered, in words.
     """
     templates = Environment(
         loader=PackageLoader("buggy_rl.proof.real", ""),
@@ -42,6 +44,7 @@ def real_page(
     return templates.get_template("real.md.jinja").render(
         command=command,
         opened=opened,
+        made="; ".join(made),
         hashes=config.store.hashes.name,
         least=config.draw.least,
         visible=VISIBLE,
@@ -63,10 +66,11 @@ def write_real_page(
     known: Sequence[KnownResult],
     command: str,
     opened: int,
+    made: Sequence[str] = (),
 ) -> Path:
     """Writes the page to the file of the config; its path."""
     file = Path(config.page or config.store.output / "proof_real.md")
-    write_atomically(file, real_page(config, score, known, command, opened))
+    write_atomically(file, real_page(config, score, known, command, opened, made))
     return file
 
 

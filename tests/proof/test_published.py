@@ -1,0 +1,60 @@
+"""What is published of a proof is enough for its page, and says who answered when."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from buggy_rl.proof.cases.draw import DrawConfig
+from buggy_rl.proof.ledger import Ledger, answered_by
+from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.running import all_opened
+from tests.running import run_script
+
+LEDGER = Path("docs/proof/third/ledger.jsonl")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The ledger of the third sealed set, alone in a folder."""
+    made = tmp_path / "third"
+    made.mkdir()
+    shutil.copy(LEDGER, made)
+    return made
+
+
+def test_a_ledger_is_enough_for_the_page(folder):
+    done = run_script(
+        "scripts/prove.py", "configs/proof_third.yaml", f"output={folder}", "stages=[page]"
+    )
+    assert done.returncode == 0, done.stderr
+    page = (folder / "proof.md").read_text()
+    count = len(Ledger(LEDGER).entries())
+    assert f"{count} of {count} diagnoses could not read what was sealed" in page
+    assert "stages=[page]" in page  # the command makes it again
+    assert {file.suffix for file in folder.iterdir()} == {".jsonl", ".md", ".png"}
+    assert not (folder.parent / "third_sealed").exists()
+
+
+def test_a_ledger_with_a_sealed_line_is_not(folder):
+    config = ProofConfig(output=str(folder), draw=DrawConfig(split="third"))
+    entries = all_opened(config)
+    assert len(entries) == len(Ledger(LEDGER).entries()) > 0
+    config.lines.replace([replace(entries[0], opened=None)])
+    assert all_opened(config) == []
+
+
+def test_lines_of_other_kinds_do_not_count(folder):
+    assert all_opened(ProofConfig(output=str(folder))) == []
+
+
+def test_who_answered_is_said_of_all_lines(folder):
+    entries = Ledger(LEDGER).entries()
+    other = {**entries[0].made, "commit": "abcdef0123", "source": "other", "confined": "no"}
+    lines = answered_by([*entries[:2], replace(entries[2], made=other)])
+    assert "commits 33083e3, abcdef0, 2 states of the source" in lines[0]
+    assert lines[1] == "2 of 3 diagnoses could not read what was sealed"
+    assert answered_by([replace(entries[0], made={})]) == [
+        "the ledger does not say when its cases were diagnosed"
+    ]
