@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows, named_curve
+from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows, named_curve, stack_by_family
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.stack import StackErrors
 from buggy_rl.proof.score.terms import TermMatch
@@ -120,3 +120,21 @@ def test_without_an_answer_an_effect_is_missed_and_nothing_wrong_is_said():
     assert value(cases, "nothing concealed")[1] == value(cases, "outside of it")[1] == 1
     assert value(silent, "nothing concealed")[1] == value(silent, "outside of it")[1] == 0
     assert value(silent, "no answer") == (1.0, 3)
+
+
+def test_repaired_simulators_are_counted_by_what_is_concealed():
+    near, far = (
+        StackErrors(
+            {"as_given": 1.1, "stack": stack, "retuned": 0.6, "residual": 1.1},
+            {"as_given": (-1.0, 0.1), "retuned": (more, 0.1), "residual": (-1.0, 0.1)},
+            0.1,
+        )
+        for stack, more in ((0.2, -1.0), (1.0, 0.5))
+    )
+    gain = {"steering_gain": GAIN}
+    cases = [answered(gain, {}, stack=near), answered({}, {}, stack=far), answered(gain, {})]
+    none, one = stack_by_family(cases)
+    assert (none.family, one.family) == ("nothing", "one effect")
+    assert (one.closed.value, one.closed.count) == (pytest.approx(0.9), 1)
+    assert (one.retuned.value, one.residual.value) == (pytest.approx(0.5), 0.0)
+    assert (one.beaten.value, none.beaten.value) == (0.0, 1.0)

@@ -149,3 +149,18 @@ def test_answers_stand_first_with_a_curve_over_strength(tmp_path):
     assert by_strength[0].startswith("| any | 50.0 %")
     assert by_strength[2].startswith("| 6 | 100.0 %")
     assert (tmp_path / "proof_strength.png").exists()
+
+
+def test_every_wrong_name_above_one_half_has_a_row():
+    said = (ScoredEffect("viscous_drag", 0.8, NUMBERS), ScoredEffect("wind", 0.6))
+    wrong = ScoredCase(
+        Case(7, "reference", "reference", concealed=WIND), CaseAnswer("missing_physics", said)
+    )
+    unsure = replace(wrong, answer=CaseAnswer("missing_physics", (ScoredEffect("payload", 0.4),)))
+    scored, config = {"ours": score([wrong, unsure])}, ProofConfig(output="out")
+    answers = [WeighedAnswer(wrong, {"wind": 50.0}), WeighedAnswer(unsure)]
+    text = proof_page(config, scored, [], "prove", 0, {}, answers)
+    rows = text.partition("Every wrong name above one half:")[2].partition("## ")[0].splitlines()
+    [row] = [row for row in rows if row.startswith("| 0000007")]
+    assert row.endswith("| wind 50 | viscous_drag rate 0.123 (0.80) | wind (0.60) |")
+    assert "None." in proof_page(config, scored, [], "prove", 0, {}, answers[1:])

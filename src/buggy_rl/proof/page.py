@@ -16,7 +16,14 @@ from buggy_rl.proof.cases.case import DRIVING, NUISANCES
 from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.proof import ProofConfig
-from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, answer_rows, named_curve
+from buggy_rl.proof.score.answers import (
+    StackRow,
+    StrengthRow,
+    WeighedAnswer,
+    answer_rows,
+    named_curve,
+    stack_by_family,
+)
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.rivals import MethodComparison
 from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
@@ -206,6 +213,8 @@ def proof_page(
         figures=_figures(scores),
         answers=[_row(row) for row in answer_rows(answers)] if answers else [],
         curve=[strength_cells(row) for row in named_curve(answers, STRENGTHS)] if answers else [],
+        stacks=[_stack(row) for row in stack_by_family(answers)],
+        wrong=[_wrong(a) for a in answers if a.wrong],
         compared=[_compared(c) for c in compared],
         nuisances=NUISANCES,
         driving=DRIVING,
@@ -269,6 +278,25 @@ def strength_cells(row: StrengthRow) -> list[str]:
     """Cells of a row: least strength, and both shares with their cases."""
     both = (row.recall, row.precision)
     return [_label(row), *(text for f in both for text in (written(f), str(f.count)))]
+
+
+def _stack(row: StackRow) -> list[str]:
+    """Cells of a row: the gap closed, by what is simpler too, and how often that is nearer."""
+    shares = (row.closed, row.retuned, row.residual)
+    beaten = f"{round(row.beaten.value * row.beaten.count)} of {row.beaten.count}"
+    return [row.family, *(written(f) for f in shares), str(row.closed.count), beaten]
+
+
+def _wrong(a: WeighedAnswer) -> list[str]:
+    """An answer with a wrong name above one half, beside what is concealed."""
+    case, said = a.scored.case, a.scored.answer.said
+    true = "; ".join(f"{effect} {_numbers(v)}" for effect, v in case.concealed.items())
+    sure = {s.effect: s for s in said if s.effect in a.given}
+    wrong = (f"{n} {_numbers(sure[n].values, '.3g')} ({sure[n].confidence:.2f})" for n in a.wrong)
+    right = (f"{n} ({sure[n].confidence:.2f})" for n in a.given if n in case.truth)
+    nats = (f"{n} {nats:.0f}" for n, nats in a.strength.items())
+    made = (case.id, case.pairing, true or "nothing", ", ".join(nats))
+    return [*made, "; ".join(wrong), "; ".join(right)]
 
 
 def _compared(c: MethodComparison) -> list[str]:

@@ -11,7 +11,7 @@ from statistics import fmean
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import Figure, ScoreRow, bootstrapped, middle, row, share
-from buggy_rl.proof.score.stack import StackErrors
+from buggy_rl.proof.score.stack import SIMPLER, StackErrors
 from buggy_rl.proof.score.strength import VISIBLE
 from buggy_rl.proof.score.tables import listed
 from buggy_rl.proof.score.terms import TermMatch, is_term
@@ -109,6 +109,22 @@ class StrengthRow:
     """Share of the names that are right, in cases all of whose effects are so strong."""
 
 
+@dataclass(frozen=True)
+class StackRow:
+    """Gap between as given and a simulator without fault that is closed, in cases of one kind."""
+
+    family: str
+    """Kind, in words."""
+    closed: Figure
+    """Median share that the repaired simulator closes, on drives that were held out,"""
+    retuned: Figure
+    """its parameters fitted alone,"""
+    residual: Figure
+    """and a learned residual alone."""
+    beaten: Figure
+    """Share of cases in which something simpler is surely nearer."""
+
+
 def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     """Figures with their targets.
 
@@ -177,6 +193,32 @@ def _stack_rows(stacks: Sequence[StackErrors]) -> list[ScoreRow]:
         ScoreRow("  by a learned residual alone", middle([s.closed("residual") for s in seen])),
         row("surely beaten by something simpler", [s.beaten for s in stacks], 0.0, most=True),
     ]
+
+
+FAMILIES = {
+    "nothing": "nothing",
+    "one": "one effect",
+    "two": "two effects",
+    "three": "three effects",
+    "term": "an equation of the grammar",
+    "unknown": "outside of effects and grammar",
+}
+
+
+def stack_by_family(cases: Iterable[WeighedAnswer]) -> list[StackRow]:
+    """Repaired simulators by what was concealed; kinds without a case are left out."""
+    weighed = [case for case in cases if case.stack is not None]
+    rows = []
+    for family, words in FAMILIES.items():
+        stacks = [case.stack for case in of(weighed, family) if case.stack is not None]
+        seen = [stack for stack in stacks if stack.seen]
+        closed, retuned, residual = (
+            middle([s.closed(name) for s in seen]) for name in ("stack", *SIMPLER[1:])
+        )
+        if stacks:
+            beaten = share([s.beaten for s in stacks])
+            rows.append(StackRow(words, closed, retuned, residual, beaten))
+    return rows
 
 
 def _more_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
