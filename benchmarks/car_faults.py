@@ -21,18 +21,19 @@ def main() -> None:
 
     from tqdm import tqdm
 
+    from buggy_rl.proof.markdown import fill
     from faults.campaign import injections, left
-    from faults.table import summary, write_table
+    from faults.table import PLACE, summary
 
     total = sum(left(config).values())
     with tqdm(total=total, desc="faults", unit="fault") as bar:
         for injection in injections(config):
             bar.set_postfix_str(injection.fault)
             bar.update()
-    lines = summary(Path(config.output))
+    table = summary(Path(config.output))
     for page in config.pages:
-        write_table(Path(page), lines)
-    print("\n".join(lines))
+        fill(Path(page), {PLACE: table})
+    print(table)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from buggy_rl.proof.cases.case import COMMANDS, Case
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES, Uniform
 from buggy_rl.proof.ledger import Entry, Ledger
+from buggy_rl.proof.markdown import marked, with_table
 from buggy_rl.proof.plants.faults import PLACES
 from buggy_rl.proof.score.outcome import NAMELESS
 
@@ -34,7 +35,7 @@ PLACED = 0.5  # likewise of where a patch lies, which is no strength
 FIRST = 950_000  # seeds begin here
 EFFECTS = 15_000  # at most; many more than there are, so that no two have one seed
 PART = 4  # cases of a job
-BEGIN, END = "<!-- recall: begin -->\n", "<!-- recall: end -->"
+PLACE = "recall"  # of the table in a page, between its marks
 NOT_MEASURED = "–"
 
 
@@ -188,12 +189,8 @@ def written(text: str, cells: Mapping[str, str]) -> str:
     Raises:
         ValueError: The page has no marks, or no row for an effect.
     """
-    if BEGIN not in text or END not in text.split(BEGIN, 1)[1]:
-        raise ValueError(f"no lines {BEGIN.strip()} and {END} about the table: write them")
-    before, rest = text.split(BEGIN, 1)
-    table, after = rest.split(END, 1)
     rows, left = [], dict(cells)
-    for line in table.splitlines():
+    for line in marked(text, PLACE)[1].splitlines():
         if line.startswith("| `"):
             name = line.split("`")[1]
             kept = line.rstrip().removesuffix("|").rpartition("|")[0]
@@ -201,7 +198,7 @@ def written(text: str, cells: Mapping[str, str]) -> str:
         rows.append(line)
     if left:
         raise ValueError(f"the table has no row for {', '.join(left)}: write one")
-    return before + BEGIN + "\n".join(rows) + "\n" + END + after
+    return with_table(text, PLACE, "\n".join(rows))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The table of the campaign, from its file into the pages."""
+"""The table of the campaign, from its file."""
 
 import math
 from pathlib import Path
@@ -8,10 +8,10 @@ import pandas as pd
 
 from faults.injection import FAULTS
 
-BEGIN, END = "<!-- car_faults: begin -->\n", "<!-- car_faults: end -->"
+PLACE = "car_faults"  # of the table in a page, between its marks
 
 
-def summary(file: Path) -> list[str]:
+def summary(file: Path) -> str:
     """A table of the file: a row for each fault, in the order of `FAULTS`."""
     table = pd.read_csv(file)
     lines = [
@@ -29,17 +29,4 @@ def summary(file: Path) -> list[str]:
             cells += [f"{v:.0f}" if math.isfinite(v) else "never" for v in values]
         cells += [str(np.sum(rows["readable"])), f"{np.max(rows['missing_s']):.2f}"]
         lines.append("| " + " | ".join(cells) + " |")
-    return lines
-
-
-def write_table(page: Path, lines: list[str]) -> None:
-    """Writes a table between the marks of a page.
-
-    Raises:
-        ValueError: It has no marks.
-    """
-    text = page.read_text()
-    if BEGIN not in text or END not in text.split(BEGIN, 1)[1]:
-        raise ValueError(f"{page}: has no lines {BEGIN.strip()} and {END}; write them into it")
-    before, rest = text.split(BEGIN, 1)
-    page.write_text(before + BEGIN + "\n".join(lines) + "\n" + END + rest.split(END, 1)[1])
+    return "\n".join(lines)

@@ -5,6 +5,8 @@ import math
 
 import pytest
 
+from buggy_rl.proof.markdown import marked
+
 DRIVE, COAST, NEUTRAL = (0.2, 0.3), (-1.0, 0.3), (-1.0, 0.0)
 
 
@@ -59,7 +61,7 @@ def test_it_resumes_where_its_file_ends(faults, tmp_path):
     for number in range(2):
         campaign._append(output, campaign.Injection("silent", number, 50.0, 250.0, True, 0.0))
     assert campaign.left(config) == {"silent": 1, "late": 3}
-    assert "| silent | 2 | 50 | 50 | 50 | 250 |" in "\n".join(campaign.summary(output))
+    assert "| silent | 2 | 50 | 50 | 50 | 250 |" in campaign.summary(output)
 
 
 def test_an_unknown_fault_is_refused(faults):
@@ -67,29 +69,18 @@ def test_an_unknown_fault_is_refused(faults):
         faults("campaign").CampaignConfig(faults=["deaf"])
 
 
-def test_its_table_is_written_between_the_marks_of_a_page(faults, tmp_path):
-    table, page = faults("table"), tmp_path / "page.md"
-    page.write_text(f"before\n{table.BEGIN}old\nold\n{table.END}\nafter\n")
-    table.write_table(page, ["| a |", "| b |"])
-    assert page.read_text() == f"before\n{table.BEGIN}| a |\n| b |\n{table.END}\nafter\n"
-    page.write_text("no marks\n")
-    with pytest.raises(ValueError, match="has no lines <!-- car_faults: begin -->"):
-        table.write_table(page, ["| a |"])
-
-
 def test_a_fault_that_nothing_stopped_is_never_in_the_table(faults, tmp_path):
     campaign, output = faults("campaign"), tmp_path / "faults.csv"
     for number, cut in enumerate((10.0, 20.0, math.inf)):
         campaign._append(output, campaign.Injection("silent", number, cut, cut, True, 0.0))
-    assert "| silent | 3 | 20 | never | never |" in "\n".join(campaign.summary(output))
+    assert "| silent | 3 | 20 | never | never |" in campaign.summary(output)
 
 
 @pytest.mark.parametrize("page", ["docs/car.md", "benchmarks/README.md"])
 def test_the_pages_have_the_table_of_the_results(faults, page, request):
     table, root = faults("table"), request.config.rootpath
     lines = table.summary(root / "benchmarks" / "results" / "car_faults.csv")
-    text = (root / page).read_text().split(table.BEGIN)[1].split(table.END)[0]
-    assert text.splitlines() == lines
+    assert marked((root / page).read_text(), table.PLACE)[1] == f"{lines}\n"
 
 
 def test_the_results_name_faults_that_there_are(faults, request):

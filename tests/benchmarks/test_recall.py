@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 from benchmarks.recall import (
-    BEGIN,
-    END,
+    PLACE,
     STRENGTHS,
     RecallConfig,
     cases,
@@ -18,6 +17,7 @@ from benchmarks.recall import (
 from buggy_rl.effects import effect_class
 from buggy_rl.proof.cases.sizes import COMMANDED_SIZES, SIZES
 from buggy_rl.proof.ledger import Entry, Ledger
+from buggy_rl.proof.markdown import table_marks
 
 EVERY = cases()
 
@@ -59,6 +59,7 @@ def test_a_refused_case_is_told_in_the_table():
 
 
 ROOT = Path(__file__).parents[2]
+BEGIN, END = table_marks(PLACE)
 ROWS = "| effect | named |\n|---|---|\n| `wind` | – |\n| `payload` | 1 of 1 |\n"
 TABLE = f"before\n{BEGIN}{ROWS}{END}after\n"
 

@@ -49,12 +49,17 @@ def main() -> None:
         lines = [*lines_of(answer_rows(answers)), *scores[OURS].lines(), *map(str, compared)]
         publish_score(config, lines, count=config.draw.split in SEALED)
     if "page" in config.stages:
-        from buggy_rl.proof.page import write_page
+        from buggy_rl.proof.markdown import fill
+        from buggy_rl.proof.page import page_tables, write_page
 
         command = command_line() if alone else command_line(without="stages=")
         times = openings(config.counter)
         made = answered_by(entries)
         print(f"written: {write_page(config, scores, compared, command, times, answers, made)}")
+        tables = page_tables(answers, compared)
+        for page in map(Path, config.pages):
+            fill(page, {f"{config.draw.split}_{name}": text for name, text in tables.items()})
+            print(f"written: {page}")
 
 
 def run_stages(config):

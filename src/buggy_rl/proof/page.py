@@ -6,7 +6,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 
@@ -15,6 +14,7 @@ from buggy_rl.figures.style import COLOURS, FAINT, tidy
 from buggy_rl.proof.cases.case import DRIVING, NUISANCES
 from buggy_rl.proof.cases.equivalents import meant
 from buggy_rl.proof.ledger import OURS
+from buggy_rl.proof.markdown import page_of, table
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.answers import (
     StackRow,
@@ -162,6 +162,20 @@ def _interval(axis: Axes, figure: Figure, place: int, colour: str) -> None:
     axis.plot(value, place, "o", color=colour, ms=5)
 
 
+MEASURED = ("figure", "target", "measured", "n")
+OVER_STRENGTH = (
+    *("strength of at least [nats]", "effects that are named", "n"),
+    *("names that are right", "n"),
+)
+STACKS = (
+    *("concealed", "closed", "by re-tuning alone", "by a learned residual alone", "n"),
+    "something simpler is surely nearer",
+)
+WRONG = ("case", "pairing", "concealed", "its strength [nats]", "wrong", "right beside it")
+RIVALS = (
+    *("method", "cases", "n", "ours right", "its right", "only ours", "only its"),
+    *("p", "crashed"),
+)
 CAPTIONS = {
     "strength": "Names over the strength of what is concealed",
     "figures": "Every share with its interval",
@@ -194,14 +208,10 @@ def proof_page(
         made: When and by which code, in words.
     """
     own = scores[OURS]
-    templates = Environment(
-        loader=PackageLoader("buggy_rl.proof", ""),
-        trim_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )
-    templates.filters["written"] = written
-    return templates.get_template("page.md.jinja").render(
+    return page_of(
+        "buggy_rl.proof",
+        "page.md.jinja",
+        {"written": written},
         command=command,
         split=config.draw.split,
         opened=opened,
@@ -211,16 +221,30 @@ def proof_page(
         score=own,
         others=[name for name in scores if name != OURS],
         figures=_figures(scores),
-        answers=[_row(row) for row in answer_rows(answers)] if answers else [],
-        curve=[strength_cells(row) for row in named_curve(answers, STRENGTHS)] if answers else [],
-        stacks=[_stack(row) for row in stack_by_family(answers)],
-        wrong=[_wrong(a) for a in answers if a.wrong],
-        compared=[_compared(c) for c in compared],
+        tables=page_tables(answers, compared) if answers or compared else {},
         nuisances=NUISANCES,
         driving=DRIVING,
         single=[_single(o) for o in sorted(own.single, key=lambda o: (o.case.truth, o.case.seed))],
         failing=[_failing(o) for o in own.failing],
     )
+
+
+def page_tables(
+    answers: Sequence[WeighedAnswer], compared: Sequence[MethodComparison]
+) -> dict[str, str]:
+    """Tables that other pages may have too, by name; those of nothing are left out."""
+    found = {}
+    if answers:
+        found["answers"] = table(MEASURED, map(_row, answer_rows(answers)))
+        found["strength"] = table(
+            OVER_STRENGTH, map(strength_cells, named_curve(answers, STRENGTHS))
+        )
+        found["stacks"] = table(STACKS, map(_stack, stack_by_family(answers)))
+        wrong = [_wrong(a) for a in answers if a.wrong]
+        found["wrong"] = table(WRONG, wrong) if wrong else "None."
+    if compared:
+        found["rivals"] = table(RIVALS, map(_compared, compared))
+    return found
 
 
 def write_page(

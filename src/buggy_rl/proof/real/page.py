@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from buggy_rl.core.files import write_atomically
+from buggy_rl.proof.markdown import page_of
 from buggy_rl.proof.page import indented, strength_cells
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
@@ -35,13 +34,10 @@ def real_page(
         opened: How often the cases were counted.
         made: When and by which code they were answered, in words.
     """
-    templates = Environment(
-        loader=PackageLoader("buggy_rl.proof.real", ""),
-        trim_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )
-    return templates.get_template("real.md.jinja").render(
+    return page_of(
+        "buggy_rl.proof.real",
+        "real.md.jinja",
+        {},
         command=command,
         opened=opened,
         made="; ".join(made),

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from buggy_rl.core.files import write_atomically
 from buggy_rl.figures.style import COLOURS, FAINT, PRINTED, tidy
+from buggy_rl.proof.markdown import page_of
 from buggy_rl.proof.transfer.arms import ARMS
 from buggy_rl.proof.transfer.plan import TransferConfig
 from buggy_rl.proof.transfer.score import (
@@ -54,15 +54,12 @@ def transfer_page(
     config: TransferConfig, drives: pd.DataFrame, cars: pd.DataFrame, command: str
 ) -> str:
     """The whole page as Markdown; arguments as of `write_page`, tables as of `read_tables`."""
-    templates = Environment(
-        loader=PackageLoader("buggy_rl.proof.transfer", ""),
-        trim_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )
     found = losses(drives, cars)
     arms = found.arms
-    return templates.get_template("transfer.md.jinja").render(
+    return page_of(
+        "buggy_rl.proof.transfer",
+        "transfer.md.jinja",
+        {},
         config=config,
         command=command,
         picture=PICTURE,
