@@ -12,7 +12,7 @@ LINKED = [*PAGES, ROOT / "benchmarks" / "README.md"]
 GLOSSARY = (ROOT / "GLOSSARY.md").read_text()
 ROW = r"^\| ([a-z ]+) \| (.+?) \| ([a-z, ]*)\|$"
 WORDS = [row for row in re.findall(ROW, GLOSSARY, re.M) if row[0] != "word"]
-MOST_PAGES, MOST_LINES, MOST_WORDS = 10, 200, 25
+MOST_PAGES, MOST_LINES, MOST_WORDS = 11, 200, 25
 CODE = ("src", "tests", "scripts", "benchmarks", "configs", "examples", "Makefile")
 TEXT = (".py", ".yaml", ".json", ".md", "")
 
