@@ -12,7 +12,7 @@ from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.running import all_opened
 from tests.running import run_script
 
-LEDGER = Path("docs/proof/third/ledger.jsonl")
+LEDGER = Path(__file__).parents[2] / "docs" / "proof" / "third" / "ledger.jsonl"
 
 
 @pytest.fixture

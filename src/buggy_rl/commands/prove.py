@@ -56,7 +56,7 @@ def main() -> None:
         times = openings(config.counter)
         made = answered_by(entries)
         print(f"written: {write_page(config, scores, compared, command, times, answers, made)}")
-        tables = page_tables(answers, compared)
+        tables = page_tables(answers, compared, made)
         for page in map(Path, config.pages):
             fill(page, {f"{config.draw.split}_{name}": text for name, text in tables.items()})
             print(f"written: {page}")
@@ -67,16 +67,22 @@ def run_stages(config):
     from buggy_rl.proof.cases.draw import drawn
     from buggy_rl.proof.cases.secret import secret_of
     from buggy_rl.proof.proof import settle, steps
-    from buggy_rl.proof.running import opened
 
     make_folders(config)
     secret = secret_of(config.store)
     cases = drawn(config.draw, secret)
-    run_steps(steps(config, cases, secret, Path(__file__).parent))
+    return entered(config, cases, steps(config, cases, secret, Path(__file__).parent), settle)
+
+
+def entered(config, cases, steps, settle):
+    """Runs steps and enters complete cases; the entries, opened, where they are to be counted."""
+    from buggy_rl.proof.running import opened
+
+    run_steps(steps)
     save_run(config, config.store.sealed)  # beside the answers: it tells what they were drawn from
     if "settle" in config.stages:
         tell_settled(config, settle(config, cases))
-    return opened(config, cases) if {"score", "page"} & set(config.stages) else []
+    return opened(config, cases) if {"score", "page"} & {*config.stages} else []
 
 
 def make_folders(config) -> None:

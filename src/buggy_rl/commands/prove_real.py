@@ -20,8 +20,8 @@ stage does nothing twice: stop it, start it.
 from pathlib import Path
 
 from buggy_rl.commands import command_line
-from buggy_rl.commands.prove import make_folders, publish_score, run_steps, tell_settled
-from buggy_rl.core.config import from_command_line, run, save_run
+from buggy_rl.commands.prove import entered, make_folders, publish_score, run_steps
+from buggy_rl.core.config import from_command_line, run
 
 
 def main() -> None:
@@ -60,7 +60,6 @@ def run_stages(config):
     from buggy_rl.proof.real.dataset import load_dataset
     from buggy_rl.proof.real.draw import drawn
     from buggy_rl.proof.real.real import settle, steps
-    from buggy_rl.proof.running import opened
 
     make_folders(config)
     if not {*config.stages} - {"known"}:
@@ -68,11 +67,8 @@ def run_stages(config):
     secret = secret_of(config.store)
     datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
     cases = drawn(config.draw, datasets, secret)
-    run_steps(steps(config, datasets, cases, secret, Path(__file__).parent))
-    save_run(config, config.store.sealed)
-    if "settle" in config.stages:
-        tell_settled(config, settle(config, cases))
-    return opened(config, cases) if {"score", "page"} & {*config.stages} else []
+    planned = steps(config, datasets, cases, secret, Path(__file__).parent)
+    return entered(config, cases, planned, settle)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Such a table stands between two lines, `<!-- NAME: begin -->` and `<!-- NAME: end -->`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +12,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from buggy_rl.core.files import write_atomically
 
 
-def page_of(
-    package: str, template: str, filters: Mapping[str, Callable[..., str]], **content: Any
-) -> str:
-    """A page from a template of a package, which may use `table`.
-
-    Args:
-        package: Where the template is.
-        template: Its file.
-        filters: Name -> function of a value.
-        content: Of the page.
-    """
+def page_of(package: str, template: str, **content: Any) -> str:
+    """A page from a template of a package, which may use `table`."""
     templates = Environment(
         loader=PackageLoader(package, ""),
         trim_blocks=True,
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
-    templates.filters |= filters
     return templates.get_template(template).render(table=table, **content)
 
 

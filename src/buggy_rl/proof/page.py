@@ -211,7 +211,7 @@ def proof_page(
     return page_of(
         "buggy_rl.proof",
         "page.md.jinja",
-        {"written": written},
+        written=written,
         command=command,
         split=config.draw.split,
         opened=opened,
@@ -221,7 +221,7 @@ def proof_page(
         score=own,
         others=[name for name in scores if name != OURS],
         figures=_figures(scores),
-        tables=page_tables(answers, compared) if answers or compared else {},
+        tables=page_tables(answers, compared),
         nuisances=NUISANCES,
         driving=DRIVING,
         single=[_single(o) for o in sorted(own.single, key=lambda o: (o.case.truth, o.case.seed))],
@@ -230,11 +230,14 @@ def proof_page(
 
 
 def page_tables(
-    answers: Sequence[WeighedAnswer], compared: Sequence[MethodComparison]
+    answers: Sequence[WeighedAnswer],
+    compared: Sequence[MethodComparison],
+    made: Sequence[str] = (),
 ) -> dict[str, str]:
     """Tables that other pages may have too, by name; those of nothing are left out."""
     found = {}
     if answers:
+        found["counted"] = "; ".join((f"{len(answers)} cases", *made)) + "."
         found["answers"] = table(MEASURED, map(_row, answer_rows(answers)))
         found["strength"] = table(
             OVER_STRENGTH, map(strength_cells, named_curve(answers, STRENGTHS))

@@ -37,7 +37,6 @@ def real_page(
     return page_of(
         "buggy_rl.proof.real",
         "real.md.jinja",
-        {},
         command=command,
         opened=opened,
         made="; ".join(made),

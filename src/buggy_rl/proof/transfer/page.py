@@ -59,7 +59,6 @@ def transfer_page(
     return page_of(
         "buggy_rl.proof.transfer",
         "transfer.md.jinja",
-        {},
         config=config,
         command=command,
         picture=PICTURE,
