@@ -36,6 +36,9 @@ SIZES = {
 
 
 def prove(folder: Path, size: str) -> Done:
+    sealed = Path(f"{folder}_sealed")
+    sealed.mkdir(exist_ok=True)  # a secret put there is taken: the same cases in every run
+    (sealed / "secret.txt").write_text("of the tests\n")
     with jobs_here() if size == "small" else nullcontext():
         return run_script("scripts/prove.py", f"output={folder}", *CASES, *SIZES[size])
 
