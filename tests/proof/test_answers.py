@@ -5,7 +5,13 @@ from dataclasses import replace
 import pytest
 
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows, named_curve, stack_by_family
+from buggy_rl.proof.score.answers import (
+    WeighedAnswer,
+    answer_rows,
+    more_by_difference,
+    named_curve,
+    stack_by_family,
+)
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.stack import StackErrors
 from buggy_rl.proof.score.terms import TermMatch
@@ -81,12 +87,28 @@ def test_what_the_grammar_has_not_is_outside():
     assert value([case], "outside of it: an effect named") == (0.0, 1)
 
 
-def test_more_is_missing_where_the_form_differs_unseen():
+def test_more_is_missing_by_what_differs_beside_the_effects():
+    gain, odd = {"steering_gain": GAIN}, {"sticky_servo": {"band": 0.1}}
     cases = [
-        answered({"steering_gain": GAIN}, {}, more=0.9, simulator="mujoco"),
-        answered({"steering_gain": GAIN}, {}, more=0.9, simulator="mujoco", baseline=True),
+        answered(odd, {}, more=0.9, simulator="mujoco"),
+        answered(gain, {}, more=0.9, simulator="mujoco"),
+        answered(gain, {}, more=0.1, simulator="mujoco", baseline=True),
+        answered(gain, {}, more=0.5, simulator="mujoco", baseline=True),
+        answered(gain, {}),
     ]
-    assert value(cases, "more is missing, said above") == (0.5, 2)
+    physics, unseen, seen = more_by_difference(cases)
+    assert "physics" in physics.kind
+    assert "no baseline" in unseen.kind
+    assert "with a baseline" in seen.kind
+    assert [(r.surely.value, r.hardly.value) for r in (physics, unseen)] == [(1.0, 0.0)] * 2
+    assert (seen.surely.value, seen.hardly.value, seen.surely.count) == (0.0, 0.5, 2)
+
+
+def test_what_differs_in_a_car_of_the_simulators_own_make():
+    exact = answered({}, {}, more=0.9)
+    drawn = replace(exact.scored, case=replace(exact.scored.case, spread=0.08))
+    kinds = [row.kind for row in more_by_difference([exact, replace(exact, scored=drawn)])]
+    assert [kind.split(":")[0] for kind in kinds] == ["parameters", "nothing"]
 
 
 def errors(stack, residual, farther=0.0, error=1.0, given=0.1, floor=0.004):

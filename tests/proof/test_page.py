@@ -96,6 +96,14 @@ def test_what_was_said_of_each_effect_adds_up(scores):
     }
 
 
+def test_composed_physics_and_terms_are_one_kind_of_what_is_confused():
+    composed = {"forward.steering.linear.heat": {"size": -1.0, "time_constant": 5.0}}
+    term = ScoredEffect("term.forward.steering.even", 0.5)
+    outcomes = [answered(composed, term), answered(composed, verdict="unknown_physics")]
+    confused = score(outcomes).confusion
+    assert confused == {"an equation": Counter({"an equation": 1, "unknown_physics": 1})}
+
+
 def answered(concealed, *said, verdict="missing_physics", status="answered", margin=None):
     case = Case(1, "reference", "reference", concealed=concealed)
     return ScoredCase(case, CaseAnswer(verdict, said, status), margin=margin)

@@ -17,10 +17,12 @@ from buggy_rl.proof.ledger import OURS
 from buggy_rl.proof.markdown import page_of, table
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.answers import (
+    MoreRow,
     StackRow,
     StrengthRow,
     WeighedAnswer,
     answer_rows,
+    more_by_difference,
     named_curve,
     stack_by_family,
 )
@@ -125,8 +127,8 @@ def _confidence(score: Score) -> Picture:
 def confusion(counts: Mapping[str, Mapping[str, int]]) -> Picture:
     """What was true, downwards, against what was said first."""
     true = list(counts)
-    extra = sorted({said for row in counts.values() for said in row} - set(true))
-    said = [*true, *extra]
+    found = {said for row in counts.values() for said in row}
+    said = [*(name for name in true if name in found), *sorted(found - set(true))]
     table = np.array([[counts[t].get(s, 0) for s in said] for t in true], dtype=float)
     share = table / table.sum(1, keepdims=True)
     size = (0.26 * len(said) + 3, 0.26 * len(true) + 2.5)
@@ -171,6 +173,7 @@ STACKS = (
     *("concealed", "closed", "by re-tuning alone", "by a learned residual alone", "n"),
     "something simpler is surely nearer",
 )
+MORE = ("differs beside the effects", "said above four fifths", "below one fifth", "n")
 WRONG = ("case", "pairing", "concealed", "its strength [nats]", "wrong", "right beside it")
 RIVALS = (
     *("method", "cases", "n", "ours right", "its right", "only ours", "only its"),
@@ -243,6 +246,7 @@ def page_tables(
             OVER_STRENGTH, map(strength_cells, named_curve(answers, STRENGTHS))
         )
         found["stacks"] = table(STACKS, map(_stack, stack_by_family(answers)))
+        found["more"] = table(MORE, map(_more, more_by_difference(answers)))
         wrong = [_wrong(a) for a in answers if a.wrong]
         found["wrong"] = table(WRONG, wrong) if wrong else "None."
     if compared:
@@ -312,6 +316,11 @@ def _stack(row: StackRow) -> list[str]:
     shares = (row.closed, row.retuned, row.residual)
     beaten = f"{round(row.beaten.value * row.beaten.count)} of {row.beaten.count}"
     return [row.family, *(written(f) for f in shares), str(row.closed.count), beaten]
+
+
+def _more(row: MoreRow) -> list[str]:
+    """Cells of what is said of more that is missing, in cases of one kind."""
+    return [row.kind, written(row.surely), written(row.hardly), str(row.surely.count)]
 
 
 def _wrong(a: WeighedAnswer) -> list[str]:

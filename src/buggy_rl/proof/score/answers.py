@@ -19,6 +19,16 @@ from buggy_rl.proof.score.terms import TermMatch, is_term
 SEVERAL = ("two", "three")
 COUNTED = ("nothing", "one", *SEVERAL)
 """Families of which every right name is known."""
+SURE = 0.8
+"""Probability of more that is missing from which on it is said surely."""
+BESIDE = (
+    "physics that no effect describes",
+    "form: another make, no baseline",
+    "form: another make, with a baseline",
+    "parameters: own make, each drawn anew",
+    "nothing: own make",
+)
+"""What differs between car and simulator beside the effects of the library, the gravest first."""
 AT_SENSOR = "yaw"
 """Place of composed physics that pushes at the sensor, where a term's is at the centre of gravity:
 its coefficient is another number."""
@@ -56,9 +66,14 @@ class WeighedAnswer:
         return self.scored.answer.status == "answered"
 
     @property
-    def lacking(self) -> bool:
-        """Whether more is missing than any effect says: physics, or the simulator's form."""
-        return self.scored.case.family == "unknown" or self.scored.case.differs_unseen
+    def beside(self) -> str:
+        """What differs beside the effects of the library, in words; a kind of `BESIDE`."""
+        case = self.scored.case
+        if case.family == "unknown":
+            return BESIDE[0]
+        if not case.own_make:
+            return BESIDE[2 if case.baseline else 1]
+        return BESIDE[3 if case.spread else 4]
 
     @property
     def given(self) -> list[str]:
@@ -125,6 +140,18 @@ class StackRow:
     """Share of cases in which something simpler is surely nearer."""
 
 
+@dataclass(frozen=True)
+class MoreRow:
+    """What is said of more that is missing than is named, in cases of one kind."""
+
+    kind: str
+    """What differs, of `BESIDE`."""
+    surely: Figure
+    """Share of cases in which it is said with `SURE` at least,"""
+    hardly: Figure
+    """and with less than 1 - `SURE`."""
+
+
 def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     """Figures with their targets.
 
@@ -154,7 +181,6 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
         row("outside of it: an effect named", outside, 0.05, most=True),
         row("no answer: a drive refused, or a crash", [not c.answered for c in cases]),
         *_stack_rows([c.stack for c in cases if c.stack is not None]),
-        *_more_rows(cases),
     ]
 
 
@@ -221,15 +247,13 @@ def stack_by_family(cases: Iterable[WeighedAnswer]) -> list[StackRow]:
     return rows
 
 
-def _more_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
-    """Whether more is missing, as it is said and as it is."""
-    said = [(c.more, c.lacking) for c in cases if c.more is not None]
+def more_by_difference(cases: Iterable[WeighedAnswer]) -> list[MoreRow]:
+    """What is said of more that is missing, by what differs; kinds without a case are left out."""
+    said = [(case.beside, case.more) for case in cases if case.more is not None]
     rows = []
-    for name, low, high in (
-        ("below one fifth", 0.0, 0.2),
-        ("in between", 0.2, 0.8),
-        ("above four fifths", 0.8, 1.01),
-    ):
-        inside = [truly for p, truly in said if low <= p < high]
-        rows.append(row(f"more is missing, said {name}: it is", inside))
+    for kind in BESIDE:
+        own = [p for what, p in said if what == kind]
+        if own:
+            surely, hardly = share([p >= SURE for p in own]), share([p < 1 - SURE for p in own])
+            rows.append(MoreRow(kind, surely, hardly))
     return rows

@@ -12,10 +12,14 @@ from scipy.stats import binomtest
 
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.cases.equivalents import expected
+from buggy_rl.proof.plants.composed import is_composed
 from buggy_rl.proof.score.outcome import ScoredCase
+from buggy_rl.proof.score.terms import is_term
 
 RESAMPLES = 2000
 BINS = 10
+EQUATION = "an equation"
+"""Physics that was composed, and terms that are said, where what was confused is counted."""
 
 
 @dataclass(frozen=True)
@@ -361,13 +365,16 @@ def _covered(outcomes: Iterable[ScoredCase]) -> list[bool]:
 
 
 def _confusion(outcomes: Iterable[ScoredCase]) -> dict[str, Counter]:
+    """What was concealed, of one at most -> what was said first; equations are one kind."""
     found: dict[str, Counter] = {}
     for o in outcomes:
         if len(o.case.truth) > 1:
             continue
         true = o.case.truth[0] if o.case.truth else "nothing"
+        true = EQUATION if is_composed(true) else true
         first, answer = o.answer.first, o.answer
         said = first.name if first else answer.verdict or answer.status
+        said = EQUATION if is_term(said) else said
         found.setdefault(true, Counter())[said] += 1
     return dict(sorted(found.items()))
 
