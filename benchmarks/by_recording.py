@@ -1,7 +1,7 @@
 """A car that differs from recording to recording: what is found, and what is taken for it.
 
     python benchmarks/by_recording.py
-    python benchmarks/by_recording.py simulators=[runs/fit/single_track.yaml] seconds=60
+    python benchmarks/by_recording.py "simulators=[runs/fit/single_track.yaml]" seconds=60
 
 Two drives of the reference car, with a fault at two sizes (`apart`) or at one of them in both
 (`shared`), which no fitted set holds: the simulator as given is looked at alone. Prints what is

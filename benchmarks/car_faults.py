@@ -1,9 +1,9 @@
 """Faults injected into drives of the simulated car, in real time, at random moments.
 
     python benchmarks/car_faults.py
-    python benchmarks/car_faults.py faults=[frozen,loop_killed] times=10 output=runs/faults.csv
+    python benchmarks/car_faults.py "faults=[frozen,loop_killed]" times=10 output=runs/faults.csv
     python benchmarks/car_faults.py jobs=2
-    python benchmarks/car_faults.py times=0 pages=[docs/car.md,benchmarks/README.md]
+    python benchmarks/car_faults.py times=0 "pages=[docs/car.md,benchmarks/README.md]"
 
 Prints, for each fault, how long the wheels took to get no drive, and no drive with the wheels
 straight, by the simulated car's own log, and what the recordings miss. It resumes: lines in the

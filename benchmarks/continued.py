@@ -1,7 +1,7 @@
 """Training on in a repaired simulator beside training anew there: waypoints and seconds.
 
     python -m benchmarks.continued simulator=runs/sample/models/ensemble_of_history_mlps.pt
-    python -m benchmarks.continued algorithms=[ppo] seeds=[0]
+    python -m benchmarks.continued "algorithms=[ppo]" "seeds=[0]"
 
 A policy is trained in the simulator as it is, and looked at in the simulator with each change
 (`before`). There one is trained anew, and the one from before is trained on for a tenth of the

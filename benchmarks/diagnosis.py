@@ -1,8 +1,8 @@
 """Time and memory of a whole diagnosis, and the same parameter by `mujoco.sysid` beside ours.
 
     python benchmarks/diagnosis.py output=diagnosis.json figure=diagnosis.png
-    python benchmarks/diagnosis.py parts=[speed] simulators=[reference,mujoco] rounds=3
-    python benchmarks/diagnosis.py parts=[sysid] parameter=mass truth=1.95
+    python benchmarks/diagnosis.py "parts=[speed]" "simulators=[reference,mujoco]" rounds=3
+    python benchmarks/diagnosis.py "parts=[sysid]" parameter=mass truth=1.95
 
 speed: two drives of the reference car with a concealed steering dead time, every effect to choose
 from. scale: time against the length of the drives and the number of effects.

@@ -1,6 +1,6 @@
 """Environment steps a second of every engine, beside a one-car Gymnasium loop of the same model.
 
-    python benchmarks/engines.py engines=[single_track,mujoco] cars=[1,1024] output=engines.json
+    python benchmarks/engines.py "engines=[single_track,mujoco]" "cars=[1,1024]" output=engines.json
 
 A step is one control period (10 ms) of one car. Each combination of engine, device and threads runs
 in its own process, because threads must be set before torch loads and only one environment a

@@ -1,7 +1,7 @@
 """Policies by the gradient of the reward beside PPO: waypoints after so many seconds of one core.
 
     python -m benchmarks.first_order simulator=runs/sample/models/ensemble_of_history_mlps.pt
-    python -m benchmarks.first_order simulator=MODEL.pt algorithms=[shac] steps.shac=300000
+    python -m benchmarks.first_order simulator=MODEL.pt "algorithms=[shac]" steps.shac=300000
     python -m benchmarks.first_order simulator=FITTED.yaml simulators.shac=SURROGATE.yaml
 
 Each training is validated on ten paths that it never sees, clocks stopped meanwhile, until its

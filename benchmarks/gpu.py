@@ -1,9 +1,9 @@
 """What a GPU buys: environments, PPO and a diagnosis's rollouts, beside this machine's CPU.
 
     python benchmarks/gpu.py output=gpu.csv
-    python benchmarks/gpu.py engines=[mujoco] cars=[1024] training=[] sets=[] output=gpu.csv
-    python benchmarks/gpu.py engines=[reference,reference_graph] output=gpu_graphs.csv
-    python benchmarks/gpu.py device=cpu engines=[kinematic] cars=[64] seconds=0.2 output=cpu.csv
+    python benchmarks/gpu.py "engines=[mujoco]" "cars=[1024]" "training=[]" "sets=[]" output=gpu.csv
+    python benchmarks/gpu.py "engines=[reference,reference_graph]" output=gpu_graphs.csv
+    python benchmarks/gpu.py device=cpu "engines=[kinematic]" "cars=[64]" seconds=0.2 output=cpu.csv
 
 Every figure is measured on `device`, then on the CPU with `threads` threads, in the same run. The
 floor is what memory alone would allow: a copy's measured bytes a second over the bytes that a step

@@ -1,6 +1,6 @@
 """Less friction around a simulator, beside the same simulator with that friction inside.
 
-    python -m benchmarks.grip plants=[mujoco,plain] grips=[0.4,0.6] output=grip.json
+    python -m benchmarks.grip "plants=[mujoco,plain]" "grips=[0.4,0.6]" output=grip.json
 
 A plant with its true friction times g is driven for 1.3 s, from gentle to full lock. The unchanged
 plant follows it for 0.3 s and is then left alone under the same commands, bare and inside

@@ -1,7 +1,7 @@
 """Diagnoses of plants whose friction was cut, by the unchanged plant as a black box.
 
     python -m benchmarks.grip_named
-    python -m benchmarks.grip_named plants=[mujoco] grips=[0.4] seeds=[710001,710002]
+    python -m benchmarks.grip_named "plants=[mujoco]" "grips=[0.4]" "seeds=[710001,710002]"
 
 Two drives of 30 s, the whole library. Prints how often `tire_grip` is the first name, at least
 0.9 sure and within 10 % of the true friction. It resumes: cases in the output are kept.

@@ -1,7 +1,7 @@
 """Effects realised by a simulator's own parameters, beside the same effects wrapped around it.
 
     python -m benchmarks.inside
-    python -m benchmarks.inside plants=[reference] effects=[tire_grip] output=inside.json
+    python -m benchmarks.inside "plants=[reference]" "effects=[tire_grip]" output=inside.json
 
 A plant in which an effect is concealed is driven for 1.3 s, from gentle to full lock. The unchanged
 plant follows it for 0.3 s and is then left alone under the same commands: bare, with the effect

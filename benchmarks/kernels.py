@@ -1,7 +1,7 @@
 """Milliseconds of a call of each kernel, by its compiled package and by PyTorch.
 
     python scripts/compile.py
-    python benchmarks/kernels.py cars=[64,640,6000]
+    python benchmarks/kernels.py "cars=[64,640,6000]"
 
 Both alternate in one process of one thread, and the figures are medians. Run it on a quiet machine.
 """

@@ -1,7 +1,7 @@
 """Suggested manoeuvres: how often they are predicted to decide, and how often they do.
 
     python -m benchmarks.manoeuvres
-    python -m benchmarks.manoeuvres seeds=[720001,720002] effects=[viscous_drag]
+    python -m benchmarks.manoeuvres "seeds=[720001,720002]" "effects=[viscous_drag]"
 
 A reference car in which one effect is concealed is driven poorly, so that another effect explains
 the recordings as well. Where the diagnosis is not sure, the manoeuvre with the highest decision

@@ -1,7 +1,7 @@
 """Mutation testing of estimation, effects and diagnosis: which changed lines do no tests notice?
 
     python benchmarks/mutants.py samples=100 seed=0
-    python benchmarks/mutants.py folders=[estimation] samples=20 timeout=300
+    python benchmarks/mutants.py "folders=[estimation]" samples=20 timeout=300
 
 Each sample is one changed operator, number, truth value or function of one line, in a copy of the
 package that stands first on PYTHONPATH. Tests of its module run first, then the others of

@@ -1,8 +1,8 @@
 """Training speed: ours against stable-baselines3, whole training loops on the same cars.
 
     python benchmarks/ppo.py output=ppo.json
-    python benchmarks/ppo.py score=true simulators=[runs/sample/models/history_mlp__raw.pt]
-    python benchmarks/ppo.py profile=true threads=[1] cases=[]
+    python benchmarks/ppo.py score=true "simulators=[runs/sample/models/history_mlp__raw.pt]"
+    python benchmarks/ppo.py profile=true "threads=[1]" "cases=[]"
 
 Three cases: `original`, stable-baselines3 as the original study used it (one Gymnasium
 environment, its settings); `batched`, stable-baselines3 over our batch of cars as a `VecEnv` with

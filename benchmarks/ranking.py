@@ -1,6 +1,6 @@
 """Gradient boosting in place of the conditional logit: does the posterior lose by being linear?
 
-    python -m benchmarks.ranking ledgers=[docs/development/cases.jsonl.gz]
+    python -m benchmarks.ranking "ledgers=[docs/development/cases.jsonl.gz]"
 
 Both get the same features of the same cases (`diagnosis/search/posterior.py`) and answer each
 case without its group (`calibration.case_folds`). Trees see the features of a hypothesis and

@@ -1,8 +1,8 @@
 """Every effect of the library concealed in the reference car at three strengths, and what is named.
 
     python -m benchmarks.recall
-    python -m benchmarks.recall names=[understeer,voltage_sag] workers=1
-    python -m benchmarks.recall cases=false pages=[README.md] \
+    python -m benchmarks.recall "names=[understeer,voltage_sag]" workers=1
+    python -m benchmarks.recall cases=false "pages=[README.md]" \
         output=docs/development/recall.jsonl.gz
 
 Two drives of 30 s for each effect and strength; the simulator is the same car without the effect,

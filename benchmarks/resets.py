@@ -1,7 +1,7 @@
 """Partial resets: CPU milliseconds of a step of the task, and of a reset of one car of the batch.
 
     python -m benchmarks.resets
-    python -m benchmarks.resets cars=[256] simulators=[learned]
+    python -m benchmarks.resets "cars=[256]" "simulators=[learned]"
 
 A step is followed by a reset of one car, as a collector does it where an episode ends. The three
 are timed in turn on one thread, and the least times are compared, since others only add to them.

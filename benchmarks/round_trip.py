@@ -1,7 +1,7 @@
 """Effects concealed in reference cars of three sizes, at three rates, and how many are named.
 
     python -m benchmarks.round_trip
-    python -m benchmarks.round_trip scales=[10] rates=[20] seeds=12
+    python -m benchmarks.round_trip "scales=[10]" "rates=[20]" seeds=12
 
 One effect is concealed in a car with brakes and reverse, and two drives are diagnosed with the same
 car without the effect as simulator. A case has the same effect, size and driver in every car and at

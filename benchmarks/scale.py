@@ -1,7 +1,7 @@
 """Scaling of independent jobs: 1 and 2 workers here, and a model of more machines.
 
     python benchmarks/scale.py output=runs/scale
-    python benchmarks/scale.py output=runs/scale launchers=[local,ray] seeds=8 cases=4
+    python benchmarks/scale.py output=runs/scale "launchers=[local,ray]" seeds=8 cases=4
 
 Trains `seeds` small policies and diagnoses `cases` sealed cases with each number of workers, checks
 that every run wrote the same results, and measures what a job costs beside its work: bytes through

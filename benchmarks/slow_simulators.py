@@ -1,8 +1,8 @@
 """Diagnoses with slow simulators: time against what was promised, by workers and by length.
 
     python benchmarks/slow_simulators.py
-    python benchmarks/slow_simulators.py simulators=[reference,single_track,mujoco] workers=[1,2]
-    python benchmarks/slow_simulators.py simulators=[reference] lengths=[15,90,600,2400]
+    python benchmarks/slow_simulators.py "simulators=[reference,mujoco]" "workers=[1,2]"
+    python benchmarks/slow_simulators.py "simulators=[reference]" "lengths=[15,90,600,2400]"
 
 Two drives of the reference car with a concealed steering dead time; `slow` is that car in float64
 with 20 times its steps, `own` in float64 with eight, both as a user's own file. Other makes get two

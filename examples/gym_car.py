@@ -1,6 +1,6 @@
 """A Gymnasium car as a simulator.
 
-python scripts/diagnose.py simulator=examples/gym_car.py:make recordings=[FOLDER] output=runs/mine
+python scripts/diagnose.py simulator=examples/gym_car.py:make "recordings=[FOLDER]" output=runs/mine
 """
 
 import gymnasium

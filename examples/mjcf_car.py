@@ -1,6 +1,6 @@
 """An MJCF car as a simulator.
 
-python scripts/diagnose.py simulator=examples/mjcf_car.py:make recordings=[FOLDER] output=runs/mine
+python scripts/diagnose.py simulator=examples/mjcf_car.py:make "recordings=[FOLDER]" output=mine
 """
 
 from pathlib import Path

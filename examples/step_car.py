@@ -1,6 +1,6 @@
 """A simulator from two functions.
 
-python scripts/diagnose.py simulator=examples/step_car.py:make recordings=[FOLDER] output=runs/mine
+python scripts/diagnose.py simulator=examples/step_car.py:make "recordings=[FOLDER]" output=mine
 """
 
 import numpy as np

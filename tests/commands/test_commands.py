@@ -1,5 +1,6 @@
 """The command `buggy-rl`: verbs, their help, and the configs that travel with the package."""
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -60,6 +61,13 @@ def test_the_command_line_is_said_as_it_was_typed(monkeypatch):
     assert command_line(without="stages=") == "buggy-rl prove a.yaml"
     monkeypatch.setattr(sys, "argv", ["scripts/prove.py", "a.yaml"])
     assert command_line() == "python scripts/prove.py a.yaml"
+
+
+def test_a_command_is_written_as_every_shell_takes_it(monkeypatch):
+    words = ["scripts/prove.py", "a.yaml", "stages=[page]"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert command_line() == "python scripts/prove.py a.yaml 'stages=[page]'"
+    assert shlex.split(command_line()) == ["python", *words]
 
 
 def test_the_packages_configs_are_found_from_anywhere(tmp_path, monkeypatch):

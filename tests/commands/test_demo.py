@@ -1,6 +1,7 @@
 """The demo: its stages, their order, and what is said of them; kernels compiled at first use."""
 
 import re
+import shlex
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -49,7 +50,7 @@ def test_a_stage_needs_earlier_ones_alone():
 
 @pytest.mark.parametrize(("what", "command"), IN_FULL)
 def test_what_does_it_in_full_is_a_command_whose_options_are_taken(what, command):
-    script, *arguments = command.format(output="demo").split()
+    script, *arguments = shlex.split(command.format(output="demo"))
     config_of(
         script.removesuffix(".py"), [a.replace("[FOLDER]", "[data/sample]") for a in arguments]
     )

@@ -4,6 +4,7 @@
 """
 
 import re
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout, suppress
@@ -117,8 +118,10 @@ def command_line(without: str = "\n") -> str:
     Args:
         without: Arguments that begin with this are left out.
     """
-    program = [] if sys.argv[0].startswith(PROGRAM) else ["python"]
-    return " ".join([*program, *(word for word in sys.argv if not word.startswith(without))])
+    program, *options = sys.argv
+    interpreter = [] if program.startswith(PROGRAM) else ["python"]
+    kept = (shlex.quote(option) for option in options if not option.startswith(without))
+    return " ".join([*interpreter, program, *kept])
 
 
 def _called(verb: str, options: list[str]) -> None:

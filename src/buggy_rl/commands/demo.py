@@ -54,7 +54,7 @@ IN_FULL = (
     ("a film in full size", "render.py what=runs/policy/best.pt output=runs/policy.mp4"),
     ("a blind test, longer drives", "blind_demo.py output=runs/blind_demo"),
     ("all kernels", "compile.py"),
-    ("your own drives, one page", "study.py configs/study.yaml data.recordings=[FOLDER]"),
+    ("your own drives, one page", 'study.py configs/study.yaml "data.recordings=[FOLDER]"'),
 )
 BAR = "{desc:24}{percentage:3.0f}%|{bar:20}| {elapsed} {postfix}"
 ENDINGS = (".out", ".err", ".json")  # of what a stage printed, its bars and errors, its CPU time
