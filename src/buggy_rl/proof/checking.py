@@ -9,10 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from buggy_rl.core.config import build
 from buggy_rl.proof.cases.case import Concealing
+from buggy_rl.proof.cases.draw import drawn
 from buggy_rl.proof.cases.sealing import CaseStore, sealed_text
 from buggy_rl.proof.cases.secret import FILE, HASH
 from buggy_rl.proof.ledger import Entry, Ledger, answered_by
+from buggy_rl.proof.proof import ProofConfig
+from buggy_rl.proof.real.case import RealCase
+from buggy_rl.proof.real.dataset import load_dataset
+from buggy_rl.proof.real.draw import drawn as drawn_from_recordings
+from buggy_rl.proof.real.real import RealProofConfig
 
 LEDGERS = ("ledger.jsonl", "ledger.jsonl.gz")
 
@@ -51,6 +58,21 @@ def published(folder: Path) -> Published:
     if not digests:
         raise FileNotFoundError(f"{folder} has no hashes.txt, or an empty one")
     return Published(folder, text.decode().strip(), digests, Ledger(ledgers[0]).entries())
+
+
+def drawn_again(found: Published, config: str) -> Sequence[Concealing]:
+    """The cases that the secret draws, by the config of the run.
+
+    Args:
+        found: What was published.
+        config: Of `prove`, or of `prove_real` where recordings were edited: those that it names are
+            read.
+    """
+    if any(isinstance(entry.opened, RealCase) for entry in found.entries):
+        real = build(RealProofConfig, [config])
+        datasets = {name: load_dataset(name, own) for name, own in real.datasets.items()}
+        return drawn_from_recordings(real.draw, datasets, found.secret)
+    return drawn(build(ProofConfig, [config]).draw, found.secret)
 
 
 def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:

@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from buggy_rl.proof.cases.sealing import CaseStore
+from buggy_rl.proof.cases.sealing import CaseStore, publish
+from buggy_rl.proof.cases.secret import publish_secret, secret_of
+from buggy_rl.proof.checking import checked, drawn_again, published
+from buggy_rl.proof.ledger import Entry, Ledger
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.real.draw import RealDrawConfig, drawn
 from tests.proof.here import jobs_here
@@ -86,3 +89,21 @@ def test_what_is_done_is_not_done_again(proof):
     assert done.returncode == 0, done.stderr
     assert {f: f.stat().st_mtime_ns for f in before} == before
     assert json.loads((folder / "opened.json").read_text()) == {"opened": 2}
+
+
+def test_a_stranger_draws_edited_recordings_again(tmp_path, drives, dataset):
+    store = CaseStore(tmp_path / "run", tmp_path / "sealed", cases=RealCase)
+    for place in (store.output, store.sealed):
+        place.mkdir()
+    draw = {"cases": 2, "partitions": 1, "least": 12.0}
+    secret = secret_of(store)
+    cases = drawn(RealDrawConfig(**draw), {"small": dataset}, secret)
+    publish(store, cases, secret)
+    entries = (Entry(case.id, "real", case, failed="it spins") for case in cases)
+    Ledger(store.output / "ledger.jsonl").enter(entries)
+    publish_secret(store)
+    config = tmp_path / "real.yaml"
+    data = {"recordings": [str(drives)], "car": "buggy"}
+    config.write_text(yaml.safe_dump({"output": "x", "draw": draw, "datasets": {"small": data}}))
+    found = published(store.output)
+    assert "2 cases are what the secret draws" in checked(found, drawn_again(found, str(config)))[2]
