@@ -52,6 +52,15 @@ def test_a_slow_servo_remembers_commands_from_before_the_segment(effect, value):
     assert float(residual[:, 1:, :, 5].abs().max()) < 0.15  # [rad/s]
 
 
+def test_a_trial_that_runs_away_in_mujoco_is_lost_alone(quiet):
+    simulation = Simulation(lambda count: make_engine("mujoco", count))
+    # A yaw rate that grows by e every 5 ms is beyond MuJoCo's physics within half a second.
+    damping = ParameterSets({"yaw_damping": {"rate": torch.tensor([0.0, -200.0])}})
+    read = simulation.readings(quiet[0], damping)
+    assert bool(read[1].isnan().any())
+    assert torch.equal(read[:1], simulation.readings(quiet[0]))
+
+
 def test_no_bit_of_a_rollout_depends_on_how_many_there_are(quiet, monkeypatch):
     library = Library(offered(ONE_WAY), make_engine("single_track").declared)
     one = [library.hypothesis((n,), library.trials(n, quiet[0])[0] + [0.1]) for n in library.names]

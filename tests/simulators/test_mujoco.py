@@ -266,6 +266,20 @@ def test_a_state_beyond_the_physics_is_reported_and_does_not_linger():
     assert step(engine, state, (0.0, 0.0))[keys.VELOCITY].isfinite().all()
 
 
+def test_a_trial_beyond_the_physics_is_lost_alone():
+    engine = MujocoEngine(2)
+    engine.lost_as_nan = True
+    state = start(engine, (1.0, 0.0, 0.0))
+    broken = state.clone()
+    broken[keys.VELOCITY][1, 0] = float("nan")
+    whole = state
+    for _ in range(3):
+        broken, whole = (step(engine, each, (0.3, 0.2)) for each in (broken, whole))
+        assert torch.equal(broken[keys.VELOCITY][0], whole[keys.VELOCITY][0])
+        assert broken[keys.POSE][1].isnan().all()
+        assert broken[keys.VELOCITY][1].isnan().all()
+
+
 @pytest.mark.parametrize("timestep", [0.003, 0.02])
 def test_a_timestep_that_does_not_divide_the_control_period_is_refused(timestep):
     with pytest.raises(ValueError, match=r"does not divide the control period of 0\.01 s"):

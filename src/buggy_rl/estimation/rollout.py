@@ -22,6 +22,7 @@ from buggy_rl.effects.base import Effect
 from buggy_rl.estimation.bare import BareEnv, Rows
 from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
+from buggy_rl.simulators.base import Engine
 from buggy_rl.task.augment import Options, Values, augmented
 
 MOST_ENVIRONMENTS = 12_000  # stepped at once, to bound memory
@@ -318,7 +319,12 @@ class Simulation:
         """One environment for each set and segment."""
         each = settings.map(lambda v: _each(v, count))
         simulator = self.make(len(settings) * count)
-        return augmented(simulator, each.effects, each.parameters, self.standing, self.options)
+        env, stack = augmented(
+            simulator, each.effects, each.parameters, self.standing, self.options
+        )
+        if isinstance(env.base_env, Engine):
+            env.base_env.lost_as_nan = True  # one bad trial of many: it counts as far away
+        return env, stack
 
     def _reset(self, env, stack, segments: Segments, pose: Tensor, velocity: Tensor):
         """State at row 0, latent states of effects as the commands before it left them."""

@@ -50,6 +50,9 @@ class Engine(ResettableEnv):
     """Parameter values in use, each of shape () or of the batch's shape."""
     reach: float = 1.0
     """Largest size of a command to which its laws go on; only effects ask for more than 1."""
+    lost_as_nan: bool = False
+    """Whether a car whose physics breaks down has a state of NaN from then on, as a diagnosis wants
+    of the numbers that it tries; else an engine that notices raises."""
     resets_alone: bool = False
     """Whether `_rest_latent` takes any number of cars where parameters are shared, and not only the
     whole batch: a reset of some environments then computes these alone."""

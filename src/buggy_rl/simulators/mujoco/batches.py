@@ -51,6 +51,10 @@ class Cars(Protocol):
         """
         ...
 
+    def lose_bad(self) -> None:
+        """Makes the states of such cars NaN, which the next step counts again."""
+        ...
+
 
 def make_cars(
     backend: Backend,
@@ -113,6 +117,12 @@ class CpuCars:
 
     def step(self) -> None:
         self._batch.step()
+
+    def lose_bad(self) -> None:
+        bad = self._batch.warning[..., 1].any(-1)  # (n,)
+        if bad.any():
+            self._batch.warning[:] = 0
+            self.qpos[bad] = self.qvel[bad] = np.nan
 
     def refuse_bad(self) -> None:
         counts = self._batch.warning[..., 1]  # (n, kinds)

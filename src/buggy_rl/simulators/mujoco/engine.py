@@ -205,7 +205,7 @@ class MujocoEngine(RowsEngine):
             drive = self._actuators.drive(middle[:, 0])
             self._forces.apply(qpos, qvel, xfrc, qfrc, angle, drive)
             cars.step()
-        cars.refuse_bad()
+        (cars.lose_bad if self.lost_as_nan else cars.refuse_bad)()
 
     def _with_edits(self, physics: Array, pose: Array, velocity: Array) -> Array:
         """A copy of the physics state, with the edits of pose or velocity since the last step."""

@@ -104,7 +104,7 @@ class MjcfEngine(RowsEngine):
                 ctrl[:, index] = share * full
         for _ in range(self._substeps):
             self._cars.step()
-        self._cars.refuse_bad()
+        (self._cars.lose_bad if self.lost_as_nan else self._cars.refuse_bad)()
 
     def _set(self, qpos: NDArray, qvel: NDArray, pose: NDArray, velocity: NDArray) -> None:
         """Gives cars poses and velocities [n, 3]; height, pitch, roll and joints stay."""

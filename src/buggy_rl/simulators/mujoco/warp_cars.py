@@ -83,6 +83,9 @@ class WarpCars:
             stream = torch.cuda.current_stream(self.device)
             warp.capture_launch(self._graph, warp.stream_from_torch(stream))
 
+    def lose_bad(self) -> None:
+        pass  # a state that is not finite stays so
+
     def refuse_bad(self) -> None:
         self._unchecked += 1
         if self.device.type == "cuda" and self._unchecked < CHECK_EVERY:
