@@ -106,9 +106,14 @@ def test_more_is_missing_by_what_differs_beside_the_effects():
 
 def test_what_differs_in_a_car_of_the_simulators_own_make():
     exact = answered({}, {}, more=0.9)
-    drawn = replace(exact.scored, case=replace(exact.scored.case, spread=0.08))
-    kinds = [row.kind for row in more_by_difference([exact, replace(exact, scored=drawn)])]
-    assert [kind.split(":")[0] for kind in kinds] == ["parameters", "nothing"]
+    others = [
+        replace(exact, scored=replace(exact.scored, case=replace(exact.scored.case, **change)))
+        for change in ({"spread": 0.08}, {"nuisance": "parameters_3"}, {"nuisance": "integrator"})
+    ]
+    numbers, nothing = more_by_difference([exact, *others])
+    assert (numbers.kind.split(":")[0], numbers.surely.count) == ("numbers", 2)
+    # A car that was drawn has a simulator of its own numbers.
+    assert (nothing.kind.split(":")[0], nothing.surely.count) == ("nothing", 2)
 
 
 def errors(stack, residual, farther=0.0, error=1.0, given=0.1, floor=0.004):

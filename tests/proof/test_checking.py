@@ -87,3 +87,9 @@ def test_the_command_draws_them_again(folder, tmp_path: Path):
     file.write_text(yaml.safe_dump({"output": "runs/x", "draw": DRAW}))
     said = run_script("scripts/check_proof.py", f"folder={folder}", f"config={file}")
     assert "nobody chose them" in said.stdout
+
+
+def test_an_error_that_is_published_does_not_say_where_the_run_was(tmp_path):
+    store = CaseStore(tmp_path / "run", tmp_path / "sealed")
+    error = ValueError(f"{store.inputs('7') / 'drive_0.csv'}, row 3: it leaps")
+    assert store.told(error) == "ValueError: cases/7/drive_0.csv, row 3: it leaps"

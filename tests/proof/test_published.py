@@ -1,5 +1,6 @@
 """What is published of a proof is enough for its page, and says who answered when."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,8 @@ from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.running import all_opened
 from tests.running import run_script
 
-LEDGER = Path(__file__).parents[2] / "docs" / "proof" / "third" / "ledger.jsonl"
+PUBLISHED = Path(__file__).parents[2] / "docs" / "proof"
+LEDGER = PUBLISHED / "third" / "ledger.jsonl"
 
 
 @pytest.fixture
@@ -58,3 +60,10 @@ def test_who_answered_is_said_of_all_lines(folder):
     assert answered_by([replace(entries[0], made={})]) == [
         "the ledger does not say when its cases were diagnosed"
     ]
+
+
+def test_no_published_file_names_a_place_of_the_machine_that_made_it():
+    files = [f for f in PUBLISHED.rglob("*") if f.suffix in {".json", ".jsonl", ".md", ".txt"}]
+    assert len(files) > 40
+    named = [f.name for f in files if re.search(r"(?<![\w.)/:])/\w+/\w", f.read_text())]
+    assert named == []

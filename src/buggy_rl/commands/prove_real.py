@@ -57,7 +57,7 @@ def main() -> None:
 def run_stages(config):
     """Runs the stages before `score`; the entries, opened, where they are to be counted."""
     from buggy_rl.proof.cases.secret import secret_of
-    from buggy_rl.proof.real.dataset import load_dataset
+    from buggy_rl.proof.real.dataset import load_datasets
     from buggy_rl.proof.real.draw import drawn
     from buggy_rl.proof.real.real import settle, steps
 
@@ -65,7 +65,7 @@ def run_stages(config):
     if not {*config.stages} - {"known"}:
         return []
     secret = secret_of(config.store)
-    datasets = {name: load_dataset(name, own) for name, own in config.datasets.items()}
+    datasets = load_datasets(config.datasets)
     cases = drawn(config.draw, datasets, secret)
     planned = steps(config, datasets, cases, secret, Path(__file__).parent)
     return entered(config, cases, planned, settle)

@@ -17,7 +17,7 @@ from buggy_rl.proof.cases.secret import FILE, HASH
 from buggy_rl.proof.ledger import Entry, Ledger, answered_by
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.real.case import RealCase
-from buggy_rl.proof.real.dataset import load_dataset
+from buggy_rl.proof.real.dataset import load_datasets
 from buggy_rl.proof.real.draw import drawn as drawn_from_recordings
 from buggy_rl.proof.real.real import RealProofConfig
 
@@ -70,8 +70,7 @@ def drawn_again(found: Published, config: str) -> Sequence[Concealing]:
     """
     if any(isinstance(entry.opened, RealCase) for entry in found.entries):
         real = build(RealProofConfig, [config])
-        datasets = {name: load_dataset(name, own) for name, own in real.datasets.items()}
-        return drawn_from_recordings(real.draw, datasets, found.secret)
+        return drawn_from_recordings(real.draw, load_datasets(real.datasets), found.secret)
     return drawn(build(ProofConfig, [config]).draw, found.secret)
 
 

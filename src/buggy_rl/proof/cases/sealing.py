@@ -68,6 +68,10 @@ class CaseStore:
     cases: type = Case
     """Class of its cases."""
 
+    def told(self, error: Exception) -> str:
+        """An error as the ledger has it, which is published: without this folder's own place."""
+        return f"{type(error).__name__}: {error}".replace(f"{self.output}/", "")
+
     def inputs(self, id_: str) -> Path:
         """Folder of all that the diagnosis is given."""
         return self.output / "cases" / id_

@@ -1,7 +1,7 @@
 """Untouched recordings of one car, in halves of which one is edited and the other is not."""
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -75,6 +75,11 @@ def load_dataset(name: str, config: DatasetConfig) -> Dataset:
     kept = [recording for recording in found if recording.name not in config.leave_out]
     refuse_copies(kept)
     return Dataset(name, config, kept)
+
+
+def load_datasets(configs: Mapping[str, DatasetConfig]) -> dict[str, Dataset]:
+    """The datasets of a run, by name; errors as of `load_dataset`."""
+    return {name: load_dataset(name, config) for name, config in configs.items()}
 
 
 def refuse_copies(recordings: Sequence[Recording]) -> None:

@@ -25,6 +25,6 @@ def weigh_edited(store: CaseStore, case: RealCase, rivals: int) -> int:
             fits = true_fits(ready.problem, true_numbers(case), rivals)
             result = strengths(fits, ready.criteria.group)
         except (ValueError, RuntimeError) as error:  # a drive in too many pieces
-            result = {"failed": f"{type(error).__name__}: {error}"}
+            result = {"failed": store.told(error)}
     write_json(store.oracle(case.id), result)
     return 1

@@ -25,10 +25,12 @@ BESIDE = (
     "physics that no effect describes",
     "form: another make, no baseline",
     "form: another make, with a baseline",
-    "parameters: own make, each drawn anew",
-    "nothing: own make",
+    "numbers: own make, parameters off or steps too long",
+    "nothing: own make, the car's own parameters",
 )
 """What differs between car and simulator beside the effects of the library, the gravest first."""
+OFF = ("parameters", "integrator")
+"""Nuisances, or what their names begin with, that are the simulator's and not the sensor's."""
 AT_SENSOR = "yaw"
 """Place of composed physics that pushes at the sensor, where a term's is at the centre of gravity:
 its coefficient is another number."""
@@ -73,7 +75,7 @@ class WeighedAnswer:
             return BESIDE[0]
         if not case.own_make:
             return BESIDE[2 if case.baseline else 1]
-        return BESIDE[3 if case.spread else 4]
+        return BESIDE[3 if case.nuisance.startswith(OFF) else 4]
 
     @property
     def given(self) -> list[str]:

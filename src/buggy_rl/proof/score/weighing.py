@@ -54,7 +54,7 @@ def weigh(store: CaseStore, case: Case, effects: Sequence[str] = (), rivals: int
         result["held_out"] = _errors(store, case, asked, named, aside)
         result["stack"] = _stack(store, case, asked, aside)
     except (ValueError, RuntimeError) as error:  # a plant that spins, a drive in too many pieces
-        result = {"failed": f"{type(error).__name__}: {error}"}
+        result = {"failed": store.told(error)}
     write_json(store.oracle(case.id), result)
     return 1
 
