@@ -9,7 +9,8 @@ import torch
 from buggy_rl.diagnosis.run.budget import FULL, smaller
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search import joint
-from buggy_rl.diagnosis.search.joint import MOST, joint_search, unit_changes
+from buggy_rl.diagnosis.search.joint import MOST, joint_search
+from buggy_rl.diagnosis.search.ways import unit_changes
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.sparse import trials
 from tests.diagnosis.planted import FEW, problem_of

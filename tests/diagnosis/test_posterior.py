@@ -203,3 +203,26 @@ def test_a_set_that_was_asked_for_can_be_the_answer_and_its_numbers_may_vary():
     asked = replace(OTHER, asked=True, varies=varies)
     assert varying(case([NOTHING, DRAG, asked]), ("wind",)) == {"wind": "speed"}
     assert varying(case([NOTHING, DRAG, asked]), ("viscous_drag",)) == {}
+
+
+def test_the_second_evidence_tells_of_the_best_set_and_of_the_least_needed_effect():
+    nats = {(): -120.0, ("drag",): -20.0, ("drag", "wind"): 0.0, ("wind",): -100.0}
+    known = [hypothesis(effects, [1.0, 1.0], 0.1, changed=n) for effects, n in nats.items()]
+    found = dict(zip(nats, of_hypotheses(case(known, usual=(0.0, 0.1))), strict=True))
+    both = found["drag", "wind"]
+    assert both["changed"] == 0.0
+    assert both["changed_needed"] == pytest.approx(math.log1p(20 / 4))
+    assert found["drag",]["changed"] == pytest.approx(-math.log1p(20 / 4))
+    assert found["wind",]["changed_needed"] < 0  # {drag}, without it, is better
+    assert found[()]["changed_needed"] == 0.0
+    assert both["needed_since"] == both["changed_needed"]
+    alone = of_hypotheses(case(known))[2]
+    assert alone["changed_needed"] == both["changed_needed"]
+    assert alone["needed_since"] == 0.0
+    assert of_case(case(known))["changed"] == pytest.approx(math.log1p(120 / 4))
+
+
+def test_a_ledger_without_the_second_evidence_has_none_of_its_features():
+    found = of_hypotheses(case([NOTHING, DRAG]))
+    assert all(f["changed"] == f["changed_needed"] == 0.0 for f in found)
+    assert of_case(case([NOTHING, DRAG]))["changed"] == 0.0

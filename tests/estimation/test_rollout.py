@@ -4,6 +4,7 @@ from itertools import pairwise
 import pytest
 import torch
 from tensordict import TensorDict
+from torch.testing import assert_close
 
 from buggy_rl.core.longitudinal import ONE_WAY
 from buggy_rl.core.stepping import trajectory
@@ -50,6 +51,30 @@ def test_a_slow_servo_remembers_commands_from_before_the_segment(effect, value):
     settings = ParameterSets({effect: {name: torch.tensor([v]) for name, v in value.items()}})
     residual = Simulation(single_track).residuals(cut_segments(drives, 1.0, 1.0), settings)
     assert float(residual[:, 1:, :, 5].abs().max()) < 0.15  # [rad/s]
+
+
+def test_a_rollout_with_a_late_sensor_begins_from_what_it_has_told_by_the_start(quiet):
+    late = ParameterSets({"sensor_latency": {"dead_time": torch.tensor([0.0, 0.035, 0.08])}})
+    simulation = Simulation(single_track)
+    own = simulation.readings(quiet[1], late)
+    after = slice(quiet[1].start + 1, None)
+    other = replace(
+        quiet[1],
+        smooth_pose=quiet[1].smooth_pose.clone(),
+        smooth_velocity=quiet[1].smooth_velocity.clone(),
+    )
+    other.smooth_pose[:, after] += 1.0
+    other.smooth_velocity[:, after] -= 1.0
+    assert_close(simulation.readings(other, late), own)
+
+
+def test_an_error_of_the_start_is_one_of_the_last_motion_that_was_told(quiet):
+    late = ParameterSets({"sensor_latency": {"dead_time": torch.tensor([0.04])}})
+    ahead = torch.zeros(2, 6)
+    ahead[1, 0] = 0.1  # [m]
+    read = Simulation(single_track).readings(quiet[1], late, ahead)
+    moved = (read[1] - read[0])[..., :2].norm(dim=-1)
+    assert_close(moved, torch.full_like(moved, 0.1), atol=1e-3, rtol=0)
 
 
 def test_a_trial_that_runs_away_in_mujoco_is_lost_alone(quiet):

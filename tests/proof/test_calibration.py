@@ -1,13 +1,16 @@
 """Calibration: weights that are known are found, and groups that are left out are left out."""
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from buggy_rl.diagnosis.search.posterior import FormError, Posterior
 from buggy_rl.proof.calibrate.calibration import (
+    EARLIER,
     calibrated,
     case_folds,
     content,
@@ -101,6 +104,44 @@ def test_features_that_tell_can_be_taken_out(cases):
 def posterior_of(e):
     sets = [h.effects for h in e.seen.hypotheses]
     return Posterior(dict.fromkeys(sets, 1 / len(sets)), 0.0)
+
+
+def with_nats(e, nats):
+    """A case of a later ledger: with a second evidence of each set."""
+    known = [replace(h, changed=nats[h.effects]) for h in e.seen.hypotheses]
+    return replace(e, evidence=replace(e.seen, hypotheses=tuple(known)))
+
+
+@pytest.fixture(scope="module")
+def later(cases):
+    """Other cases, of which the second evidence tells the truth and nothing else does."""
+    found = []
+    for e in cases[:60]:
+        nats = {(): -30.0, ("payload",): -30.0, ("wind",): -30.0}
+        nats[e.case.truth if not e.case.unknown else ()] = 0.0
+        found.append(with_nats(e, nats))
+    return found
+
+
+def test_weights_of_earlier_ledgers_are_the_mean_of_the_prior_of_later_ones(cases, later):
+    earlier = weights(feature_table(cases[60:]), EARLIER)
+    stiff = weights(feature_table([*later, *cases[60:]]), 1e9)
+    for a, b in zip(earlier, stiff, strict=True):
+        torch.testing.assert_close(a, b, atol=1e-3, rtol=1e-3)
+    loose = feature_table([*later, *cases[60:]])
+    names, _ = loose.names
+    told = dict(zip(names, weights(loose, 0.1)[0].tolist(), strict=True))
+    assert told["changed"] > 0.1
+
+
+def test_what_later_ledgers_tell_is_counted_on_them_alone(cases, later):
+    found, mean = left_out([*later, *cases[60:]], 1.0)
+    truths = [
+        p.unknown if e.case.unknown else p.sets[e.case.truth]
+        for e, p in zip(later, found, strict=False)
+    ]
+    # The posterior keeps `lapse` for what no case showed.
+    assert mean == pytest.approx(np.log(truths).mean(), abs=0.03)
 
 
 def test_a_group_is_left_out_as_a_whole(cases):

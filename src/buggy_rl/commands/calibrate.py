@@ -12,7 +12,8 @@ weights replace those that the package ships,
 `src/buggy_rl/diagnosis/search/calibration.yaml`, with the
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
 those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
-features get no weight.
+features get no weight. Lines of earlier ledgers lack features: the weights that they give are the
+mean of the prior of those of the later lines, which alone are counted.
 """
 
 from pathlib import Path
@@ -65,6 +66,9 @@ def main() -> None:
             step = form_error(of, STEPS_TRIED) if of else None
             made = content(calibration, form, files, len(cases), ridge, step)
             write_atomically(SHIPPED, made)
+        if of_later := [i for i, e in enumerate(cases) if e.seen.null.changed is not None]:
+            print(f"counted: the {len(of_later)} of them that have all features\n")
+            cases, found = [cases[i] for i in of_later], [found[i] for i in of_later]
     methods = {
         name: [entry.scored(said) for entry, said in zip(cases, answers, strict=True)]
         for name, answers in {

@@ -2,6 +2,8 @@
 
     python scripts/develop.py configs/development.yaml
     python scripts/develop.py configs/development.yaml draw.first=210000 draw.cases=1000 workers=8
+    python scripts/develop.py configs/development.yaml \
+        "opened={runs/proof_third: runs/proof_third_sealed}"
 
 One JSON line a case in OUTPUT/development.jsonl. Interrupted, it goes on with the cases that are
 not in that file. Then counts how often the search comes to the true set, and says how well right
@@ -9,6 +11,7 @@ effects are told from physics that no effect describes, one sort left out at a t
 `scripts/calibrate.py` fits the probabilities of answers to these lines.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 from buggy_rl.core.config import from_command_line, run, save_run
@@ -29,7 +32,8 @@ def main() -> None:
     from buggy_rl.proof.cases.simulators import prepare, prepared_name, unprepared
     from buggy_rl.proof.score.tables import fitted_counts
 
-    store, ledger, left = config.store, config.lines, config.left
+    store, ledger = config.store, config.lines
+    left = [] if config.opened else config.left
     store.prepared.mkdir(parents=True, exist_ok=True)
     scripts = Path(__file__).parent
     wanted = unprepared(left, store.prepared)
@@ -46,9 +50,15 @@ def main() -> None:
     # By seed: a run that is stopped has cases of every plant and pairing.
     parts = sorted(parts_of(left, PART), key=lambda part: part[0].seed)
     searching = Searching(store, "development", tuple(config.effects), config.stretches)
-    with tqdm(desc="searching", total=len(left), unit="case") as bar:
-        for count in searching.into(ledger, parts, config.workers, config):
-            bar.update(count)
+    runs = [(searching, parts)] if parts else []
+    for place, cases in config.left_opened.items():
+        own = replace(searching, store=replace(store, output=place.output), driven=True)
+        runs.append((own, [cases[i : i + PART] for i in range(0, len(cases), PART)]))
+    total = sum(len(part) for _, parts in runs for part in parts)
+    with tqdm(desc="searching", total=total, unit="case") as bar:
+        for own, parts in runs:
+            for count in own.into(ledger, parts, config.workers, config):
+                bar.update(count)
     save_run(config, store.output)
     done = ledger.entries()
     failed = sum(bool(entry.failed) for entry in done)

@@ -218,6 +218,10 @@ class Effect(Transform):
         """
         return pose, velocity
 
+    def rows_late(self, dt: float) -> Tensor:
+        """Rows [*] after which a motion is measured; none unless the effect is a slow sensor's."""
+        return torch.zeros((), dtype=torch.long)
+
     def _set_values(self, values: Mapping[str, Tensor]) -> None:
         """Takes values and finds the rows of the flattened batch in which one is not neutral."""
         shape = torch.broadcast_shapes(*(value.shape for value in values.values()))

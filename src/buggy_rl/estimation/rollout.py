@@ -199,16 +199,19 @@ class Simulation:
         sets, count = len(settings), len(segments)
         env, stack = self._environment(settings, count)
         segments = segments.to(_device(env))
-        pose, velocity = _start(segments, stack, sets, start_error)
+        told = _told(segments, stack, sets)
+        pose, velocity = _start(segments, stack, sets, start_error, told)
         action = _commands(segments, settings.clock_offset)
 
-        bare = BareEnv.of(env.base_env, stack)
+        bare, alike = BareEnv.of(env.base_env, stack), int(told.min())
 
         def act(row: int, state: TensorDictBase) -> TensorDictBase:
-            if row <= segments.start:
+            if row <= alike:
                 _impose(state, pose[:, row], velocity[:, row])
+            elif row <= segments.start:
+                _impose(state, pose[:, row], velocity[:, row], row <= told)
             if bare is not None:
-                bare.imposed = row < segments.start
+                bare.imposed = row < alike
             return state.set(keys.ACTION, action[:, row])
 
         state = self._reset(bare or env, stack, segments, pose[:, 0], velocity[:, 0])
@@ -265,7 +268,7 @@ class Simulation:
         settings = settings.map(lambda v: v.expand(copies, *v.shape[1:]))
         env, stack = self._environment(settings, count)
         segments = segments.to(_device(env))
-        pose, velocity = _start(segments, stack, copies, None)
+        pose, velocity = _start(segments, stack, copies)
         action = _commands(segments, settings.clock_offset)
         moved = torch.diag(torch.tensor(OFF, device=velocity.device)).repeat_interleave(count, 0)
 
@@ -386,10 +389,13 @@ def _motion(state: TensorDictBase) -> Tensor:
     return torch.cat([state[keys.POSE], state[keys.VELOCITY]], -1).float()
 
 
-def _impose(state: TensorDictBase, pose: Tensor, velocity: Tensor) -> None:
-    """Sets the motion, in the precision of the simulator."""
-    state[keys.POSE] = pose.to(state[keys.POSE].dtype)
-    state[keys.VELOCITY] = velocity.to(state[keys.VELOCITY].dtype)
+def _impose(
+    state: TensorDictBase, pose: Tensor, velocity: Tensor, where: Tensor | None = None
+) -> None:
+    """Sets the motion, in the precision of the simulator; in some environments alone."""
+    for key, given in ((keys.POSE, pose), (keys.VELOCITY, velocity)):
+        own = given.to(state[key].dtype)
+        state[key] = own if where is None else torch.where(where.unsqueeze(-1), own, state[key])
 
 
 def _each(values: Tensor, count: int) -> Tensor:
@@ -397,10 +403,34 @@ def _each(values: Tensor, count: int) -> Tensor:
     return values.repeat_interleave(count) if values.dim() == 1 else values.flatten()
 
 
+def _told(segments: Segments, stack: Sequence[Effect], sets: int) -> Tensor:
+    """Last row [C * N] of which the sensor has told the motion by the start: it may be late.
+
+    From there on the motion is the simulator's. Were it imposed until the start, a rollout with a
+    late sensor would begin from what was measured after its start, and gain by that alone.
+    """
+    rows = torch.zeros(sets * len(segments), dtype=torch.long, device=segments.pose.device)
+    for effect in stack:
+        rows = rows + effect.rows_late(segments.dt).to(rows.device)
+    return (segments.start - rows).clamp_min(0)
+
+
 def _start(
-    segments: Segments, stack: Sequence[Effect], sets: int, error: Tensor | None
+    segments: Segments,
+    stack: Sequence[Effect],
+    sets: int,
+    error: Tensor | None = None,
+    told: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """True pose and velocity [C * N, start + 1, 3] that the measurements show, by set."""
+    """True pose and velocity [C * N, start + 1, 3] that the measurements show, by set.
+
+    Args:
+        segments: N of them.
+        stack: Effects, from the engine outwards.
+        sets: C.
+        error: [C, 6] of the last row that is imposed.
+        told: [C * N] that row; None for the start.
+    """
     first = segments.start + 1
     rows = slice(0, first + round(LATEST / segments.dt))
     pose = segments.smooth_pose[:, rows].repeat(sets, 1, 1)
@@ -410,9 +440,11 @@ def _start(
     pose, velocity = pose[:, :first].clone(), velocity[:, :first].clone()
     if error is not None:
         each = error.to(pose.device).repeat_interleave(len(segments), 0)  # (C * N, 6)
-        pose[:, -1, :2] += rotate(each[:, :2], pose[:, -1, 2])
-        pose[:, -1, 2] += each[:, 2]
-        velocity[:, -1] += each[:, 3:]
+        own = torch.arange(len(pose), device=pose.device)
+        last = torch.full_like(own, first - 1) if told is None else told
+        pose[own, last, :2] += rotate(each[:, :2], pose[own, last, 2])
+        pose[own, last, 2] += each[:, 2]
+        velocity[own, last] += each[:, 3:]
     return pose, velocity
 
 

@@ -24,6 +24,7 @@ from buggy_rl.proof.score.outcome import CaseAnswer, Kind, ScoredCase
 OURS = "ours"
 KINDS = {
     "development": "seeds to calibrate on",
+    "development_real": "edited recordings of real cars to calibrate on",
     "sealed": "seeds to publish",
     "third": "seeds of the third sealed set",
     "recall": "of benchmarks/recall.py",
@@ -31,7 +32,7 @@ KINDS = {
 }
 SEALED = ("sealed", "third")
 """Kinds of seeds that nothing is calibrated on."""
-CASES = {"real": RealCase}
+CASES = {"real": RealCase, "development_real": RealCase}
 """Kind -> class of its cases; `Case` where it is not named."""
 
 

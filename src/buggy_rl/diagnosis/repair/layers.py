@@ -29,6 +29,7 @@ from buggy_rl.estimation.residual_process import Recipe
 Kind = Literal["effects", "parameters", "terms", "residual"]
 ENDED = 1.05  # [-] misfit below which nothing is laid on: what is left is noise; chosen
 WORTH = 0.02  # [-] gain, or loss of the median distance, that does not count: 2 %; chosen
+MATTERS = 0.1  # [-] of what all layers gain: less beside a name is no more that is missing; chosen
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
 SURELY = 2.0  # [standard errors] by which what is simpler must be nearer to be delivered; chosen
 NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
@@ -92,7 +93,8 @@ class Layered:
     """Errors on what was held out."""
     more: float = 0.0
     """Probability that more is missing than is named: that what lies upon that, or was tried,
-    brings rollouts nearer by more than `WORTH`; 0 where only noise is left."""
+    brings rollouts nearer by more than `WORTH`, and than `MATTERS` of what all layers do; 0 where
+    only noise is left."""
 
 
 def layered(
@@ -156,7 +158,7 @@ def layered(
         if tried("residual", (), now, beside):
             residual, now = learned.recipe, beside
     found = _at_least(Layered(tuple(layers), start, residual, now), validation, stacks, errors)
-    return replace(found, more=_more_missing(alone, found, group))
+    return replace(found, more=_more_missing(errors["before"], alone, found, group))
 
 
 def _with_terms(
@@ -199,13 +201,22 @@ def _terms_of(effects: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in effects if name.startswith(PREFIX))
 
 
-def _more_missing(alone: Errors, found: Layered, group: Tensor) -> float:
-    """`Layered.more`, where `alone` are the errors with what is named and nothing else."""
+def _more_missing(before: Errors, alone: Errors, found: Layered, group: Tensor) -> float:
+    """`Layered.more`.
+
+    Args:
+        before: Errors of the simulator as given,
+        alone: with what is named and nothing else,
+        found: and with all that is laid upon it.
+        group: Block [N] of each segment.
+    """
     count = len(group.unique())
+    closed, _ = mean_of_blocks(_closeness(before) - _closeness(found.errors), group)
+    least = max(WORTH, MATTERS * closed)
     gains = [mean_of_blocks(_closeness(alone) - _closeness(found.errors), group)]
     gains += [(layer.gain, layer.error) for layer in found.layers if layer.kind != "effects"]
     beyond = gains[:1] if any(x.kept for x in found.layers if x.kind != "effects") else gains[1:]
-    return max((probably_over(WORTH, *each, count) for each in beyond), default=0.0)
+    return max((probably_over(least, *each, count) for each in beyond), default=0.0)
 
 
 def probably_over(least: float, mean: float, error: float, count: int) -> float:

@@ -11,7 +11,7 @@ from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.recordings import Recording
 
 FOLDER = "stages"  # in the folder of the answer
-SCHEMA = 3  # of what is kept: raised when other code would not go on from it
+SCHEMA = 4  # of what is kept: raised when other code would not go on from it
 ASKED = "asked"  # name of the question's own file
 # Of the config: these change no answer, or are in the recordings that were read.
 IGNORED = ("output", "threads", "workers", "recordings", "baseline", "columns")

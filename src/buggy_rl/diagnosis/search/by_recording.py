@@ -15,7 +15,7 @@ from torch import Tensor
 
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import PRICE, Candidate, held_out_square
-from buggy_rl.diagnosis.search.joint import unit_changes
+from buggy_rl.diagnosis.search.ways import unit_changes
 from buggy_rl.estimation.evidence import NOTHING, misfit
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Library

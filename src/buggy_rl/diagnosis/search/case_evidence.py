@@ -51,6 +51,9 @@ class HypothesisEvidence:
     evidence: Evidence
     on_baseline: float
     """[nats] gained on a segment of the baseline, where nothing has happened yet."""
+    changed: float | None = None
+    """[nats] log evidence beside what simulator and car differ in anyway, less the best set's; None
+    in earlier ledgers."""
 
     @property
     def loss(self) -> float:
@@ -83,6 +86,7 @@ class HypothesisEvidence:
             asked=content["asked"],
             varies={effect: Variation(*v) for effect, v in content["varies"].items()},
             evidence=Evidence(**content["evidence"]),
+            changed=content.get("changed"),
         )
 
 

@@ -6,7 +6,6 @@
    of it; fit. Until the leading set stays.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +18,7 @@ from buggy_rl.diagnosis.run.budget import FULL, Budget
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.run.plan import Part
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects, conditions, priced
+from buggy_rl.diagnosis.search.changed import Changed, Usual, usual
 from buggy_rl.diagnosis.search.limits import missing_hypotheses
 from buggy_rl.diagnosis.search.posterior import Posterior
 from buggy_rl.diagnosis.search.result import (
@@ -30,6 +30,7 @@ from buggy_rl.diagnosis.search.result import (
     restarts,
     tried_too,
 )
+from buggy_rl.diagnosis.search.ways import unit_changes
 from buggy_rl.estimation.evidence import Evidence, evidence
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
@@ -52,6 +53,8 @@ class Weighed:
     evidence: Evidence
     asked: bool = False
     """Fitted since it was asked for, and for nothing else."""
+    changed: float = 0.0
+    """Log evidence [nats] beside what simulator and car differ in anyway, less the best set's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +123,7 @@ def joint_search(
     rules = replace(rules, iterations=min(budget.iterations, rules.iterations))
     criteria = replace(criteria, rules=rules, anew=budget.anew)
     begun = kept("begun", lambda: _begun(problem, criteria, also, progress, budget))
-    null, rolled, proposed = begun.null, begun.rolled, begun.proposed
+    proposed = begun.proposed
     left_out: list[str] = []
     first = begun.fitted.state(problem)
     state = _settled(first, criteria, progress, budget, kept, admits, left_out)
@@ -132,7 +135,7 @@ def joint_search(
         state, missing_hypotheses(promising, problem.segments, problem.library), criteria
     )
     progress(f"weighing {len(state.tried)} hypotheses")
-    weighed = _weighed(state, null, rolled, problem, found)
+    weighed = _weighed(state, begun, problem, found, criteria)
     return JointSearch(state.problem, state.null, weighed, proposed, tuple(left_out))
 
 
@@ -160,6 +163,8 @@ class _Begun:
     rolled: list[Fit]
     proposed: list[Proposal]
     fitted: _Tried
+    usual: Usual | None
+    """What the simulator lacks of every effect on its baseline; None without one."""
 
 
 def _begun(
@@ -178,10 +183,18 @@ def _begun(
     proposed = proposals(
         first, max(size for size, most in budget.fitted.items() if most), also=also
     )
-    starts = [p for size, most in budget.fitted.items() for p in _of_size(proposed, size)[:most]]
+    starts = [
+        p.start for size, most in budget.fitted.items() for p in _of_size(proposed, size)[:most]
+    ]
+    before = criteria.baseline
+    known = None if before is None else usual(before)
+    since = Changed.since(known, state.problem, criteria.group, null.fit, rolled)
+    taken = {_sorted(start.effects) for start in starts}
+    more = since.proposed(null.fit, rolled, budget.fitted)
+    starts += [start for start in more if _sorted(start.effects) not in taken]
     progress(f"fitting {len(starts)} hypotheses")
-    state, _ = tried_too(state, [p.start for p in starts], criteria, null)
-    return _Begun(null, rolled, proposed, _Tried.of(state))
+    state, _ = tried_too(state, starts, criteria, null)
+    return _Begun(null, rolled, proposed, _Tried.of(state), known)
 
 
 def _settled(
@@ -270,23 +283,29 @@ def _secants(
 
 
 def _weighed(
-    state: State, null: Candidate, rolled: Sequence[Fit], problem: Problem, found: set[Effects]
+    state: State, begun: _Begun, problem: Problem, found: set[Effects], criteria: Criteria
 ) -> list[Weighed]:
     """The evidence of all that was fitted, under the noise model that the search came to."""
     change = state.problem.noise.change_from(problem.noise)
-    anew = [
-        replace(fit, whitened=torch.einsum("nij,nj->ni", change, fit.whitened), jacobian=None)
-        for fit in (null.fit, *rolled)
-    ]
+    anew = [_rewhitened(fit, change) for fit in (begun.null.fit, *begun.rolled)]
     ways, changes = unit_changes(anew[0], anew[1:])
     instants = problem.simulation.instants(problem.segments)
     driven = torch.stack(list(conditions(problem.segments, instants).values()), -1)
+    every = [*state.tried.values()]
+    since = Changed.since(begun.usual, state.problem, criteria.group, anew[0], anew[1:])
+    changed = since.log_evidence([candidate.fit for candidate in every])
     weighed = []
-    for candidate in state.tried.values():
+    for candidate, nats in zip(every, changed, strict=True):
         others = [i for i, (name, _) in enumerate(ways) if name not in candidate.effects]
         own = evidence(candidate.fit, changes[..., others], driven)
-        weighed.append(Weighed(candidate, own, candidate.key not in found))
+        weighed.append(Weighed(candidate, own, candidate.key not in found, nats))
     return sorted(weighed, key=lambda w: -w.evidence.log_evidence)
+
+
+def _rewhitened(fit: Fit, change: Tensor) -> Fit:
+    whitened = torch.einsum("nij,nj->ni", change, fit.whitened)
+    jacobian = None if fit.jacobian is None else change @ fit.jacobian
+    return replace(fit, whitened=whitened, jacobian=jacobian)
 
 
 def _sorted(effects: Effects) -> Effects:
@@ -295,28 +314,3 @@ def _sorted(effects: Effects) -> Effects:
 
 def _of_size(proposed: Sequence[Proposal], size: int) -> list[Proposal]:
     return [p for p in proposed if len(p.key) == size]
-
-
-def unit_changes(
-    base: Fit, rolled: Sequence[Fit]
-) -> tuple[list[tuple[str, tuple[float, ...]]], Tensor]:
-    """Change of the whitened residuals by one prior scale of each way an effect may go.
-
-    Of trials in the same direction the smallest counts; each place of a patch is one.
-
-    Returns:
-        Effect and direction of each column, and columns [N, D, Q].
-    """
-    smallest: dict[tuple[str, tuple[float, ...]], tuple[float, Tensor]] = {}
-    for trial in rolled:
-        own = [i for i, c in enumerate(trial.coordinates) if c.effect == trial.effects[-1]]
-        vector = trial.vector[own]
-        size = float(vector.norm())
-        side = math.copysign(size, next(z for z in vector.tolist() if z))
-        direction = tuple(round(z / side, 6) for z in vector.tolist())  # both ways are one
-        key = trial.effects[-1], direction
-        if key not in smallest or size < smallest[key][0]:
-            smallest[key] = size, (trial.whitened - base.whitened) / side
-    none = base.whitened.new_zeros(*base.whitened.shape, 0)  # all effects may be the base's
-    columns = [column.unsqueeze(-1) for _, column in smallest.values()]
-    return list(smallest), torch.cat([none, *columns], -1)

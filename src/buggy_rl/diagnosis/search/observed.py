@@ -103,6 +103,7 @@ def _hypothesis(
         },
         evidence=weighed.evidence,
         on_baseline=on_baseline,
+        changed=weighed.changed,
     )
 
 

@@ -39,6 +39,7 @@ def of_hypotheses(case: CaseEvidence) -> list[dict[str, float]]:
     return [
         _common(case, h, best)
         | _weakest(hypotheses, h)
+        | _changed(hypotheses, h, float(case.usual.error > 0))
         | {
             "ratio": -math.log((h.loss + SCALE) / (least + SCALE)),
             "evidence": -_scaled(evident - h.evidence.log_evidence),
@@ -65,6 +66,23 @@ def _common(
         "varies": -_varies(case, h),
         "own": -float(sum(e.startswith(OWN) for e in effects)),
         "on_baseline": -_share(h.on_baseline * case.segments, gained) if effects else 0.0,
+    }
+
+
+def _changed(
+    hypotheses: Sequence[HypothesisEvidence], h: HypothesisEvidence, baseline: float
+) -> dict[str, float]:
+    """Evidence beside what simulator and car differ in anyway; 0 in earlier ledgers."""
+    nats = {g.effects: g.changed or 0.0 for g in hypotheses}
+    own, most = nats[h.effects], max(nats.values())
+    less = [max(n for e, n in nats.items() if effect not in e) for effect in h.effects]
+    needed = _scaled(own - max(less)) if less else 0.0
+    behind = -_scaled(most - own)
+    return {
+        "changed": behind,
+        "changed_needed": needed,
+        "changed_since": baseline * behind,
+        "needed_since": baseline * needed,
     }
 
 
@@ -124,6 +142,8 @@ def of_case(case: CaseEvidence) -> dict[str, float]:
     best, usual = case.leading, case.usual
     alone = float(usual.error <= 0)  # no baseline says what the simulator's form leaves
     first, left = (math.log(usual.beyond(x) + LEFT) for x in (case.first, best.excess))
+    nats = [h.changed or 0.0 for h in case.fitted]
+    changed = _scaled(max(nats) - (case.null.changed or 0.0))
     return {
         "one": 1.0,
         "left": left,
@@ -137,6 +157,8 @@ def of_case(case: CaseEvidence) -> dict[str, float]:
         "gained": _scaled(case.null.loss - best.loss),
         "channel": max(best.channel),
         "baseline": 1.0 - alone,
+        "changed": changed,
+        "changed_since": (1.0 - alone) * changed,
     }
 
 

@@ -26,6 +26,7 @@ from buggy_rl.effects.delay import (
 )
 from buggy_rl.effects.sensing.base import SensingEffect, sensed_motion
 
+SAME = 1e-4  # [rows] of a dead time that are rounding
 SMOOTHING = 0.05  # [s] to each side of a slope in `_true_motion`: 0.1 s in all; chosen
 
 
@@ -83,6 +84,10 @@ class SensorLatency(DeadTimeEffect, SensingEffect):
         self, shape: torch.Size, device: DEVICE_TYPING | None
     ) -> dict[str, TensorSpec]:
         return {self.memory: numbers_spec(shape, self._rows_back, 6, device=device)}
+
+    def rows_late(self, dt: float) -> Tensor:
+        rows = torch.ceil(self.values["dead_time"] / dt - SAME).long()
+        return rows.clamp_min(0)
 
     def _true_motion(self, pose: Tensor, velocity: Tensor, dt: float) -> tuple[Tensor, Tensor]:
         dead_time = self._value("dead_time")

@@ -31,6 +31,7 @@ from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.plants.composed import Sort, is_composed
 
 RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # precisions of the weights' prior that are tried
+EARLIER = 3.0  # precision of that prior of earlier ledgers' weights, which predicted best there
 FOLDS = 8  # groups are left out by as many parts
 SHUT = -1e9  # score of a hypothesis that a case does not have
 
@@ -64,11 +65,18 @@ class FeatureTable:
     true: Tensor
     """[n, H + 1] hypotheses that are the truth, the last for unknown; none where the search did not
     come to it."""
+    later: Tensor
+    """[n] whether all features of the case are known; earlier ledgers lack some."""
     names: tuple[Sequence[str], Sequence[str]]
 
     def __getitem__(self, rows: Tensor) -> "FeatureTable":
         return FeatureTable(
-            self.hypotheses[rows], self.shut[rows], self.case[rows], self.true[rows], self.names
+            self.hypotheses[rows],
+            self.shut[rows],
+            self.case[rows],
+            self.true[rows],
+            self.later[rows],
+            self.names,
         )
 
 
@@ -110,7 +118,8 @@ def feature_table(entries: Sequence[Entry], without: Collection[str] = ()) -> Fe
             true[row, column] = effects == entry.case.truth and not entry.case.unknown
         true[row, -1] = entry.case.unknown
     case = torch.tensor([[*c.values()] for c in cases]).double()
-    return FeatureTable(hypotheses, shut, case, true, names)
+    later = torch.tensor([s.null.changed is not None for s in seen])
+    return FeatureTable(hypotheses, shut, case, true, later, names)
 
 
 def _but(features: Mapping[str, float], without: Collection[str]) -> dict[str, float]:
@@ -118,20 +127,37 @@ def _but(features: Mapping[str, float], without: Collection[str]) -> dict[str, f
 
 
 def weights(of: FeatureTable, ridge: float) -> tuple[Tensor, Tensor]:
-    """Weights [F] and [G] by penalised maximum likelihood."""
+    """Weights [F] and [G] by penalised maximum likelihood.
+
+    Cases of earlier ledgers lack features. Their weights are the mean of the prior of those of the
+    later ones, which are fitted to the later cases alone.
+
+    Args:
+        of: Cases.
+        ridge: Precision of the prior.
+    """
+    none = of.hypotheses.new_zeros(len(of.names[0])), of.case.new_zeros(len(of.names[1]))
+    if not bool(of.later.any()) or bool(of.later.all()):
+        return _weights(of, ridge, none)
+    return _weights(of[of.later], ridge, _weights(of[~of.later], EARLIER, none))
+
+
+def _weights(of: FeatureTable, ridge: float, mean: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Weights about a mean."""
     known = of[of.true.any(1)]
     inside = known.shut[:, :-1] == 0
     sd = known.hypotheses[inside].std(0).clamp_min(1e-6)
     spread = known.case.std(0)
     spread = torch.where(spread < 1e-9, torch.ones_like(spread), spread)
-    w = torch.zeros(len(sd), dtype=torch.float64, requires_grad=True)
-    v = torch.zeros(len(spread), dtype=torch.float64, requires_grad=True)
+    mean_w, mean_v = mean[0] * sd, mean[1] * spread
+    w, v = mean_w.clone().requires_grad_(), mean_v.clone().requires_grad_()
     optimiser = torch.optim.LBFGS([w, v], max_iter=500, line_search_fn="strong_wolfe")
 
     def closure() -> Tensor:
         optimiser.zero_grad()
         loss = -_log_likelihood(known, w / sd, v / spread).sum()
-        loss = loss + 0.5 * ridge * (w.square().sum() + v.square().sum())
+        far = (w - mean_w).square().sum() + (v - mean_v).square().sum()
+        loss = loss + 0.5 * ridge * far
         loss.backward()
         return loss
 
@@ -186,10 +212,11 @@ def _by_fold(
 
 
 def _predicted(of: FeatureTable, kept: Iterable[tuple[Tensor, Tensor, Tensor]]) -> float:
-    """Mean log probability of the truths of cases that are left out."""
-    scored = ((of[out & of.true.any(1)], w, v) for out, w, v in kept)
+    """Mean log probability of the truths of cases that are left out; of later ledgers' if any."""
+    counts = of.true.any(1) & (of.later | ~of.later.any())
+    scored = ((of[out & counts], w, v) for out, w, v in kept)
     total = sum(float(_log_likelihood(part, w, v).sum()) for part, w, v in scored)
-    return total / max(1, int(of.true.any(1).sum()))
+    return total / max(1, int(counts.sum()))
 
 
 def _calibration(of: FeatureTable, w: Tensor, v: Tensor) -> Calibration:

@@ -23,6 +23,7 @@ from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.draw import DrawConfig, drawn
 from buggy_rl.proof.cases.sealing import HELD_OUT, INPUTS, CaseStore, groups, seal
 from buggy_rl.proof.ledger import Entry, Ledger
+from buggy_rl.proof.real.case import RealCase
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ class DevelopmentConfig(Launching):
     """Effects to choose from; empty for the whole library."""
     workers: int = 2
     """Groups of cases at a time."""
+    opened: dict[str, str] = field(default_factory=dict)
+    """Folder of a run of a proof -> folder of what it sealed: its opened cases are searched, and
+    none is drawn. Where the run has a ledger, those in it are opened; else all are."""
     ledger: str = ""
     """File of the lines; empty for OUTPUT/development.jsonl. A case in it is not run again."""
 
@@ -60,6 +64,31 @@ class DevelopmentConfig(Launching):
         """What is drawn and not in the ledger."""
         return self.lines.left(drawn(self.draw))
 
+    @property
+    def left_opened(self) -> dict[CaseStore, list[Any]]:
+        """Store of a proof's run -> opened cases that are not in the ledger."""
+        found = {}
+        for output, sealed in self.opened.items():
+            store = CaseStore(Path(output), Path(sealed))
+            left = self.lines.left(opened_cases(store))
+            # Slow ones last: a run that is stopped has most of the others.
+            found[store] = sorted(left, key=lambda case: "mujoco" in case.simulator)
+        return found
+
+
+def opened_cases(store: CaseStore) -> list[Any]:
+    """Cases of a proof's run that are open: those in its ledger, or all where it has none.
+
+    Raises:
+        ValueError: A case of the ledger is sealed still.
+    """
+    entries = Ledger(store.output / "ledger.jsonl").entries()
+    if entries:
+        return [entry.case for entry in entries]
+    files = [store.truth(id_) for id_ in sorted(store.digests())]
+    drawn_as = [json.loads(file.read_text())["case"] for file in files if file.exists()]
+    return [(RealCase if "dataset" in case else Case)(**case) for case in drawn_as]
+
 
 @dataclass(frozen=True)
 class Searching:
@@ -73,6 +102,8 @@ class Searching:
     """Effects to choose from; none for the whole library."""
     stretches: int = 48
     """Segments of 1 s."""
+    driven: bool = False
+    """Whether the cases lie in the store already, and stay there."""
 
     def into(
         self, ledger: Ledger, parts: Sequence[Sequence[Case]], workers: int, launching: Launching
@@ -101,13 +132,14 @@ class Searching:
         """
         store = self.store
         store.sealed.mkdir(parents=True, exist_ok=True)
-        if not all(self._line_file(case.id).exists() for case in cases):
+        done = all(self._line_file(case.id).exists() for case in cases)
+        if not done and not self.driven:
             # The batch of a case stays.
             seal(store, cases, list(self.effects), segments=self.stretches)
         for case in cases:
             if not self._line_file(case.id).exists():
                 write_json(self._line_file(case.id), self._entry(case).to_dict())
-        for case in cases:
+        for case in () if self.driven else cases:
             clear_folder(store.inputs(case.id), INPUTS)
             clear_folder(store.held_out(case.id), HELD_OUT)
             store.truth(case.id).unlink(missing_ok=True)
@@ -120,7 +152,8 @@ class Searching:
     def _entry(self, case: Case) -> Entry:
         """What is entered of a case that has been driven."""
         begun = time.monotonic()
-        found = Entry(case.id, self.kind, case)
+        kind = f"{self.kind}_real" if isinstance(case, RealCase) else self.kind
+        found = Entry(case.id, kind, case)
         try:
             found = self._with_evidence(found)
         except (ValueError, RuntimeError) as error:  # a car that only spins, a drive in pieces
@@ -134,7 +167,8 @@ class Searching:
         also = [case.truth] if set(case.truth) <= set(self.effects or EFFECTS) else []
         found = joint_search(ready.problem, ready.criteria, also)
         driven = tuple(line.partition(" hardly")[0] for line in weak(ready.problem.segments))
-        steps = step_quantities(replace(ready, problem=found.problem), found, case)
+        known = replace(ready, problem=found.problem)
+        steps = [] if isinstance(case, RealCase) else step_quantities(known, found, case)
         return replace(
             entry,
             rank=found.rank(case.truth),

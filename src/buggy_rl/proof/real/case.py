@@ -42,6 +42,21 @@ class RealCase:
         return self.dataset
 
     @property
+    def simulator(self) -> str:
+        """What was fitted to it."""
+        return self.engine
+
+    @property
+    def own_make(self) -> bool:
+        """Whether the simulator has the equations of the car: none has those of a real one."""
+        return False
+
+    @property
+    def pairing(self) -> str:
+        """Car and simulator, as tables have them."""
+        return f"{self.dataset} -> {self.engine}{', baseline' * self.baseline}"
+
+    @property
     def truth(self) -> tuple[str, ...]:
         """What is concealed, sorted."""
         return tuple(sorted(self.concealed))

@@ -30,6 +30,8 @@ class RealDrawConfig:
     """Number of cases."""
     partitions: int = 2
     """Ways in which the recordings of a dataset are divided in halves, two halves each."""
+    first_partition: int = 0
+    """Number of the first of them: development cases are of other divisions than sealed ones."""
     families: list[str] = field(
         default_factory=lambda: ["nothing"] * 3 + ["one"] * 10 + ["two"] * 4 + ["unknown"] * 3
     )
@@ -84,7 +86,8 @@ def draw(
     for _ in range(ATTEMPTS):
         names = _names(chance, family, config, dataset)
         for _ in range(TRIES):
-            half = f"{chance.randrange(config.partitions)}{chance.choice(SIDES)}"
+            number = config.first_partition + chance.randrange(config.partitions)
+            half = f"{number}{chance.choice(SIDES)}"
             concealed = {name: EDITS[name].drawn(chance) for name in sorted(names)}
             left = edited_half(dataset, half, concealed)
             if sum(recording.duration for recording in left) >= config.least:
