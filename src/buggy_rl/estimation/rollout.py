@@ -203,7 +203,9 @@ class Simulation:
         pose, velocity = _start(segments, stack, sets, start_error, told)
         action = _commands(segments, settings.clock_offset)
 
-        bare, alike = BareEnv.of(env.base_env, stack), int(told.min())
+        bare, alike = BareEnv.of(env.base_env, stack), segments.start
+        if told.device.type != "meta":  # without content all sensors may be prompt
+            alike = int(told.min())
 
         def act(row: int, state: TensorDictBase) -> TensorDictBase:
             if row <= alike:
