@@ -213,3 +213,11 @@ def test_an_effect_that_is_there_already_and_a_task_are_refused(tmp_path):
         augmented(make_simulator(file, 1), more, {})
     with pytest.raises(ValueError, match="effects over its engine, not"):
         augmented(make_env(make_engine("hold", 1)), {}, {})
+
+
+def test_linear_steps_of_a_late_sensor_are_those_of_its_rollout(quiet):
+    late = ParameterSets({"sensor_latency": {"dead_time": torch.tensor([0.04])}})
+    simulation = Simulation(single_track, every=1)
+    rolled = simulation.readings(quiet[1], late)[0]
+    steps = [step.read for step in simulation.linear_steps(quiet[1], late)]
+    assert_close(torch.stack(steps, 1), rolled, atol=1e-4, rtol=0)

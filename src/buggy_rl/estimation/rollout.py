@@ -270,13 +270,14 @@ class Simulation:
         settings = settings.map(lambda v: v.expand(copies, *v.shape[1:]))
         env, stack = self._environment(settings, count)
         segments = segments.to(_device(env))
+        told = _told(segments, stack, copies)
         pose, velocity = _start(segments, stack, copies)
         action = _commands(segments, settings.clock_offset)
         moved = torch.diag(torch.tensor(OFF, device=velocity.device)).repeat_interleave(count, 0)
 
         def act(row: int, state: TensorDictBase) -> TensorDictBase:
             if row <= segments.start:
-                _impose(state, pose[:, row], velocity[:, row])
+                _impose(state, pose[:, row], velocity[:, row], row <= told)
             if row >= segments.start:
                 state = TensorDict.cat([state[:count]] * copies)  # type: ignore[assignment]
                 state[keys.VELOCITY][count:] += moved.to(state[keys.VELOCITY].dtype)
@@ -287,7 +288,9 @@ class Simulation:
         before = pose.new_empty(0)
         for row, after in enumerate(states):
             if row == segments.start:
-                before = torch.cat([pose[:count, row], velocity[:count, row]], -1).cpu()
+                before = torch.cat([pose[:count, row], velocity[:count, row]], -1)
+                known = (told[:count] == row).unsqueeze(-1)
+                before = torch.where(known, before.float(), _motion(after)[:count]).cpu()
             if row > segments.start:
                 motion = _motion(after).cpu().view(copies, count, 6)
                 own, beside = motion[0], motion[1:, :, 3:]

@@ -161,7 +161,7 @@ def _by_block(columns: Tensor, whitened: Tensor, weight: Tensor, block: Tensor) 
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """What has changed since a baseline."""
+    """What has changed since a baseline; without one, what the car has that its simulator lacks."""
 
     problem: Problem
     """The recordings, under the dispersion of the baseline."""
