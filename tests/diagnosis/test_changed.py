@@ -4,17 +4,22 @@ import pytest
 import torch
 from torch.distributions import MultivariateNormal
 
-from buggy_rl.diagnosis.search import changed
-from buggy_rl.diagnosis.search.changed import CLOCK, Changed, Information, Usual, variance_of
+from buggy_rl.diagnosis.search.changed import CLOCK, Changed, Usual, usual, variance_of
+from buggy_rl.diagnosis.search.ways import unit_changes
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.estimation import noise_model
-from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.evidence import blocks
+from buggy_rl.estimation.gauss_newton import Fit, Problem, fitted
 from buggy_rl.estimation.hypothesis import PRIOR, Coordinate
+from buggy_rl.estimation.information import Information, by_block
 from buggy_rl.estimation.noise_model import NoiseModel
+from buggy_rl.estimation.sparse import trials
+from tests.diagnosis.planted import FEW, PLANTED, problem_of
 
 N, D, Q = 12, 6, 3  # segments, numbers of each, columns
 BLOCK = torch.arange(N) // 3
 WAYS = [("wind", (1.0,)), ("payload", (1.0,)), CLOCK]
+NONE = Information(torch.zeros(0, Q, Q), torch.zeros(0, Q))  # what sets are proposed from
 NUMBER = EffectParameter("size", 0.0, -9.0, 9.0, "-", "A number.", 1.0, 0.1)
 
 
@@ -62,11 +67,11 @@ def test_the_evidence_is_that_of_baseline_and_recordings_as_one_gaussian(gaussia
     seen = [torch.randn(N, D, generator=chance).double() * 2 for _ in range(2)]
 
     ones = torch.ones(N).double()
-    of_blocks = changed._by_block(before, seen[0], ones, BLOCK)
+    of_blocks = by_block(before, seen[0], ones, BLOCK)
     factor, _ = of_blocks.factor(0, 1 / variance)
     common = of_blocks.without(0, factor).total()
     common.hessian.diagonal().add_(1.0)
-    since = Changed(problem(1.0), BLOCK, WAYS, after, variance, common)
+    since = Changed(problem(1.0), BLOCK, WAYS, after, variance, common, NONE)
     column = drawn(4)[..., 0]
     found = [since._of(f)[0] for f in (fit_of(seen[1]), fit_of(seen[1], column))]
 
@@ -94,8 +99,8 @@ def test_what_differs_from_block_to_block_is_no_evidence(gaussian):
     gained = {}
     for name, size in (("differs", sizes), ("shared", same)):
         seen = noise - columns[..., 0] * size[:, None]
-        tau2 = variance_of([changed._by_block(columns, seen, torch.ones(N).double(), BLOCK)])
-        since = Changed(problem(1.0), BLOCK, WAYS, columns, tau2, common)
+        tau2 = variance_of([by_block(columns, seen, torch.ones(N).double(), BLOCK)])
+        since = Changed(problem(1.0), BLOCK, WAYS, columns, tau2, common, NONE)
         null, own = (since._of(f)[0] for f in (fit_of(seen), fit_of(seen, columns[..., 0])))
         gained[name] = own - null
     assert gained["differs"] < 0
@@ -105,7 +110,8 @@ def test_what_differs_from_block_to_block_is_no_evidence(gaussian):
 def test_the_best_set_is_at_none_and_a_worse_fit_raises_the_dispersion_for_all(gaussian):
     columns = drawn(1)
     common = Information(torch.eye(Q).double(), torch.zeros(Q).double())
-    since = Changed(problem(1.0), BLOCK, WAYS, columns, torch.full((Q,), 1e-6).double(), common)
+    tau2 = torch.full((Q,), 1e-6).double()
+    since = Changed(problem(1.0), BLOCK, WAYS, columns, tau2, common, NONE)
     far = 5 * torch.randn(N, D, generator=torch.Generator().manual_seed(5)).double()
     found = since.log_evidence([fit_of(far), fit_of(2 * far)])
     assert found[0] == 0.0
@@ -154,3 +160,46 @@ def test_a_baseline_tells_the_common_numbers_as_surely_as_its_blocks_agree():
     torch.testing.assert_close(known.hessian.diagonal(), expected)
     told = -torch.linalg.solve(known.hessian, known.score)
     torch.testing.assert_close(told, 0.7 * (expected - 1) / expected)
+
+
+def since(recordings, baseline=None):
+    """What has changed in recordings, fits of the planted effect alone and of nothing, trials."""
+    problem = problem_of(recordings, FEW)
+    known = None if baseline is None else usual(problem_of(baseline, FEW))
+    null, late = problem.library.hypothesis(()), problem.library.hypothesis(("steering_dead_time",))
+    null, late = fitted(problem, [null, late], 10)
+    rolled = problem.rolled_out(trials(problem, null))
+    group, changes = blocks(problem.segments), unit_changes(null, rolled)
+    found = Changed.since(known, problem, group, null, changes)
+    return found, null, late, rolled
+
+
+def test_what_the_baseline_shows_too_has_not_changed(drives):
+    gained = {}
+    for name, baseline in (("alone", None), ("changed", "nothing"), ("as before", "late")):
+        found, null, late, _ = since(drives["late"], baseline and drives[baseline])
+        nothing, own = found.log_evidence([null, late])
+        gained[name] = own - nothing
+    assert gained["changed"] > 20
+    assert gained["alone"] > 20
+    assert gained["as before"] < 2
+
+
+@pytest.mark.parametrize(
+    ("name", "planted"),
+    [
+        ("late", ("steering_dead_time",)),
+        ("draggy", ("viscous_drag",)),
+        ("two", ("steering_gain", "viscous_drag")),
+    ],
+)
+def test_what_was_planted_is_proposed_first_of_its_size_near_its_numbers(drives, name, planted):
+    found, null, _, rolled = since(drives[name], drives["nothing"])
+    starts = found.proposed(null, rolled, {1: 3, 2: 2})
+    sizes = [len(start.effects) for start in starts]
+    assert sizes == [1, 1, 1, 2, 2]
+    first = starts[sizes.index(len(planted))]
+    assert tuple(sorted(first.effects)) == planted
+    for effect, numbers in PLANTED[name].items():
+        for number, value in numbers.items():
+            assert first.values()[effect][number] == pytest.approx(value, rel=0.5)

@@ -9,10 +9,12 @@ import torch
 from buggy_rl.diagnosis.config import DiagnosisConfig
 from buggy_rl.diagnosis.pipeline import run_diagnosis
 from buggy_rl.diagnosis.repair.layers import (
+    Layer,
     Layered,
     _at_least,
     _closeness,
     _is_nearer,
+    _more_missing,
     is_farther,
     is_worth,
     layered,
@@ -299,3 +301,19 @@ def _rolled(file, fresh):
     effect = ResidualAcceleration(model=file.residual, strength=1.0, dt=fresh.segments.dt)
     simulation = replace(fresh.simulation, standing=(effect,))
     return fresh.noise.whiten(simulation.residuals(fresh.segments))[0].square().mean(-1)
+
+
+def test_a_tenth_of_what_is_named_is_no_more_that_is_missing():
+    def errors(distance):  # [deviations of the sensor] of eight blocks, a little apart
+        sensed = (distance * torch.linspace(0.98, 1.02, 8)).square()
+        return Errors(square=sensed, sensed=sensed)
+
+    group, end = torch.arange(8), errors(2.0)
+    start = SimpleNamespace(effects=())
+    kept = (Layer("parameters", (), 0.1, 0.01, True, {}, 8),)
+    found = Layered(kept, start, None, end)
+    little = errors(2.2)
+    # The same gain upon the names: all that there is, or beside what is named.
+    assert _more_missing(little, little, found, group) > 0.9
+    assert _more_missing(errors(20.0), little, found, group) < 0.1
+    assert _more_missing(errors(20.0), errors(8.0), found, group) > 0.9

@@ -52,7 +52,7 @@ def main() -> None:
     searching = Searching(store, "development", tuple(config.effects), config.stretches)
     runs = [(searching, parts)] if parts else []
     for place, cases in config.left_opened.items():
-        own = replace(searching, store=replace(store, output=place.output), driven=True)
+        own = replace(searching, store=place, driven=True)
         runs.append((own, [cases[i : i + PART] for i in range(0, len(cases), PART)]))
     total = sum(len(part) for _, parts in runs for part in parts)
     with tqdm(desc="searching", total=total, unit="case") as bar:

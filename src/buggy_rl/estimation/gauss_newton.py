@@ -37,6 +37,12 @@ class Fit(Hypothesis):
         """|W e|^2 [N] of each segment."""
         return self.whitened.square().sum(-1)
 
+    def rewhitened(self, change: Tensor) -> "Fit":
+        """Fit under another noise model, by [N, D, D] of `NoiseModel.change_from`."""
+        whitened = torch.einsum("nij,nj->ni", change, self.whitened)
+        jacobian = None if self.jacobian is None else change @ self.jacobian
+        return replace(self, whitened=whitened, jacobian=jacobian)
+
     def __getitem__(self, rows: Tensor) -> "Fit":
         """Fit on some of the segments."""
         jacobian = None if self.jacobian is None else self.jacobian[rows]

@@ -35,6 +35,15 @@ def test_the_same_seed_and_secret_draw_the_same_and_no_other_secret_does(dataset
     assert len({case.id for case in cases}) == 60
 
 
+def test_development_cases_are_of_other_divisions_than_sealed_ones(dataset):
+    def numbers(**other):
+        config = RealDrawConfig(cases=12, partitions=1, least=1.0, **other)
+        return {case.half[:-1] for case in drawn(config, {"own": dataset}, "s")}
+
+    assert numbers() == {"0"}
+    assert numbers(first_partition=1) == {"1"}
+
+
 def test_a_case_is_the_same_whatever_is_drawn_beside_it(dataset, cases):
     few = replace(MANY, first=7, cases=2)
     assert drawn(few, {"small": dataset}, "secret") == cases[7:9]

@@ -16,6 +16,7 @@ from buggy_rl.diagnosis.residuals import drive_features
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.estimation.evidence import CrossValidated, misfit, typical
 from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.information import by_block
 from buggy_rl.estimation.segments import Segments
 
 Effects = tuple[str, ...]
@@ -174,17 +175,13 @@ def held_out_square(criteria: Criteria, problem: Problem, best: Candidate, more:
     assert fit.jacobian is not None
     columns = torch.cat([fit.jacobian, more], -1)
     weight = problem.noise.weight(fit.square, dispersion) / dispersion
-    curve = torch.einsum("ndp,ndq,n->npq", columns, columns, weight)
-    score = torch.einsum("ndp,nd,n->np", columns, fit.whitened, weight)
+    _, own = criteria.group.unique(return_inverse=True)
+    of_blocks = by_block(columns, fit.whitened, weight, own)
+    every = of_blocks.total()
     varying = torch.full((more.shape[-1],), criteria.rules.variation_prior, dtype=torch.float64)
     prior = torch.cat([fit.prior, varying])
     vector = torch.cat([fit.vector, torch.zeros_like(varying)])
-    hessian, gradient = curve.sum(0) + torch.diag(prior**-2), score.sum(0) + vector / prior**2
-    blocks, own = criteria.group.unique(return_inverse=True)
-    curves, scores = (
-        part.new_zeros(len(blocks), *part.shape[1:]).index_add_(0, own, part)
-        for part in (curve, score)
-    )
-    steps = torch.linalg.solve(hessian - curves, gradient - scores)  # (B, P + Q)
+    hessian, gradient = every.hessian + torch.diag(prior**-2), every.score + vector / prior**2
+    steps = torch.linalg.solve(hessian - of_blocks.hessian, gradient - of_blocks.score)  # (B, P+Q)
     moved = (columns @ steps[own].unsqueeze(-1)).squeeze(-1)
     return (fit.whitened - moved).square().sum(-1)

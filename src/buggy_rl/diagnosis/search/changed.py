@@ -24,6 +24,7 @@ from buggy_rl.diagnosis.search.ways import Way, unit_changes, way_of
 from buggy_rl.estimation.evidence import blocks
 from buggy_rl.estimation.gauss_newton import Fit, Problem
 from buggy_rl.estimation.hypothesis import Hypothesis
+from buggy_rl.estimation.information import Information, by_block
 from buggy_rl.estimation.sparse import trials
 
 SIZE = (0.4,)  # [prior scales] of the trials whose secants are the columns
@@ -36,50 +37,6 @@ DRAWN = 1.5  # [prior scales] standard deviation of a change, where sets are onl
 REWEIGHTED = 4  # times
 BEAM = 12  # sets of one size that are extended
 CLOCK: Way = ("", (1.0,))  # the clock among the columns
-
-
-@dataclass(frozen=True, eq=False)
-class Information:
-    """Normal equations of numbers x of each of G blocks, or of all: 1/2 x^T H x + g^T x."""
-
-    hessian: Tensor
-    """[G, X, X]"""
-    score: Tensor
-    """[G, X]"""
-
-    def factor(self, own: int, precision: Tensor) -> tuple[Tensor, Tensor]:
-        """Cholesky factor [G, Q, Q] of the last Q numbers' deviations u ~ N(0, 1 / precision [Q]).
-
-        And the volume [nats] by which the evidence is less for them, of all blocks.
-
-        Args:
-            own: Numbers before them, which do not deviate.
-            precision: [Q]
-        """
-        root = torch.linalg.cholesky(self.hessian[:, own:, own:] + torch.diag(precision))
-        volume = root.diagonal(dim1=1, dim2=2).log().sum(-1) - 0.5 * precision.log().sum()
-        return root, volume.sum()
-
-    def without(self, own: int, factor: Tensor) -> "Information":
-        """What is left where deviations have been integrated over."""
-        right = self.hessian[..., own:]  # (G, X, Q)
-        hessian = self.hessian - right @ torch.cholesky_solve(right.mT, factor)
-        gain = torch.cholesky_solve(self.score[..., own:].unsqueeze(-1), factor)
-        return Information(hessian, self.score - (right @ gain).squeeze(-1))
-
-    def deviations(self, own: int, factor: Tensor, x: Tensor) -> Tensor:
-        """The most probable deviations [G, Q] where the common numbers are x [X]."""
-        score = self.score[:, own:] + self.hessian[:, own:, :] @ x
-        return -torch.cholesky_solve(score.unsqueeze(-1), factor).squeeze(-1)
-
-    def of(self, numbers: Sequence[int]) -> "Information":
-        """Normal equations of some of the numbers, the others being none."""
-        index = torch.tensor(numbers, dtype=torch.long)
-        return Information(self.hessian[..., index, :][..., index], self.score[..., index])
-
-    def total(self) -> "Information":
-        """The sum over blocks."""
-        return Information(self.hessian.sum(0), self.score.sum(0))
 
 
 def variance_of(groups: Sequence[Information]) -> Tensor:
@@ -139,24 +96,12 @@ def usual(baseline: Problem) -> Usual:
     """
     null = baseline.rolled_out([baseline.library.hypothesis(())], True)[0]
     ways, changes = unit_changes(null, baseline.rolled_out(trials(baseline, null, SIZE)))
-    assert null.jacobian is not None
-    columns = torch.cat([changes, null.jacobian[..., -1:]], -1)
+    columns = _with_clock(changes, null)
     dispersion = max(1.0, float((null.square / baseline.noise.dimension).median()))
     _, block = blocks(baseline.segments).unique(return_inverse=True)
     weight = baseline.noise.weight(null.square, dispersion) / dispersion
-    of_blocks = _by_block(columns, null.whitened, weight, block)
+    of_blocks = by_block(columns, null.whitened, weight, block)
     return Usual([*ways, CLOCK], of_blocks, dispersion)
-
-
-def _by_block(columns: Tensor, whitened: Tensor, weight: Tensor, block: Tensor) -> Information:
-    """Normal equations of columns [N, D, X] that change residuals [N, D], by block [N] of G."""
-    weighted = columns * weight[:, None, None]
-    curve, along = columns.mT @ weighted, (weighted.mT @ whitened.unsqueeze(-1)).squeeze(-1)
-    count = int(block.max()) + 1
-    hessian, score = (
-        part.new_zeros(count, *part.shape[1:]).index_add_(0, block, part) for part in (curve, along)
-    )
-    return Information(hessian, score)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +120,17 @@ class Changed:
     """[Q]"""
     common: Information
     """Normal equations of b, from the baseline."""
+    own: Information
+    """Normal equations of the numbers of each block, about the simulator as given."""
 
     @classmethod
     def since(
-        cls, known: Usual | None, problem: Problem, group: Tensor, null: Fit, rolled: Sequence[Fit]
+        cls,
+        known: Usual | None,
+        problem: Problem,
+        group: Tensor,
+        null: Fit,
+        changes: tuple[list[Way], Tensor],
     ) -> "Changed":
         """What has changed since a baseline was recorded.
 
@@ -190,24 +142,21 @@ class Changed:
             problem: The recordings.
             group: [N] blocks.
             null: The simulator as given, with its derivative by the clock.
-            rolled: Trials of one effect each.
+            changes: By one prior scale of each way of each effect, of `unit_changes`.
         """
-        assert null.jacobian is not None
-        own, changes = unit_changes(null, rolled)
-        ways = [*own, CLOCK]
+        ways = [*changes[0], CLOCK]
         known = known or Usual(ways, None, 1.0)
-        columns = torch.cat([changes, null.jacobian[..., -1:]], -1)
         both = [way for way in ways if way in known.ways]
-        here = [ways.index(way) for way in both]
         there = [known.ways.index(way) for way in both]
-        problem, columns = replace(problem, dispersion=known.dispersion), columns[..., here]
+        columns = _with_clock(changes[1], null)[..., [ways.index(way) for way in both]]
+        problem = replace(problem, dispersion=known.dispersion)
         _, block = group.unique(return_inverse=True)
         weight = problem.noise.weight(null.square, known.dispersion) / known.dispersion
-        own_blocks = _by_block(columns, null.whitened, weight, block)
+        own = by_block(columns, null.whitened, weight, block)
         before = [] if known.of_blocks is None else [known.of_blocks.of(there)]
-        variance = variance_of([*before, own_blocks])
+        variance = variance_of([*before, own])
         common = known.common(there, variance)
-        return cls(problem, block, both, columns, variance, common)
+        return cls(problem, block, both, columns, variance, common, own)
 
     def log_evidence(self, fits: Sequence[Fit]) -> list[float]:
         """Log evidence [nats] of fitted sets, less that of the best of them.
@@ -250,7 +199,7 @@ class Changed:
         problem, own = self.problem, len(fit.coordinates)
         noise, dispersion, precision = problem.noise, problem.dispersion, 1 / self.variance
         weight = noise.weight(square, dispersion) / dispersion
-        of_blocks = _by_block(columns, fit.whitened, weight, self.block)
+        of_blocks = by_block(columns, fit.whitened, weight, self.block)
         factor, volume = of_blocks.factor(own, precision)
         both = of_blocks.without(own, factor).total()
         both.hessian[own:, own:] += self.common.hessian
@@ -279,7 +228,7 @@ class Changed:
             rolled: Trials of one effect each, of which the columns are the secants.
             most: Effects of a set -> sets of that size, at most.
         """
-        change = self._to_first_order(null)
+        change = self._to_first_order()
         effects = [effect for effect, _ in self.ways]
         at = {way: i for i, way in enumerate(self.ways)}
         begin = {at[way]: trial for trial in rolled if (way := way_of(trial)[0]) in at}
@@ -299,13 +248,10 @@ class Changed:
             members = members[rows]
         return found
 
-    def _to_first_order(self, null: Fit) -> Information:
+    def _to_first_order(self) -> Information:
         """Normal equations of a change of each number, the common ones integrated over."""
-        problem = self.problem
-        weight = problem.noise.weight(null.square, problem.dispersion) / problem.dispersion
-        of_blocks = _by_block(self.columns, null.whitened, weight, self.block)
-        factor, _ = of_blocks.factor(0, 1 / self.variance)
-        here = of_blocks.without(0, factor).total()
+        factor, _ = self.own.factor(0, 1 / self.variance)
+        here = self.own.without(0, factor).total()
         seen = here.hessian @ torch.linalg.inv(here.hessian + self.common.hessian)
         score = here.score - seen @ (here.score + self.common.score)
         return Information(here.hessian - seen @ here.hessian, score)
@@ -322,6 +268,12 @@ class Changed:
             effects.append(effect)
         start = self.problem.library.at(effects, known)
         return start.at(start.vector)
+
+
+def _with_clock(changes: Tensor, null: Fit) -> Tensor:
+    """Columns [N, D, Q] with that of the clock as the last."""
+    assert null.jacobian is not None
+    return torch.cat([changes, null.jacobian[..., -1:]], -1)
 
 
 def _one_more(members: Tensor, effects: Sequence[str]) -> Tensor:

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from buggy_rl.diagnosis.run.budget import FULL, Budget
 from buggy_rl.diagnosis.run.case import Criteria
@@ -188,7 +187,8 @@ def _begun(
     ]
     before = criteria.baseline
     known = None if before is None else usual(before)
-    since = Changed.since(known, state.problem, criteria.group, null.fit, rolled)
+    secants = unit_changes(null.fit, rolled)
+    since = Changed.since(known, state.problem, criteria.group, null.fit, secants)
     taken = {_sorted(start.effects) for start in starts}
     more = since.proposed(null.fit, rolled, budget.fitted)
     starts += [start for start in more if _sorted(start.effects) not in taken]
@@ -287,12 +287,12 @@ def _weighed(
 ) -> list[Weighed]:
     """The evidence of all that was fitted, under the noise model that the search came to."""
     change = state.problem.noise.change_from(problem.noise)
-    anew = [_rewhitened(fit, change) for fit in (begun.null.fit, *begun.rolled)]
-    ways, changes = unit_changes(anew[0], anew[1:])
+    null, *rolled = (fit.rewhitened(change) for fit in (begun.null.fit, *begun.rolled))
+    ways, changes = unit_changes(null, rolled)
     instants = problem.simulation.instants(problem.segments)
     driven = torch.stack(list(conditions(problem.segments, instants).values()), -1)
     every = [*state.tried.values()]
-    since = Changed.since(begun.usual, state.problem, criteria.group, anew[0], anew[1:])
+    since = Changed.since(begun.usual, state.problem, criteria.group, null, (ways, changes))
     changed = since.log_evidence([candidate.fit for candidate in every])
     weighed = []
     for candidate, nats in zip(every, changed, strict=True):
@@ -300,12 +300,6 @@ def _weighed(
         own = evidence(candidate.fit, changes[..., others], driven)
         weighed.append(Weighed(candidate, own, candidate.key not in found, nats))
     return sorted(weighed, key=lambda w: -w.evidence.log_evidence)
-
-
-def _rewhitened(fit: Fit, change: Tensor) -> Fit:
-    whitened = torch.einsum("nij,nj->ni", change, fit.whitened)
-    jacobian = None if fit.jacobian is None else change @ fit.jacobian
-    return replace(fit, whitened=whitened, jacobian=jacobian)
 
 
 def _sorted(effects: Effects) -> Effects:

@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import torch
-
 from buggy_rl.diagnosis.run.case import Criteria
 from buggy_rl.diagnosis.search.candidate import Candidate, Effects, excess_misfit, leading
 from buggy_rl.diagnosis.search.case_evidence import CaseEvidence
@@ -194,10 +192,7 @@ def renoised(state: State, best: Candidate, criteria: Criteria) -> State:
     problem = replace(problem, noise=noise)
     tried = {}
     for key, candidate in state.tried.items():
-        fit, jacobian = candidate.fit, candidate.fit.jacobian
-        whitened = torch.einsum("nij,nj->ni", change, fit.whitened)
-        jacobian = None if jacobian is None else change @ jacobian
-        fit = replace(fit, whitened=whitened, jacobian=jacobian)
+        fit = candidate.fit.rewhitened(change)
         known = rewhitened(problem, fit, candidate.cross_validated, change, criteria.group)
         tried[key] = Candidate(fit, known)
     return State(problem, tried)

@@ -133,16 +133,17 @@ class Searching:
         store = self.store
         store.sealed.mkdir(parents=True, exist_ok=True)
         done = all(self._line_file(case.id).exists() for case in cases)
-        if not done and not self.driven:
+        if not (done or self.driven):
             # The batch of a case stays.
             seal(store, cases, list(self.effects), segments=self.stretches)
         for case in cases:
             if not self._line_file(case.id).exists():
                 write_json(self._line_file(case.id), self._entry(case).to_dict())
-        for case in () if self.driven else cases:
-            clear_folder(store.inputs(case.id), INPUTS)
-            clear_folder(store.held_out(case.id), HELD_OUT)
-            store.truth(case.id).unlink(missing_ok=True)
+        if not self.driven:
+            for case in cases:
+                clear_folder(store.inputs(case.id), INPUTS)
+                clear_folder(store.held_out(case.id), HELD_OUT)
+                store.truth(case.id).unlink(missing_ok=True)
         return [json.loads(self._line_file(case.id).read_text()) for case in cases]
 
     def _line_file(self, id_: str) -> Path:
@@ -152,7 +153,7 @@ class Searching:
     def _entry(self, case: Case) -> Entry:
         """What is entered of a case that has been driven."""
         begun = time.monotonic()
-        kind = f"{self.kind}_real" if isinstance(case, RealCase) else self.kind
+        kind = "development_real" if isinstance(case, RealCase) else self.kind
         found = Entry(case.id, kind, case)
         try:
             found = self._with_evidence(found)
