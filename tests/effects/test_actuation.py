@@ -222,13 +222,20 @@ class Listening(HoldEngine):
 
 
 def test_what_goes_on_is_passed_through_what_stands_behind_it():
-    # 1.2 of the gain, 0.1 of the offset; a stop at 90 % of the left ends both.
-    effects = {"steering_gain": {"gain": 1.2}, "steering_offset": {"offset": 0.1}}
-    for added, expected in (({}, 1.3), ({"steering_end_stop": {"left_cut": 0.1}}, 0.9)):
+    # 1.2 of the gain, 1.1 more of it to the left; a stop at 90 % of the left ends both.
+    effects = {"steering_gain": {"gain": 1.2}, "steering_asymmetry": {"left_to_right": 1.21}}
+    for added, expected in (({}, 1.32), ({"steering_end_stop": {"left_cut": 0.1}}, 0.9)):
         engine = Listening()
         env = over(make_effects(effects | added), engine)
         env.step(start(env).set(keys.ACTION, torch.tensor([0.0, 1.0])))
         assert float(engine.got[0][STEERING]) == pytest.approx(expected)
+
+
+def test_a_trim_ends_where_the_servo_does():
+    engine = Listening()
+    env = over([make_effect("steering_offset", {"offset": 0.3})], engine)
+    env.step(start(env).set(keys.ACTION, torch.tensor([0.0, 0.9])))
+    assert float(engine.got[0][STEERING]) == 1.0
 
 
 @pytest.mark.parametrize("name", ["single_track", "kinematic", "reference", "mujoco"])

@@ -62,6 +62,28 @@ def test_rolling_resistance_takes_the_same_each_second_and_ends_at_rest():
     assert 0 <= got[-1] < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("rolling_resistance", {"deceleration": 3.0}), ("steering_drag", {"per_angle": 8.0})],
+)
+def test_dry_friction_holds_a_car_that_its_motor_cannot_move(name, values):
+    actions = torch.tensor([[-0.5, 0.9]]).expand(100, 2)
+    gone = {}
+    for effects in ((), (make_effect(name, values),)):
+        env = over(list(effects), "single_track")
+        state = follow(env, start(env, (0.0, 0.0, 0.0)), actions)[-1]
+        gone[len(effects)] = float(torch.linalg.vector_norm(state[keys.POSE][..., :2]))
+    assert gone[0] > 0.2
+    assert gone[1] < 0.02
+
+
+def test_less_friction_than_simulated_lets_a_car_roll_on_and_does_not_set_it_off():
+    less = {"deceleration": -0.3}
+    for speed, after in ((1.0, 1.3), (0.0, 0.0)):
+        got = speeds(coasted("rolling_resistance", less, (speed, 0.0, 0.0)))
+        assert float(got[-1]) == pytest.approx(after, abs=1e-3)
+
+
 def test_cornering_drag_goes_with_the_square_of_the_lateral_acceleration_to_either_side():
     # vx r = 2 * 1.5 = 3 m/s^2: 0.02 of its square, 0.18 m/s^2, over 10 ms.
     for rate, lost in ((1.5, 0.0018), (-1.5, 0.0018), (3.0, 0.0072), (0.0, 0.0)):
@@ -212,22 +234,35 @@ def test_a_motor_that_pushes_beside_the_middle_turns_the_car_with_its_force(offs
 
 
 def test_a_locked_axle_resists_turning_until_its_wheels_slide():
-    # Couple of both rear wheels: t / 2 N D tanh(C t r / (2 D v)), N over mass g a / L.
+    # Couple of both rear wheels: t / 2 N C t r / (2 v), N over mass g a / L, at most t / 2 N D.
     d = VehicleDimensions()
     values = {"coupling": 1.0}
     options = {"stiffness": (0.0, 0.0), "friction": (0.84, 0.84)}
-    for rate in (0.02, 6.0):
+    load = 9.80665 * d.cg_to_front_axle / d.wheelbase
+    arm = 0.5 * d.track_width * d.mass / d.yaw_inertia
+    for speed, rate, within in ((3.0, 0.02, 0.005), (0.3, 2.0, 0.12)):
         env = over([make_effect("stiff_differential", values, **options)])
-        state = follow(env, start(env, (3.0, 0.0, rate)), COASTING)[0]
+        state = follow(env, start(env, (speed, 0.0, rate)), COASTING)[0]
         taken = (rate - float(state[keys.VELOCITY][2])) / 0.01
-        most = 0.5 * d.track_width * d.mass * 9.80665 * d.cg_to_front_axle / d.wheelbase * 0.84
-        most = most / d.yaw_inertia
-        use = 13.0 / 0.84 * 0.5 * d.track_width * rate / 3.0
-        # Less what a linear moment loses within the step, 1 - exp(-x) in place of x.
-        linear = 0.01 * most * use / rate
-        assert taken == pytest.approx(
-            most * math.tanh(use) * -math.expm1(-linear) / linear, rel=1e-3
-        )
+        linear = arm * load * 13.0 * 0.5 * d.track_width / speed  # [1/s]
+        damping = min(linear, arm * load * 0.84 / rate)
+        # Less what such a damping loses within the step.
+        assert taken == pytest.approx(damping * rate / (1 + 0.005 * damping), rel=within)
+
+
+def test_a_locked_axle_in_a_bend_slips_more_across_and_pulls_back():
+    # 2 m/s and 2 rad/s to the left: tyres that slip along give less to the side, so that the rear
+    # goes out; and the front wheels, which hold against the couple, pull back as they are turned.
+    state = coasted("stiff_differential", {"coupling": 1.0}, (2.0, 0.0, 2.0), 1)[0]
+    vx, vy, yaw_rate = shift_velocity(state[keys.VELOCITY], -ARM).tolist()
+    still = shift_velocity(torch.tensor([2.0, 0.0, 2.0]), -ARM).tolist()
+    assert vx < still[0] - 1e-4
+    assert vy < still[1]
+    assert yaw_rate < still[2]
+
+
+def test_a_locked_axle_leaves_a_straight_alone():
+    values = {"coupling": 1.0}
     straight = coasted("stiff_differential", values, (3.0, 0.0, 0.0), 5)
     assert torch.equal(straight[keys.VELOCITY][..., 2], torch.zeros(5))
 

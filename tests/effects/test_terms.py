@@ -26,7 +26,7 @@ MOVING = (1.8, 0.1, 2.0)  # [m/s, m/s, rad/s]
 
 def driven(effects, steps=25, cars=CARS):
     time = 0.01 * torch.arange(steps).unsqueeze(-1) * torch.linspace(1.0, 2.0, cars)
-    actions = torch.stack([0.2 + 0.5 * torch.sin(9 * time), torch.cos(12 * time)], -1)
+    actions = torch.stack([0.2 + 0.5 * torch.sin(9 * time), 0.9 * torch.cos(12 * time)], -1)
     env = over(effects, "single_track", (cars,))
     state, states = start(env, MOVING, (2.3, -2.2, 0.5), elapsed=(60.0,)), []
     for action in actions:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from buggy_rl.proof.cases.draw import DrawConfig
-from buggy_rl.proof.ledger import Ledger, answered_by
+from buggy_rl.proof.ledger import Ledger, answered_by, of_last_code
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.running import all_opened
 from tests.running import run_script
@@ -49,6 +49,15 @@ def test_a_ledger_with_a_sealed_line_is_not(folder):
 
 def test_lines_of_other_kinds_do_not_count(folder):
     assert all_opened(ProofConfig(output=str(folder))) == []
+
+
+def test_what_was_opened_before_the_code_was_changed_is_not_counted():
+    first, second, third = Ledger(LEDGER).entries()[:3]
+    made = {"time": "2030-01-01T00:00:00+00:00", "source": "other"}
+    later = replace(second, made={**second.made, **made})
+    assert of_last_code([first, later, third]) == [later]
+    assert of_last_code([first, third]) == [first, third]
+    assert of_last_code([]) == []
 
 
 def test_who_answered_is_said_of_all_lines(folder):

@@ -18,6 +18,9 @@ seeds, before the secret is published. A line that was not opened is opened wher
 sealed; of a ledger in which all are, stages=[page] needs nothing else:
 
     python scripts/prove.py configs/proof_third.yaml output=docs/proof/third "stages=[page]"
+
+Counted are the cases that were answered by the code of the last one: what was opened before is a
+development case of that code.
 """
 
 from pathlib import Path
@@ -30,11 +33,12 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.proof:ProofConfig")
 
+    from buggy_rl.proof.ledger import of_last_code
     from buggy_rl.proof.running import all_opened, openings
 
     alone = {*config.stages} == {"page"}
     entries = all_opened(config) if alone else []
-    entries = entries or run_stages(config)
+    entries = of_last_code(entries or run_stages(config))
     if not {"score", "page"} & set(config.stages):
         return
     from buggy_rl.proof.ledger import OURS, SEALED, answered_by

@@ -28,11 +28,12 @@ def main() -> None:
     """Runs the stages of the config."""
     config = from_command_line(__doc__, "buggy_rl.proof.real.real:RealProofConfig")
 
+    from buggy_rl.proof.ledger import of_last_code
     from buggy_rl.proof.running import all_opened, openings
 
     alone = not {*config.stages} - {"known", "page"}
     entries = all_opened(config) if alone else []
-    entries = entries or run_stages(config)
+    entries = of_last_code(entries or run_stages(config))
     if "known" in config.stages and config.known.data is not None:
         from buggy_rl.proof.real.real import known_steps
 

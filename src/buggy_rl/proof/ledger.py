@@ -250,6 +250,16 @@ def answered_by(entries: Sequence[Entry]) -> list[str]:
     ]
 
 
+def of_last_code(entries: Sequence[Entry]) -> list[Entry]:
+    """Entries that were diagnosed by the same code as the last one.
+
+    Others were opened before the code was changed: they are development cases of this one.
+    """
+    last = max(entries, key=lambda entry: entry.made.get("time", ""), default=None)
+    source = None if last is None else last.made.get("source")
+    return [entry for entry in entries if entry.made.get("source") == source]
+
+
 def searched(ledgers: Iterable[Path]) -> list[Entry]:
     """Entries of ledgers that were searched: what weights and intervals are fitted to.
 

@@ -59,6 +59,7 @@ def test_every_case_is_sealed_asked_weighed_entered_and_shown(proof):
         assert store.sealed_case(case.id) == case
         assert {*line["made"]} == {"commit", "source", "time", "confined"}
         assert set(line["weighed"]["strength"]) == set(case.truth)
+        assert set(line["weighed"]["changed"]) == set(case.truth)
     page = (folder / "proof_real.md").read_text()
     assert "| one edit: first name right and above one half |" in page
     assert "| repeat | nothing | nothing above one half |" in page

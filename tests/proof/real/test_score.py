@@ -19,10 +19,13 @@ GAIN = {"throttle_gain": {"gain": 1.2}}
 CURVED = {"throttle_exponent": {"exponent": 1.5}}
 
 
-def outcome(concealed, said, strength=None, verdict="missing_physics", baseline=True, seed=0):
+def outcome(
+    concealed, said, strength=None, verdict="missing_physics", baseline=True, seed=0, changed=None
+):
     case = RealCase(3_000_000 + seed, "dart", "0a", "single_track", baseline, concealed)
     effects = tuple(ScoredEffect(name, p) for name, p in said.items())
     weighed = {} if strength is None else {"strength": strength, "nats": 1.0, "rivals": {}}
+    weighed |= {"changed": changed or {}}
     entry = Entry(
         case.id, "real", case, answers={"ours": CaseAnswer(verdict, effects)}, weighed=weighed
     )
@@ -30,9 +33,11 @@ def outcome(concealed, said, strength=None, verdict="missing_physics", baseline=
 
 
 OUTCOMES = [
-    outcome(LATE, {"steering_dead_time": 0.9}, {"steering_dead_time": 40.0}),
+    outcome(LATE, {"steering_dead_time": 0.9}, {"steering_dead_time": 40.0},
+            changed={"steering_dead_time": 9.0}),
     outcome(LATE, {"steering_dead_time": 0.4}, {"steering_dead_time": 3.0}, "cannot_tell"),
-    outcome(GAIN, {"payload": 0.8}, {"throttle_gain": 20.0}, seed=7),
+    outcome(GAIN, {"payload": 0.8}, {"throttle_gain": 20.0}, seed=7,
+            changed={"throttle_gain": 1.0}),
     outcome({**LATE, **GAIN}, {"steering_dead_time": 0.9, "throttle_gain": 0.6},
             {"steering_dead_time": 300.0, "throttle_gain": 8.0}),
     outcome(CURVED, {}, verdict="unknown_physics"),
@@ -51,6 +56,7 @@ def rows():
     [
         ("one edit: first name right and above one half", 1 / 3, 3),
         ("of strength above 6 nats", 1 / 2, 2),
+        ("above 6 nats of second evidence", 1, 1),
         ("first name right, however sure", 2 / 3, 3),
         ("one edit: a wrong name above one half", 1 / 3, 3),
         ("two edits: both named above one half", 1, 1),

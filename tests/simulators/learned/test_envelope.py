@@ -34,3 +34,15 @@ def test_a_combination_never_driven_is_outside_though_each_input_was():
     assert envelope.measured(fast_turn)[0].item()
     assert not envelope.measured(fast)[0].item()
     assert not envelope.measured(turning)[0].item()
+
+
+def test_what_is_no_number_is_outside_and_no_crash():
+    envelope = Envelope()
+    envelope.fit(driven())
+    rows = torch.full((2, 5), float("nan"))
+    rows[0] = driven()[0]
+    outside, excess = envelope.measured(rows)
+    assert outside[1].item()
+    assert excess[1].isnan().item()
+    torch.testing.assert_close(outside[:1], envelope.measured(rows[:1])[0])
+    assert excess[0].isfinite().item()

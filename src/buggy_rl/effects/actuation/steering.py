@@ -50,12 +50,13 @@ class SteeringGain(LinkageEffect):
         return self._value("gain") * command
 
 
-class SteeringOffset(LinkageEffect):
-    """Road wheels that are not straight at zero command."""
+class SteeringOffset(CommandEffect):
+    """Road wheels that are not straight at zero command: a trim, within the servo's way."""
 
     name = "steering_offset"
+    channel = 1
     look_at = "Check the steering trim and that the servo horn is centred when the command is 0."
-    equation = "steering' = steering + offset"
+    equation = "steering' = clip(steering + offset, -1, 1)"
     source = f"{STEERING_MAP} (offset of the map from steering command to road-wheel angle)"
     declared = (
         EffectParameter(

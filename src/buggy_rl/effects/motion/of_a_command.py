@@ -11,7 +11,7 @@ from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.delay import LAG_SOURCE, lag_decay
 from buggy_rl.effects.motion.base import LOCK, SETTING_OFF, Motion, MotionEffect, along
 from buggy_rl.effects.motion.drive import turning_drag
-from buggy_rl.effects.motion.resistance import STOPPING, slowed
+from buggy_rl.effects.motion.resistance import slowed
 from buggy_rl.effects.motion.steered import left_by_tyres
 
 IDLE = 0.01  # [-] drive beyond the dead zone at which the drag brake is off; chosen
@@ -25,7 +25,7 @@ class DragBrake(MotionEffect):
 
     name = "drag_brake"
     look_at = "Check the drag brake that is set in the speed controller."
-    equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s) without a command"
+    equation = "dvx/dt = -deceleration sign(vx) without a command, at most to a stop"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 3 (constant retardation)"
     declared = (
         EffectParameter(
@@ -50,7 +50,7 @@ class DragBrake(MotionEffect):
         forward = (motion.asked - self.onset).clamp_min(0.0)
         backward = (-motion.asked - self.reverse_onset).clamp_min(0.0)
         idle = (1 - (forward + backward) / IDLE).clamp_min(0.0)
-        loss = self._value("deceleration") * idle * torch.tanh(vx.abs() / STOPPING)
+        loss = self._value("deceleration") * idle
         return along(slowed(vx, loss * self.dt))
 
 

@@ -15,12 +15,17 @@ from buggy_rl.effects.motion.steered import FrontAxle, left_by_tyres, steered_an
 TYPICAL_SPEED = 2.0  # [m/s] speed of the decelerations quoted in sentences; chosen
 BRISK = 5.0  # [m/s^2] lateral acceleration of those in turns; chosen
 TURNED = 15.0  # [deg] road-wheel angle of those by turned wheels; chosen
-STOPPING = 0.05  # [m/s] speed at which dry friction is at tanh(1) = 76 %; chosen
+STOPPING = 0.05  # [m/s] speed at which less friction than simulated is at tanh(1); chosen
 
 
 def slowed(speed: Tensor, loss: Tensor) -> Tensor:
-    """Change [n] of a speed [n] of either sign by a loss [n] >= 0 [m/s], at most to a stop."""
-    return -torch.sign(speed) * torch.minimum(loss, speed.abs())
+    """Change [n] of a speed [n] of either sign by a loss [n] [m/s], at most to a stop.
+
+    Friction holds a car that stands: a part of it that faded with the speed would let it creep. A
+    loss below 0 does, or the car would set off by itself.
+    """
+    more, less = loss.clamp_min(0.0), loss.clamp_max(0.0) * torch.tanh(speed.abs() / STOPPING)
+    return -torch.sign(speed) * (torch.minimum(more, speed.abs()) + less)
 
 
 class AerodynamicDrag(MotionEffect):
@@ -62,11 +67,11 @@ class AerodynamicDrag(MotionEffect):
 
 
 class RollingResistance(MotionEffect):
-    """Dry friction of wheels and gear, multiplied by tanh(|vx| / 0.05 m/s)."""
+    """Dry friction of wheels and gear."""
 
     name = "rolling_resistance"
     look_at = "Push the car by hand: tyres, wheel bearings, gear mesh, the floor's surface."
-    equation = "dvx/dt = -deceleration tanh(vx / 0.05 m/s)"
+    equation = "dvx/dt = -deceleration sign(vx), at most to a stop"
     source = "Gillespie 1992, Fundamentals of Vehicle Dynamics, ch. 4 (rolling resistance)"
     declared = (
         EffectParameter(
@@ -90,8 +95,7 @@ class RollingResistance(MotionEffect):
 
     def _change(self, motion: Motion) -> Tensor:
         vx = motion.after[..., 0]
-        loss = self._value("deceleration") * torch.tanh(vx.abs() / STOPPING) * self.dt
-        return along(slowed(vx, loss))
+        return along(slowed(vx, self._value("deceleration") * self.dt))
 
 
 class ViscousDrag(MotionEffect):
@@ -195,7 +199,7 @@ class SteeringDrag(MotionEffect):
     look_at = (
         "Turn the front wheels and push the car by hand: joints, Ackermann angle, tyres that scrub."
     )
-    equation = "drag at the front wheels: dv/dt = -per_angle |delta| tanh(vx / 0.05 m/s)"
+    equation = "drag at the front wheels: dv/dt = -per_angle |delta| sign(vx), at most to a stop"
     source = (
         "Lyons et al. 2024, DART, dynamic model (friction due to steering, a + b v over the angle)"
     )
@@ -234,7 +238,7 @@ class SteeringDrag(MotionEffect):
         vx = motion.after[..., 0]
         axle = FrontAxle(self.stiffness[0], self.friction[0], self.shape[0], self.lock)
         angle = steered_angle(motion, self.dimensions, axle)
-        loss = self._value("per_angle") * angle.abs() * torch.tanh(vx.abs() / STOPPING) * self.dt
+        loss = self._value("per_angle") * angle.abs() * self.dt
         d, pulled = self.dimensions, slowed(vx, loss)  # (n,) along the front wheels
         across = pulled * torch.sin(angle)
         front, rear = left_by_tyres(motion, d, self.stiffness, across, torch.zeros_like(across))

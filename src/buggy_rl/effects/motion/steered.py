@@ -31,7 +31,8 @@ def steered_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle
 
     delta = atan2(vy + a r, |vx|) + (c D / C) tan(asin(F_f / (D N_f)) / c), negative in reverse,
     where wheels that are turned to the left point to the right of where they roll. F_f =
-    (b ay + (I / m) dr/dt) / L is over mass, as the load N_f = g b / L.
+    (b ay + (I / m) dr/dt) / L is over mass, as the load N_f = g b / L. The less a car moves below
+    0.3 m/s, the less its motion tells, and the more the command does: lock times steering.
 
     Source: Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.3 and 4.3.
 
@@ -52,7 +53,9 @@ def steered_angle(motion: Motion, dimensions: VehicleDimensions, axle: FrontAxle
         use = front / (axle.friction * GRAVITY * d.cg_to_rear_axle)
         slip = torch.sign(use) * slip_of(use, torch.as_tensor(axle.shape).to(use))
         angle = angle + axle.shape * axle.friction / axle.stiffness * slip
-    return torch.where(vx < 0, -angle, angle).clamp(-axle.lock, axle.lock)
+    standing = (1 - vx.abs() / SLOWEST).clamp_min(0.0)
+    angle = torch.where(vx < 0, -angle, angle) + standing * axle.lock * motion.action[..., 1]
+    return angle.clamp(-axle.lock, axle.lock)
 
 
 def left_by_tyres(

@@ -1,7 +1,7 @@
 """Figures of edited recordings: what is named above one half, rightly and wrongly, by class."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.ledger import Entry
@@ -19,11 +19,14 @@ class RealOutcome:
     scored: ScoredCase[RealCase]
     strength: Mapping[str, float]
     """Effect -> nats; empty where it was not weighed."""
+    changed: Mapping[str, float] = field(default_factory=dict)
+    """Effect -> nats of second evidence, beside what differs from block to block."""
 
     @classmethod
     def of(cls, entry: Entry) -> "RealOutcome":
         """What a line that was opened comes to."""
-        return cls(entry.scored(), entry.weighed.get("strength", {}))
+        weighed = entry.weighed
+        return cls(entry.scored(), weighed.get("strength", {}), weighed.get("changed", {}))
 
     @property
     def case(self) -> RealCase:
@@ -51,6 +54,11 @@ class RealOutcome:
     def weakest(self) -> float | None:
         """Strength of the effect that shows least [nats]; None where none was weighed."""
         return min(self.strength.values(), default=None)
+
+    @property
+    def least_changed(self) -> float | None:
+        """Least strength of an effect by the second evidence [nats]; None where none was told."""
+        return min(self.changed.values(), default=None)
 
 
 @dataclass(frozen=True)
@@ -126,9 +134,11 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
         _of(outcomes, name) for name in ("one", "two", "unknown", "nothing")
     )
     visible = [o for o in one if (o.weakest or 0.0) >= VISIBLE]
+    changed = [o for o in one if (o.least_changed or 0.0) >= VISIBLE]
     found = [
         row("one edit: first name right and above one half", [o.first_sure for o in one]),
         row(f"  of strength above {VISIBLE:g} nats", [o.first_sure for o in visible]),
+        row(f"  above {VISIBLE:g} nats of second evidence", [o.first_sure for o in changed]),
         row("  first name right, however sure", [o.scored.right for o in one]),
         row("one edit: a wrong name above one half", [bool(o.wrong) for o in one]),
         row("two edits: both named above one half", [o.sure >= {*o.case.truth} for o in two]),

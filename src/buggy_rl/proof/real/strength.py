@@ -7,7 +7,7 @@ from buggy_rl.proof.baselines.asked import open_question
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.score.oracle import true_fits, true_numbers
-from buggy_rl.proof.score.strength import strengths
+from buggy_rl.proof.score.strength import changed_strengths, strengths
 
 
 def weigh_edited(store: CaseStore, case: RealCase, rivals: int) -> int:
@@ -24,6 +24,7 @@ def weigh_edited(store: CaseStore, case: RealCase, rivals: int) -> int:
             ready = open_question(store.inputs(case.id)).ready
             fits = true_fits(ready.problem, true_numbers(case), rivals)
             result = strengths(fits, ready.criteria.group)
+            result["changed"] = changed_strengths(fits, ready.criteria)
         except (ValueError, RuntimeError) as error:  # a drive in too many pieces
             result = {"failed": store.told(error)}
     write_json(store.oracle(case.id), result)

@@ -1,7 +1,9 @@
 """How strongly what is concealed shows: what the truth gains on held-out blocks, in nats.
 
 Strength of an effect = least held-out loss of the sets without it, less that of the true set. Sets
-without it: the rest of the truth, alone and with each of the most promising other effects.
+without it: the rest of the truth, alone and with each of the most promising other effects. That
+counts a deviation of the car from block to block as noise of each segment, and so too much where
+there is one; `changed_strengths` does not.
 """
 
 import math
@@ -10,8 +12,12 @@ from typing import Any
 
 from torch import Tensor
 
+from buggy_rl.diagnosis.run.case import Criteria
+from buggy_rl.diagnosis.search.changed import Changed, usual
+from buggy_rl.diagnosis.search.ways import unit_changes
 from buggy_rl.estimation.evidence import cross_validated
 from buggy_rl.estimation.gauss_newton import Fit, Problem
+from buggy_rl.estimation.sparse import trials
 from buggy_rl.proof.score.oracle import JOINED, TrueFits
 
 VISIBLE = 6.0  # [nats] strength above which an effect can be found
@@ -36,6 +42,22 @@ def strengths(fits: TrueFits, group: Tensor) -> dict[str, Any]:
         "rivals": gains,
         "strength": {e: _least(e, gains, nothing - own) for e in fits.truth.effects},
     }
+
+
+def changed_strengths(fits: TrueFits, criteria: Criteria) -> dict[str, float]:
+    """Strength of each effect by the evidence beside what simulator and car differ in anyway.
+
+    Args:
+        fits: Of what is concealed.
+        criteria: Blocks and baseline of the diagnosis.
+    """
+    problem, null = fits.problem, fits.null
+    known = None if criteria.baseline is None else usual(criteria.baseline)
+    changes = unit_changes(null, problem.rolled_out(trials(problem, null)))
+    since = Changed.since(known, problem, criteria.group, null, changes)
+    own, nothing, *others = since.log_evidence([fits.truth, null, *fits.others.values()])
+    gains = {name: own - other for name, other in zip(fits.others, others, strict=True)}
+    return {effect: _least(effect, gains, own - nothing) for effect in fits.truth.effects}
 
 
 def _least(effect: str, gains: Mapping[str, float], nothing: float) -> float:

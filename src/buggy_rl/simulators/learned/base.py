@@ -66,7 +66,8 @@ class Envelope(nn.Module):
         share = self._share(rows)
         beyond = (share - share.clamp(0.0, 1.0)).abs()
         between = (self._places(share) - 0.5).clamp(0.0, BINS - 1.0)  # centres of cells
-        cell = between.detach().floor().clamp_max(BINS - 2)
+        # What is no number has no cell: any will do, its distance is no number either.
+        cell = between.detach().nan_to_num(0.0).floor().clamp_max(BINS - 2)
         x, y = (between - cell).chunk(2, -1)  # (*, 10)
         corners = nn.functional.embedding(self._flat(cell), self.distances)  # (*, 10, 4)
         here, beside, ahead, across = corners.unbind(-1)
@@ -75,8 +76,8 @@ class Envelope(nn.Module):
         own = torch.where(
             x >= 0.5, torch.where(second, across, ahead), torch.where(second, beside, here)
         )
-        outside = (beyond > 0.0).any(-1) | (own > 0.0).any(-1)
-        return outside.unsqueeze(-1), (beyond.sum(-1) + away.sum(-1)).unsqueeze(-1)
+        inside = (beyond == 0.0).all(-1) & (own == 0.0).all(-1)  # what is no number is not
+        return ~inside.unsqueeze(-1), (beyond.sum(-1) + away.sum(-1)).unsqueeze(-1)
 
     def _share(self, rows: Tensor) -> Tensor:
         """Inputs [*, 5] in widths of their range, from its lower end."""
