@@ -154,7 +154,8 @@ def test_sizes_of_unknown_effects_are_spread_over_their_factors():
 
 
 def test_no_seed_stands_in_an_earlier_ledger():
-    seeds, files = {case.seed for case in third()}, sorted(ROOT.rglob("docs/**/*.jsonl.gz"))
+    seeds, files = {case.seed for case in third()}, {*ROOT.rglob("docs/**/*.jsonl.gz")}
+    files -= {ROOT / "docs" / "development" / "opened.jsonl.gz"}  # cases of this set, opened
     texts = [gzip.decompress(file.read_bytes()).decode() for file in files]
     entered = {int(seed) for text in texts for seed in re.findall(r'"seed": (\d+)', text)}
     assert len(entered) > 100

@@ -13,7 +13,8 @@ weights replace those that the package ships,
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
 those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
 features get no weight. Lines of earlier ledgers lack features: the weights that they give are the
-mean of the prior of those of the later lines, which alone are counted.
+mean of the prior of those of the later lines, which alone are counted, and a line among them is a
+tenth of one as far as that prior is narrow.
 """
 
 from pathlib import Path
