@@ -1,6 +1,7 @@
 """Limits of the steering servo: its speed, its friction, and play in the linkage behind it."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 
 import torch
@@ -40,6 +41,26 @@ class ServoEffect(RememberingCommand):
     def _command_between(self, before: Tensor, after: Tensor) -> Tensor:
         """Command [n] that moves the simulator's servo from r_{k-1} to r_k."""
         return before + (after - before) / self.follows
+
+
+class LinkageMap(ServoEffect):
+    """Road wheels where a map takes them from where the servo is: r_k = f(s_k).
+
+    The wheels may turn beyond what is full lock in the simulator.
+    """
+
+    extends = True
+
+    @abstractmethod
+    def _linked(self, servo: Tensor) -> Tensor:
+        """Place [n] of the wheels, in command units, for one of the servo [n]."""
+
+    def _next(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        before = state.squeeze(-1)
+        servo = before + self.follows * (command - before)
+        # In differences, so that no map is no change to the last bit.
+        held, hold = self._linked(before) - before, self._linked(servo) - servo
+        return command + held + (hold - held) / self.follows, servo.unsqueeze(-1)
 
 
 class SteeringRateLimit(ServoEffect):

@@ -1,4 +1,4 @@
-"""A linkage with another static map from command to road-wheel angle."""
+"""Another static map from command to road-wheel angle, before the servo or behind it."""
 
 from collections.abc import Mapping
 
@@ -7,22 +7,18 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl.effects.actuation.command import CommandEffect
+from buggy_rl.effects.actuation.servo import LinkageMap
 from buggy_rl.effects.base import EffectParameter, more_or_less
 
 STEERING_MAP = "Lyons et al. 2024, DART, dart_dynamic_models.py"
 
 
-class LinkageEffect(CommandEffect):
-    """A map behind the servo: the wheels may turn beyond what is full lock in the simulator."""
-
-    channel = 1
-    extends = True
-
-
-class SteeringGain(LinkageEffect):
+class SteeringGain(CommandEffect):
     """Another gain of the steering; beyond full lock where the engine goes on there."""
 
     name = "steering_gain"
+    channel = 1
+    extends = True
     look_at = (
         "Measure the wheels' angle at full command: servo end points (EPA), horn length, linkage."
     )
@@ -82,7 +78,7 @@ class SteeringOffset(CommandEffect):
         return command + self._value("offset")
 
 
-class SteeringAsymmetry(LinkageEffect):
+class SteeringAsymmetry(LinkageMap):
     """Another gain to the left than to the right.
 
     Left times sqrt(q), right over sqrt(q): a gain common to both is `steering_gain`.
@@ -113,12 +109,12 @@ class SteeringAsymmetry(LinkageEffect):
         ratio = more_or_less(values["left_to_right"])
         return f"the wheels turn {ratio} to the left than to the right"
 
-    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _linked(self, servo: Tensor) -> Tensor:
         gain = self._value("left_to_right").clamp_min(1e-3).sqrt()
-        return torch.where(command > 0, command * gain, command / gain)
+        return torch.where(servo > 0, servo * gain, servo / gain)
 
 
-class SteeringCurve(CommandEffect):
+class SteeringCurve(LinkageMap):
     """A curved map of the steering to the same lock: exponential or saturating.
 
     Its slope is 1 - c about the centre and 1 + 2 c at full lock. With c > 0, as of the exponential
@@ -130,7 +126,6 @@ class SteeringCurve(CommandEffect):
     look_at = (
         "Check exponential (expo, dual rate) in radio or driver, and the angle of the servo horn."
     )
-    channel = 1
     equation = "steering' = (1 - curvature) steering + curvature steering^3"
     source = (
         "Ljung 1999, System Identification, 2nd ed., ch. 5 (Hammerstein model, polynomial); "
@@ -159,13 +154,15 @@ class SteeringCurve(CommandEffect):
             f"{less} than in proportion, full command turns them as far as before"
         )
 
-    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        curvature = self._value("curvature")
-        return command + curvature * command * (command.square() - 1)
+    def _linked(self, servo: Tensor) -> Tensor:
+        return servo + self._value("curvature") * servo * (servo.square() - 1)
 
 
-class SteeringEndStop(LinkageEffect):
-    """Wheels that stop before full lock, on one side or on both: a stop, or a part in the way."""
+class SteeringEndStop(LinkageMap):
+    """Wheels that stop before full lock, on one side or on both: a stop, or a part in the way.
+
+    The servo goes on, and meets the stop at the speed that it has.
+    """
 
     name = "steering_end_stop"
     look_at = "Turn the wheels to both ends by hand: what stops them? Check end points and body."
@@ -194,10 +191,10 @@ class SteeringEndStop(LinkageEffect):
             f"{right:.3g} % to the right"
         )
 
-    def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _linked(self, servo: Tensor) -> Tensor:
         left, right = self._value("left_cut"), self._value("right_cut")
         # A side without a cut has no stop either: not even at full lock.
-        stopped = torch.where(left > 0, torch.minimum(command, 1 - left), command)
+        stopped = torch.where(left > 0, torch.minimum(servo, 1 - left), servo)
         return torch.where(right > 0, torch.maximum(stopped, right - 1), stopped)
 
 
