@@ -100,14 +100,22 @@ class RememberingCommand(CommandEffect):
         """Command [n] that acts, and the next latent state [n, size]."""
 
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
-        memory = tensordict.get(self.memory)  # (*, size + 1)
-        rows = self._gather(memory)
-        state, unknown = rows[..., :-1], rows[..., -1:]
-        state = torch.where(unknown > 0.5, command.unsqueeze(-1), state)
+        state, unknown = self._recalled(tensordict)
+        state = torch.where(unknown, command.unsqueeze(-1), state)
         acting, state = self._next(command, state)
-        next_rows = torch.cat([state, torch.zeros_like(unknown)], -1)
-        tensordict.set(self.memory + GIVEN, self._scatter(memory, next_rows))
+        self._keep(tensordict, state)
         return acting
+
+    def _recalled(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """Latent state [n, size] after the last step, and whether it is unknown [n, 1]."""
+        rows = self._gather(tensordict.get(self.memory))
+        return rows[..., :-1], rows[..., -1:] > 0.5
+
+    def _keep(self, tensordict: TensorDictBase, state: Tensor) -> None:
+        """Keeps the latent state [n, size] that a step will have led to."""
+        known = torch.cat([state, torch.zeros_like(state[..., :1])], -1)
+        memory = tensordict.get(self.memory)  # (*, size + 1)
+        tensordict.set(self.memory + GIVEN, self._scatter(memory, known))
 
     def _write_step(self, before: TensorDictBase, after: TensorDictBase) -> None:
         after.set(self.memory, before.get(self.memory + GIVEN))

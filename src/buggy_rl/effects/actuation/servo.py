@@ -9,7 +9,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from buggy_rl.core import keys
-from buggy_rl.effects.actuation.command import CommandEffect, RememberingCommand
+from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.base import EffectParameter
 
 LOADED = 0.5  # [m/s^2] lateral acceleration at which play is taken up to tanh(1) = 76 %; chosen
@@ -209,16 +209,17 @@ class ServoStiction(ServoEffect):
         return self._command_between(servo, moved), torch.stack([moved, moving], -1)
 
 
-class SteeringPlay(CommandEffect):
+class SteeringPlay(ServoEffect):
     """Play under load: the tyres' aligning torque holds the wheels at one side of the play.
 
     The torque turns the wheels out of the bend, so in a bend half of the play is missing, and a bit
-    of lateral acceleration decides to which side it is: s' = s - (w / 2) tanh(vx r / 0.5 m/s^2).
+    of lateral acceleration decides to which side it is: r = s - (w / 2) tanh(vx r / 0.5 m/s^2).
     """
+
+    lasting = False
 
     name = "steering_play"
     look_at = "Wiggle the front wheels by hand: ball joints, servo saver, hinge pins."
-    channel = 1
     equation = "steering' = steering - width / 2 tanh(vx r / 0.5 m/s^2)"
     source = (
         "Pacejka 2012, Tire and Vehicle Dynamics, 3rd ed., sec. 1.2 (aligning torque), on a "
@@ -249,4 +250,11 @@ class SteeringPlay(CommandEffect):
     def _acting(self, command: Tensor, tensordict: TensorDictBase) -> Tensor:
         vx, _, yaw_rate = self._gather(tensordict.get(keys.VELOCITY)).unbind(-1)
         pushed = torch.tanh(vx * yaw_rate / LOADED)
-        return command - 0.5 * self._value("width").clamp_min(0.0) * pushed
+        off = (-0.5 * self._value("width").clamp_min(0.0) * pushed).unsqueeze(-1)
+        before, unknown = self._recalled(tensordict)
+        before = torch.where(unknown, off, before)
+        self._keep(tensordict, off)
+        return command + (before + (off - before) / self.follows).squeeze(-1)
+
+    def _next(self, command: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+        return command, torch.zeros_like(state)  # standing still, nothing pushes
