@@ -10,7 +10,7 @@ that in the median segment, the equation is not the car's, and a search will nam
 it or instead. A row an effect in OUTPUT/own_make.csv; it goes on where it was interrupted.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,11 @@ from buggy_rl.diagnosis.pipeline import open_case
 from buggy_rl.estimation.gauss_newton import fitted
 from buggy_rl.jobs.bar import tqdm
 from buggy_rl.proof.baselines.asked import open_question
+from buggy_rl.proof.calibrate.development import parts_of
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.draw import DrawConfig, drawn
-from buggy_rl.proof.cases.sealing import CaseStore, groups, seal
-from buggy_rl.proof.score.oracle import ITERATIONS, true_numbers
+from buggy_rl.proof.cases.sealing import CaseStore, seal
+from buggy_rl.proof.score.oracle import ITERATIONS, at_true_numbers, true_numbers
 
 TOGETHER = 12  # cases that are driven in one batch
 COLUMNS = ("effect", "number", "true", "found", "as_given", "mean", "median", "worst")
@@ -59,7 +60,8 @@ def main() -> None:
     store.sealed.mkdir(parents=True, exist_ok=True)
     known = {row["effect"] for row in rows_of(file, COLUMNS)}
     left = [case for case in cases(config) if case.truth[0] not in known]
-    for part in tqdm(list(_batches(store, left)), "driving", unit="batch"):
+    undriven = [case for case in left if not store.inputs(case.id).exists()]
+    for part in tqdm(parts_of(undriven, TOGETHER), "driving", unit="batch"):
         seal(store, part, [], segments=48)
     for case in tqdm(left, "fitting", unit="case"):
         for row in list(fitted_rows(store, case)):  # all of a case, or none
@@ -90,16 +92,9 @@ def fitted_rows(store: CaseStore, case: Case) -> Iterator[dict[str, Any]]:
     """Rows of a case: one a number of its effect."""
     question = open_question(store.inputs(case.id))
     problem = open_case(question.config, question.recordings, question.baseline).problem
-    [(effect, true)] = true_numbers(case).items()
-    start = problem.library.hypothesis((effect,))
-    begun = {
-        (effect, c.parameter.name): float(
-            c.parameter.coordinate(true.get(c.parameter.name, c.parameter.value))
-        )
-        for c in start.coordinates
-        if c.effect == effect
-    }
-    asked = [problem.library.at((effect,), begun), problem.library.hypothesis(())]
+    numbers = true_numbers(case)
+    [(effect, true)] = numbers.items()
+    asked = [at_true_numbers(problem, numbers), problem.library.hypothesis(())]
     own, given = fitted(problem, asked, ITERATIONS)
     left = own.square / problem.noise.dimension
     misfit = {
@@ -108,19 +103,16 @@ def fitted_rows(store: CaseStore, case: Case) -> Iterator[dict[str, Any]]:
         "median": float(left.median()),
         "worst": float(left.max()),
     }
+    told = {name: f"{size:.3g}" for name, size in misfit.items()}
     for number, value in own.values()[effect].items():
-        told = {"effect": effect, "number": number, "true": f"{true.get(number, float('nan')):.4g}"}
+        concealed = f"{true[number]:.4g}" if number in true else ""  # the car has no such number
         yield {
-            **told,
+            "effect": effect,
+            "number": number,
+            "true": concealed,
             "found": f"{value:.4g}",
-            **{name: f"{size:.3g}" for name, size in misfit.items()},
+            **told,
         }
-
-
-def _batches(store: CaseStore, left: Sequence[Case]) -> Iterator[list[Case]]:
-    for group in groups([case for case in left if not store.inputs(case.id).exists()]):
-        for i in range(0, len(group), TOGETHER):
-            yield group[i : i + TOGETHER]
 
 
 if __name__ == "__main__":

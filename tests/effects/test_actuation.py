@@ -231,6 +231,46 @@ def test_what_goes_on_is_passed_through_what_stands_behind_it():
         assert float(engine.got[0][STEERING]) == pytest.approx(expected)
 
 
+LAGGING = 1 - math.exp(-0.01 / 0.05)  # share of its error that a servo of 50 ms corrects
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "linked"),
+    [
+        (
+            "steering_end_stop",
+            {"left_cut": 0.4, "right_cut": 0.2},
+            lambda s: min(max(s, -0.8), 0.6),
+        ),
+        ("steering_curve", {"curvature": 0.4}, lambda s: 0.6 * s + 0.4 * s**3),
+        ("steering_asymmetry", {"left_to_right": 1.44}, lambda s: 1.2 * s if s > 0 else s / 1.2),
+    ],
+)
+def test_a_map_of_the_linkage_is_of_where_a_lagging_servo_is(name, values, linked):
+    engine = Listening()
+    env = over([make_effect(name, values, lag=0.05)], engine)
+    asked = [0.9] * 15 + [-0.9] * 25 + [0.2] * 10
+    follow(env, start(env), torch.tensor([[0.0, steering] for steering in asked]))
+    servo = wheels = 0.0
+    for steering, got in zip(asked, engine.got, strict=True):
+        servo += LAGGING * (steering - servo)
+        wheels += LAGGING * (float(got[STEERING]) - wheels)
+        assert wheels == pytest.approx(linked(servo), abs=1e-5)
+    assert abs(linked(0.8) - 0.8) > 0.05  # a control: none of them is no map
+
+
+def test_tyres_push_the_wheels_of_a_lagging_servo_through_the_play_at_once():
+    engine = Listening()
+    env = over([make_effect("steering_play", {"width": 0.1}, lag=0.05)], engine)
+    state, servo = start(env, (2.0, 0.0, 0.0)), 0.0
+    for rate, pushed in ((0.0, 0.0), (2.0, -0.05), (2.0, -0.05), (-2.0, 0.05)):
+        moving = torch.tensor([2.0, 0.0, rate])
+        state = state.set(keys.VELOCITY, moving).set(keys.ACTION, torch.zeros(2))
+        state = env.step(state)["next"].clone()
+        servo += LAGGING * (float(engine.got[-1][STEERING]) - servo)
+        assert servo == pytest.approx(pushed, abs=1e-4)  # tanh(8) of it
+
+
 def test_a_trim_ends_where_the_servo_does():
     engine = Listening()
     env = over([make_effect("steering_offset", {"offset": 0.3})], engine)

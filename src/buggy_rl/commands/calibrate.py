@@ -13,8 +13,8 @@ weights replace those that the package ships,
 ledgers, their hashes and the number of cases they are from. With `apply=true` those weights, or
 those of `weights=FILE`, are counted on other cases, and nothing is fitted. With `without=[FEATURE]`
 features get no weight. Lines of earlier ledgers lack features: the weights that they give are the
-mean of the prior of those of the later lines, which alone are counted, and a line among them is a
-tenth of one as far as that prior is narrow.
+mean of the prior of those of the later lines, which alone are counted, and its precision is theirs
+by the share `counts`.
 """
 
 from pathlib import Path
@@ -30,7 +30,7 @@ def main() -> None:
     needs("sklearn", "proof", "telling right effects from unknown physics")
     from buggy_rl.core.files import write_atomically
     from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration
-    from buggy_rl.proof.calibrate.calibration import calibrated, content, left_out
+    from buggy_rl.proof.calibrate.calibration import COUNTS, calibrated, content, left_out
     from buggy_rl.proof.calibrate.discrimination import discrimination
     from buggy_rl.proof.calibrate.intervals import (
         STEPS_TRIED,
@@ -50,8 +50,8 @@ def main() -> None:
         mcnemar,
     )
 
-    if config.write and config.without:
-        raise SystemExit("error: write=true is of all features: leave out without=")
+    if config.write and (config.without or config.counts != COUNTS):
+        raise SystemExit("error: write=true is of all features: leave out without= and counts=")
     files = [Path(file) for file in config.ledgers]
     cases = searched(files)
     shipped = load_calibration(Path(config.weights or SHIPPED))
@@ -59,8 +59,8 @@ def main() -> None:
         found = [entry.posterior(shipped) for entry in cases]
         print(f"{len(cases)} cases, weights of {shipped.cases} other cases\n")
     else:
-        calibration, ridge = calibrated(cases, config.without)
-        found, mean = left_out(cases, ridge, config.without)
+        calibration, ridge = calibrated(cases, config.without, config.counts)
+        found, mean = left_out(cases, ridge, config.without, config.counts)
         print(f"{len(cases)} cases, ridge {ridge:g}, mean log probability of truths {mean:.3f}\n")
         if config.write:
             form, of = form_error(scored_numbers(cases)), steps(cases)

@@ -38,7 +38,8 @@ def main() -> None:
 
     alone = {*config.stages} == {"page"}
     entries = all_opened(config) if alone else []
-    entries = of_last_code(entries or run_stages(config))
+    every = entries or run_stages(config)
+    entries = of_last_code(every)
     if not {"score", "page"} & set(config.stages):
         return
     from buggy_rl.proof.ledger import OURS, SEALED, answered_by
@@ -58,7 +59,7 @@ def main() -> None:
 
         command = command_line() if alone else command_line(without="stages=")
         times = openings(config.counter)
-        made = answered_by(entries)
+        made = answered_by(entries, every)
         print(f"written: {write_page(config, scores, compared, command, times, answers, made)}")
         tables = page_tables(answers, compared, made)
         for page in map(Path, config.pages):

@@ -33,7 +33,8 @@ def main() -> None:
 
     alone = not {*config.stages} - {"known", "page"}
     entries = all_opened(config) if alone else []
-    entries = of_last_code(entries or run_stages(config))
+    every = entries or run_stages(config)
+    entries = of_last_code(every)
     if "known" in config.stages and config.known.data is not None:
         from buggy_rl.proof.real.real import known_steps
 
@@ -51,7 +52,8 @@ def main() -> None:
             known = known_results(config.store, config.known.changes)
             command = command_line() if alone else command_line(without="stages=")
             times = openings(config.counter)
-            page = write_real_page(config, score, known, command, times, answered_by(entries))
+            made = answered_by(entries, every)
+            page = write_real_page(config, score, known, command, times, made)
             print(f"written: {page}")
 
 

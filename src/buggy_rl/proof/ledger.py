@@ -235,19 +235,27 @@ def _line(entry: Entry) -> str:
     return json.dumps(entry.to_dict()) + "\n"
 
 
-def answered_by(entries: Sequence[Entry]) -> list[str]:
-    """Times and code of the diagnoses, and how many of them were confined, in words."""
+def answered_by(entries: Sequence[Entry], every: Sequence[Entry] = ()) -> list[str]:
+    """Times and code of the diagnoses, and how many of them were confined, in words.
+
+    Args:
+        entries: That are counted.
+        every: All that were opened, of which the others are said not to be.
+    """
     times = sorted(entry.made["time"] for entry in entries if "time" in entry.made)
     if not times:
         return ["the ledger does not say when its cases were diagnosed"]
     commits = sorted({entry.made.get("commit", "unknown")[:7] for entry in entries})
     sources = len({entry.made.get("source") for entry in entries})
     confined = sum(entry.made.get("confined") == "landlock" for entry in entries)
-    return [
+    lines = [
         f"diagnosed from {times[0]} to {times[-1]}, commit{'s' * (len(commits) > 1)} "
         f"{', '.join(commits)}, {sources} state{'s' * (sources > 1)} of the source",
         f"{confined} of {len(entries)} diagnoses could not read what was sealed",
     ]
+    if (others := len(every) - len(entries)) > 0:
+        lines.append(f"{others} that were opened before, by other code, are not counted")
+    return lines
 
 
 def of_last_code(entries: Sequence[Entry]) -> list[Entry]:

@@ -16,7 +16,7 @@ from buggy_rl.effects.tyre.law import law, slip_of
 FRICTION = 0.84  # [-] of DART's axles, 0.84 and 0.85
 SLIP_STIFFNESS = 13.0  # [-] longitudinal force over load and slip ratio at small slip; chosen
 CREEPING = 0.1  # [m/s] speed below which wheels slip as at it; chosen
-LITTLE = 1e-6  # [-] slip across, of tyres that give no side force
+LITTLE = 1e-6  # in place of 0 under a fraction: of a slip [-], a force over mass, a yaw rate
 
 
 class TorqueSteer(YawEffect):

@@ -32,8 +32,7 @@ from buggy_rl.proof.plants.composed import Sort, is_composed
 
 RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # precisions of the weights' prior that are tried
 EARLIER = 3.0  # precision of that prior of earlier ledgers' weights, which predicted best there
-# Share of a case that one of an earlier ledger counts as: of real recordings there was none. With
-# less, a simulator that lacks nothing is called unknown physics; with more, real cars count less.
+# Share of a case that one of an earlier ledger counts as; chosen, see docs/evidence.md, All cases.
 COUNTS = 0.1
 FOLDS = 8  # groups are left out by as many parts
 SHUT = -1e9  # score of a hypothesis that a case does not have
@@ -51,6 +50,8 @@ class CalibrateConfig:
     """File of other weights, with `apply=true`: to be counted in their place."""
     without: list[str] = field(default_factory=list)
     """Features that get no weight, to see what they tell; not to be written."""
+    counts: float = COUNTS
+    """Share of a case that one of an earlier ledger counts as; others are not to be written."""
     write: bool = False
     """Whether the weights replace those that the package ships."""
 
@@ -129,22 +130,24 @@ def _but(features: Mapping[str, float], without: Collection[str]) -> dict[str, f
     return {name: value for name, value in features.items() if name not in without}
 
 
-def weights(of: FeatureTable, ridge: float) -> tuple[Tensor, Tensor]:
+def weights(of: FeatureTable, ridge: float, counts: float = COUNTS) -> tuple[Tensor, Tensor]:
     """Weights [F] and [G] by penalised maximum likelihood.
 
     Cases of earlier ledgers lack features. Their weights are the mean of the prior of those of the
-    later ones, and their curvature, by `COUNTS`, is a part of its precision.
+    later ones, and their curvature is a part of its precision.
 
     Args:
         of: Cases.
         ridge: Precision of the prior.
+        counts: Share of a case that one of an earlier ledger counts as there.
     """
     none = of.hypotheses.new_zeros(len(of.names[0]) + len(of.names[1]))
+    flat = none.new_zeros(len(none), len(none))
     if not bool(of.later.any()) or bool(of.later.all()):
-        return _weights(of, ridge, none, torch.diag(none))
+        return _weights(of, ridge, none, flat)
     earlier = of[~of.later]
-    mean = torch.cat(_weights(earlier, EARLIER, none, torch.diag(none)))
-    return _weights(of[of.later], ridge, mean, COUNTS * _curvature(earlier, mean))
+    mean = torch.cat(_weights(earlier, EARLIER, none, flat))
+    return _weights(of[of.later], ridge, mean, counts * _curvature(earlier, mean))
 
 
 def _weights(
@@ -202,12 +205,12 @@ def case_folds(entries: Sequence[Entry]) -> Tensor:
 
 
 def left_out(
-    entries: Sequence[Entry], ridge: float, without: Collection[str] = ()
+    entries: Sequence[Entry], ridge: float, without: Collection[str] = (), counts: float = COUNTS
 ) -> tuple[list[Posterior], float]:
     """Posterior of each case by weights from other groups; mean log probability of truths."""
     of, part = feature_table(entries, without), case_folds(entries)
     found: list[Posterior] = [Posterior({}, 1.0)] * len(entries)
-    kept = list(_by_fold(of, part, ridge))
+    kept = list(_by_fold(of, part, ridge, counts))
     for out, w, v in kept:
         calibration = _calibration(of[~out], w, v)
         for row in out.nonzero().flatten().tolist():
@@ -216,21 +219,21 @@ def left_out(
 
 
 def calibrated(
-    entries: Sequence[Entry], without: Collection[str] = ()
+    entries: Sequence[Entry], without: Collection[str] = (), counts: float = COUNTS
 ) -> tuple[Calibration, float]:
     """Weights from all cases, and the ridge that predicts left-out groups best."""
     of, part = feature_table(entries, without), case_folds(entries)
-    ridge = max(RIDGES, key=lambda r: _predicted(of, _by_fold(of, part, r)))
-    return _calibration(of, *weights(of, ridge)), ridge
+    ridge = max(RIDGES, key=lambda r: _predicted(of, _by_fold(of, part, r, counts)))
+    return _calibration(of, *weights(of, ridge, counts)), ridge
 
 
 def _by_fold(
-    of: FeatureTable, part: Tensor, ridge: float
+    of: FeatureTable, part: Tensor, ridge: float, counts: float
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Which cases [n] are left out, and the weights of the others."""
     for number in range(FOLDS):
         out = part == number
-        yield out, *weights(of[~out], ridge)
+        yield out, *weights(of[~out], ridge, counts)
 
 
 def _predicted(of: FeatureTable, kept: Iterable[tuple[Tensor, Tensor, Tensor]]) -> float:

@@ -76,6 +76,11 @@ def true_fits(problem: Problem, true: Numbers, rivals: int) -> TrueFits:
 
 
 def _truth(problem: Problem, truth: Numbers) -> Fit:
+    return fitted(problem, [at_true_numbers(problem, truth)], ITERATIONS)[0]
+
+
+def at_true_numbers(problem: Problem, truth: Numbers) -> Hypothesis:
+    """The true structure at the numbers that are concealed, where a fit of it begins."""
     start = problem.library.hypothesis(tuple(truth))
     known = {
         # What a plant has no number for begins at neutral.
@@ -85,7 +90,7 @@ def _truth(problem: Problem, truth: Numbers) -> Fit:
         for c in start.coordinates
         if c.effect
     }
-    return fitted(problem, [problem.library.at(tuple(truth), known)], ITERATIONS)[0]
+    return problem.library.at(tuple(truth), known)
 
 
 def _without_each(problem: Problem, null: Fit, truth: Fit, rivals: int) -> dict[str, Hypothesis]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from buggy_rl.diagnosis.search.posterior import LISTED, Posterior
+from buggy_rl.diagnosis.search.posterior import EVEN, LISTED, Posterior
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.rivals import McNemar
@@ -42,6 +42,7 @@ def _column(scored: Sequence[ScoredCase]) -> dict[str, str]:
     squares = [(p - right) ** 2 for p, right in claims]
     return {
         **{row.name: cell(row.figure) for row in searched_rows(scored)},
+        "names above 0.5 that are right": cell(share([right for p, right in claims if p > EVEN])),
         "called unknown: a name that holds whatever else is missing, right": cell(share(standing)),
         "Brier score of all listed names": f"{sum(squares) / max(1, len(squares)):.3f}",
         "expected calibration error": f"{calibration_error(claims):.3f} ({len(claims)} names)",
