@@ -34,9 +34,9 @@ from buggy_rl.proof.cases.draw import DrawConfig, drawn
 from buggy_rl.proof.cases.sealing import CaseStore, seal, unsealed
 from buggy_rl.proof.cases.simulators import prepare, unprepared
 from buggy_rl.proof.score.answers import WeighedAnswer, answer_rows
+from buggy_rl.proof.score.figures import written
 from buggy_rl.proof.score.held_out import stack_errors
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase
-from buggy_rl.proof.score.score import written
 from buggy_rl.proof.score.stack import SIMPLER
 from buggy_rl.proof.score.weighing import answer_of, shown
 from buggy_rl.recordings import load_recordings

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from benchmarks.round_tripping.cases import BRAKED, ONE_WAY
 
-from buggy_rl.proof.score.score import share
+from buggy_rl.proof.score.figures import share
 
 CARS = {1.0: "1:10", 2.0: "1:5", 10.0: "full size"}
 Row = Mapping[str, str]

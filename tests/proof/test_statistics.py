@@ -1,14 +1,15 @@
 """Intervals and calibration, worked by hand."""
 
+from statistics import median
+
 import pytest
 
+from buggy_rl.proof.score.figures import clustered, clustered_share, middle, share
 from buggy_rl.proof.score.score import (
     calibration,
     calibration_error,
     debiased_calibration_error,
-    middle,
     selective_accuracy,
-    share,
 )
 
 
@@ -34,6 +35,31 @@ def test_a_median_has_an_interval_that_repeats():
     assert figure.value == 3.0
     assert 1.0 <= figure.low <= 3.0 <= figure.high <= 100.0
     assert figure == middle([1.0, 2.0, 3.0, 4.0, 100.0])
+
+
+def test_an_interval_of_clusters_is_that_of_fewer_cases():
+    # Two clusters of ten, p = 0.5: of alternating hits each sums to 0, so nothing is shared.
+    apart = [[True, False] * 5, [True, False] * 5]
+    assert clustered_share(apart) == share([True, False] * 10)
+    # Four clusters of five, all alike within: deff = 4 / 3 * 4 * 2.5^2 / 5 = 20 / 3, t_3 = 3.18245,
+    # n' = 20 / (20 / 3) * (1.95996 / 3.18245)^2 = 1.13788; Wilson's half width at p = 0.5 is
+    # 1.95996 sqrt(0.25 / n' + z^2 / (4 n'^2)) / (1 + z^2 / n') = 0.43921.
+    alike = [[True] * 5, [True] * 5, [False] * 5, [False] * 5]
+    figure = clustered_share(alike)
+    assert (figure.value, figure.count) == (0.5, 20)
+    assert (figure.low, figure.high) == pytest.approx((0.06079, 0.93921), abs=2e-4)
+    assert clustered_share([[True] * 5]) == share([True] * 5)
+    assert clustered_share([[True], [], [True]]) == share([True, True])
+    assert clustered_share([[]]).count == 0
+
+
+def test_a_median_of_clusters_is_never_told_more_narrowly_than_of_single_values():
+    values = [1.0, 2.0, 3.0, 10.0, 11.0, 12.0]
+    alone, together = middle(values), clustered([values[:3], values[3:]], median)
+    assert together.value == alone.value
+    assert together.low <= min(alone.low, 2.0)  # the first cluster alone, in a quarter of resamples
+    assert together.high >= max(alone.high, 11.0)
+    assert clustered([], median).count == 0
 
 
 CLAIMS = [(0.95, True), (0.95, True), (0.95, False), (0.55, True), (0.55, False)]

@@ -44,8 +44,8 @@ def main() -> None:
         return
     from buggy_rl.proof.ledger import OURS, SEALED, answered_by
     from buggy_rl.proof.score.answers import answer_rows
+    from buggy_rl.proof.score.figures import lines_of
     from buggy_rl.proof.score.rivals import comparisons, scores_of
-    from buggy_rl.proof.score.score import lines_of
     from buggy_rl.proof.score.weighing import answer_of
 
     scores, compared = scores_of(entries), comparisons(entries)

@@ -26,9 +26,10 @@ from buggy_rl.proof.score.answers import (
     named_curve,
     stack_by_family,
 )
+from buggy_rl.proof.score.figures import Figure, ScoreRow, written
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.rivals import MethodComparison
-from buggy_rl.proof.score.score import Figure, Score, ScoreRow, written
+from buggy_rl.proof.score.score import Score
 from buggy_rl.proof.score.strength import STRENGTHS
 
 GOOD, BAD = COLOURS[1], COLOURS[0]

@@ -34,7 +34,7 @@ from buggy_rl.proof.cases.case import RATES, Case
 from buggy_rl.proof.cases.drives import plant_of, plant_parameters
 from buggy_rl.proof.cases.equivalents import expected
 from buggy_rl.proof.ledger import Entry
-from buggy_rl.proof.score.score import Figure, cell, share, written
+from buggy_rl.proof.score.figures import Figure, cell, share, written
 
 CHANCE = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # tried
 ALWAYS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34)  # tried

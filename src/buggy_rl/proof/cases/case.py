@@ -105,6 +105,11 @@ class Concealing(Protocol):
         ...
 
     @property
+    def cluster(self) -> str:
+        """Name of what it shares with other cases: the make of its car, and the simulator."""
+        ...
+
+    @property
     def concealed(self) -> dict[str, dict[str, float]]:
         """Effect -> parameter -> value."""
         ...
@@ -240,6 +245,11 @@ class Case:
     def car(self) -> CarFile:
         """The car, as its file says it."""
         return car_of(self.scale, self.longitudinal)
+
+    @property
+    def cluster(self) -> str:
+        """Plant and simulator, whose makes other cases have too."""
+        return f"{self.plant} -> {self.simulator}"
 
     @property
     def pairing(self) -> str:

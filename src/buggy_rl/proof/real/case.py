@@ -52,6 +52,11 @@ class RealCase:
         return False
 
     @property
+    def cluster(self) -> str:
+        """Recordings, and the simulator that was fitted to the others: other cases have both."""
+        return f"{self.dataset} {self.half} {self.engine}"
+
+    @property
     def pairing(self) -> str:
         """Car and simulator, as tables have them."""
         return f"{self.dataset} -> {self.engine}{', baseline' * self.baseline}"

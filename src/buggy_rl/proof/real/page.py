@@ -9,8 +9,8 @@ from buggy_rl.proof.page import indented, strength_cells
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.score import RealOutcome, RealScore
+from buggy_rl.proof.score.figures import written
 from buggy_rl.proof.score.outcome import CaseAnswer
-from buggy_rl.proof.score.score import written
 from buggy_rl.proof.score.strength import VISIBLE
 
 VERDICTS = {True: "right", False: "**not right**", None: "not diagnosed"}

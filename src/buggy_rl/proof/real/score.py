@@ -7,8 +7,14 @@ from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.ledger import Entry
 from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, named_curve
-from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import Figure, ScoreRow, classes, lines_of, of, row, share
+from buggy_rl.proof.score.figures import (
+    Figure,
+    ScoreRow,
+    clustered_row,
+    lines_of,
+)
+from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
+from buggy_rl.proof.score.score import classes, of
 from buggy_rl.proof.score.strength import STRENGTHS, VISIBLE
 
 
@@ -126,7 +132,13 @@ def _classes(
 
 
 def _both(outcomes: Sequence[RealOutcome]) -> list[Figure]:
-    return [share([o.first_sure for o in outcomes]), share([bool(o.wrong) for o in outcomes])]
+    return [_row("", outcomes, hit).figure for hit in (_first_sure, _misnamed)]
+
+
+def _row(
+    name: str, outcomes: Sequence[RealOutcome], hit: Callable[[RealOutcome], bool]
+) -> ScoreRow:
+    return clustered_row(name, by_cluster(outcomes, lambda o: [hit(o)]))
 
 
 def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
@@ -136,26 +148,38 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
     visible = [o for o in one if (o.weakest or 0.0) >= VISIBLE]
     changed = [o for o in one if (o.least_changed or 0.0) >= VISIBLE]
     found = [
-        row("one edit: first name right and above one half", [o.first_sure for o in one]),
-        row(f"  of strength above {VISIBLE:g} nats", [o.first_sure for o in visible]),
-        row(f"  above {VISIBLE:g} nats of second evidence", [o.first_sure for o in changed]),
-        row("  first name right, however sure", [o.scored.right for o in one]),
-        row("one edit: a wrong name above one half", [bool(o.wrong) for o in one]),
-        row("two edits: both named above one half", [o.sure >= {*o.case.truth} for o in two]),
-        row("  one of them at least", [bool(o.sure & {*o.case.truth}) for o in two]),
-        row("two edits: a wrong name above one half", [bool(o.wrong) for o in two]),
-        row("unknown edit: a name above one half", [bool(o.wrong) for o in outside]),
-        row("unknown edit: called unknown", [o.scored.calls_unknown for o in outside]),
+        _row("one edit: first name right and above one half", one, _first_sure),
+        _row(f"  of strength above {VISIBLE:g} nats", visible, _first_sure),
+        _row(f"  above {VISIBLE:g} nats of second evidence", changed, _first_sure),
+        _row("  first name right, however sure", one, lambda o: o.scored.right),
+        _row("one edit: a wrong name above one half", one, _misnamed),
+        _row("two edits: both named above one half", two, lambda o: o.sure >= {*o.case.truth}),
+        _row("  one of them at least", two, lambda o: bool(o.sure & {*o.case.truth})),
+        _row("two edits: a wrong name above one half", two, _misnamed),
+        _row("unknown edit: a name above one half", outside, _misnamed),
+        _row("unknown edit: called unknown", outside, _called_unknown),
     ]
     for given, words in ((True, "with a baseline"), (False, "without one")):
         same = [o for o in nothing if o.case.baseline == given]
         name = f"nothing edited, {words}"
         found += [
-            row(f"{name}: something named above one half", [bool(o.wrong) for o in same]),
-            row("  called unknown", [o.scored.calls_unknown for o in same]),
+            _row(f"{name}: something named above one half", same, _misnamed),
+            _row("  called unknown", same, _called_unknown),
         ]
     return [
         *found,
-        row("crashed or timed out", [o.scored.answer.status != "answered" for o in outcomes]),
-        row("could not be weighed", [bool(o.scored.failed) for o in outcomes]),
+        _row("crashed or timed out", outcomes, lambda o: o.scored.answer.status != "answered"),
+        _row("could not be weighed", outcomes, lambda o: bool(o.scored.failed)),
     ]
+
+
+def _first_sure(o: RealOutcome) -> bool:
+    return o.first_sure
+
+
+def _misnamed(o: RealOutcome) -> bool:
+    return bool(o.wrong)
+
+
+def _called_unknown(o: RealOutcome) -> bool:
+    return o.scored.calls_unknown

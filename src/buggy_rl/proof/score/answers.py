@@ -4,13 +4,19 @@ A name is given where its probability is above one half. An effect can be found 
 the held-out gain over the best set without it, is 6 nats at least.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from statistics import fmean
+from statistics import fmean, median
 
 from buggy_rl.diagnosis.search.posterior import EVEN
-from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.score import Figure, ScoreRow, bootstrapped, middle, row, share
+from buggy_rl.proof.score.figures import (
+    Figure,
+    ScoreRow,
+    clustered,
+    clustered_row,
+    clustered_share,
+)
+from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
 from buggy_rl.proof.score.stack import SIMPLER, StackErrors
 from buggy_rl.proof.score.strength import VISIBLE
 from buggy_rl.proof.score.tables import listed
@@ -155,35 +161,60 @@ class MoreRow:
 
 
 def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
-    """Figures with their targets.
+    """Figures with their targets; intervals by clusters of the same car's make and simulator.
 
     A case without an answer is one in which nothing was found; that nothing wrong was said in it is
     no merit, and is not counted.
     """
-    known = [c for c in cases if c.family in COUNTED]
-    inside = [c for c in of(cases, "term") if c.visible]
+    known, terms = [c for c in cases if c.family in COUNTED], of(cases, "term")
+    several = [c for c in cases if c.family in SEVERAL]
     nothing, outside, within = (
-        [bool(c.wrong) for c in of(cases, family) if c.answered]
-        for family in ("nothing", "unknown", "term")
+        [c for c in of(cases, family) if c.answered] for family in ("nothing", "unknown", "term")
     )
-    one, several = (
-        [n in c.given for c in cases if c.family in families for n in c.visible]
-        for families in (("one",), SEVERAL)
-    )
-    covered = [c.covered for c in of(cases, "term") if c.covered is not None]
+    squares = by_cluster(known, lambda c: [(p - right) ** 2 for p, right in listed(c.scored)])
+    held = clustered_share(by_cluster(terms, lambda c: [] if c.covered is None else [c.covered]))
+    brier = clustered(squares, fmean)
     return [
-        row("names above one half that are right", _right(known), 0.95),
-        row(f"effects above {VISIBLE:g} nats that are named, of one", one, 0.9),
-        row("  of two and three", several, 0.8),
-        _brier(known),
-        row("nothing concealed: something named", nothing),
-        row("in the grammar: term found", [bool(c.found_term) for c in inside], 0.8),
-        ScoreRow("  its interval holds the coefficient", share(covered), 0.92, ceiling=0.97),
-        row("in the grammar: an effect named", within),
-        row("outside of it: an effect named", outside, 0.05, most=True),
-        row("no answer: a drive refused, or a crash", [not c.answered for c in cases]),
-        *_stack_rows([c.stack for c in cases if c.stack is not None]),
+        _row("names above one half that are right", known, _right, 0.95),
+        _row(
+            f"effects above {VISIBLE:g} nats that are named, of one", of(cases, "one"), _seen, 0.9
+        ),
+        _row("  of two and three", several, _seen, 0.8),
+        ScoreRow("Brier score of all listed names", brier, 0.06, most=True, percent=False),
+        _row("nothing concealed: something named", nothing, _misnamed),
+        _row("in the grammar: term found", [c for c in terms if c.visible], _term_found, 0.8),
+        ScoreRow("  its interval holds the coefficient", held, 0.92, ceiling=0.97),
+        _row("in the grammar: an effect named", within, _misnamed),
+        _row("outside of it: an effect named", outside, _misnamed, 0.05, most=True),
+        _row("no answer: a drive refused, or a crash", cases, lambda c: [not c.answered]),
+        *_stack_rows(cases),
     ]
+
+
+def _row(
+    name: str,
+    cases: Iterable[WeighedAnswer],
+    hits: Callable[[WeighedAnswer], list[bool]],
+    target: float | None = None,
+    most: bool = False,
+) -> ScoreRow:
+    return clustered_row(name, by_cluster(cases, hits), target, most)
+
+
+def _right(case: WeighedAnswer) -> list[bool]:
+    return [name in case.scored.case.truth for name in case.given]
+
+
+def _seen(case: WeighedAnswer) -> list[bool]:
+    return [name in case.given for name in case.visible]
+
+
+def _misnamed(case: WeighedAnswer) -> list[bool]:
+    return [bool(case.wrong)]
+
+
+def _term_found(case: WeighedAnswer) -> list[bool]:
+    return [bool(case.found_term)]
 
 
 def of(cases: Iterable[WeighedAnswer], family: str) -> list[WeighedAnswer]:
@@ -198,29 +229,30 @@ def named_curve(cases: Sequence[WeighedAnswer], bounds: Sequence[float]) -> list
 
 
 def _at_least(known: Sequence[WeighedAnswer], bound: float) -> StrengthRow:
-    named = [name in c.given for c in known for name, nats in c.strength.items() if nats >= bound]
+    named = by_cluster(
+        known, lambda c: [name in c.given for name, nats in c.strength.items() if nats >= bound]
+    )
     strong = [c for c in known if c.strength and min(c.strength.values()) >= bound]
-    return StrengthRow(bound, share(named), share(_right(strong)))
+    right = by_cluster(strong, _right)
+    return StrengthRow(bound, clustered_share(named), clustered_share(right))
 
 
-def _right(cases: Sequence[WeighedAnswer]) -> list[bool]:
-    return [name in c.scored.case.truth for c in cases for name in c.given]
-
-
-def _brier(cases: Sequence[WeighedAnswer]) -> ScoreRow:
-    squares = [(p - right) ** 2 for c in cases for p, right in listed(c.scored)]
-    figure = bootstrapped(squares, fmean)
-    return ScoreRow("Brier score of all listed names", figure, 0.06, most=True, percent=False)
-
-
-def _stack_rows(stacks: Sequence[StackErrors]) -> list[ScoreRow]:
-    seen = [stack for stack in stacks if stack.seen]
+def _stack_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     return [
-        ScoreRow("gap closed on held-out drives, median", middle([s.closed() for s in seen]), 0.9),
-        ScoreRow("  by re-tuning alone", middle([s.closed("retuned") for s in seen])),
-        ScoreRow("  by a learned residual alone", middle([s.closed("residual") for s in seen])),
-        row("surely beaten by something simpler", [s.beaten for s in stacks], 0.0, most=True),
+        ScoreRow("gap closed on held-out drives, median", _closed(cases, "stack"), 0.9),
+        ScoreRow("  by re-tuning alone", _closed(cases, "retuned")),
+        ScoreRow("  by a learned residual alone", _closed(cases, "residual")),
+        ScoreRow("surely beaten by something simpler", _beaten(cases), 0.0, most=True),
     ]
+
+
+def _closed(cases: Iterable[WeighedAnswer], what: str) -> Figure:
+    closed = by_cluster(cases, lambda c: [c.stack.closed(what)] if c.stack and c.stack.seen else [])
+    return clustered(closed, median)
+
+
+def _beaten(cases: Iterable[WeighedAnswer]) -> Figure:
+    return clustered_share(by_cluster(cases, lambda c: [c.stack.beaten] if c.stack else []))
 
 
 FAMILIES = {
@@ -238,24 +270,19 @@ def stack_by_family(cases: Iterable[WeighedAnswer]) -> list[StackRow]:
     weighed = [case for case in cases if case.stack is not None]
     rows = []
     for family, words in FAMILIES.items():
-        stacks = [case.stack for case in of(weighed, family) if case.stack is not None]
-        seen = [stack for stack in stacks if stack.seen]
-        closed, retuned, residual = (
-            middle([s.closed(name) for s in seen]) for name in ("stack", *SIMPLER[1:])
-        )
-        if stacks:
-            beaten = share([s.beaten for s in stacks])
-            rows.append(StackRow(words, closed, retuned, residual, beaten))
+        if same := of(weighed, family):
+            closed, retuned, residual = (_closed(same, what) for what in ("stack", *SIMPLER[1:]))
+            rows.append(StackRow(words, closed, retuned, residual, _beaten(same)))
     return rows
 
 
 def more_by_difference(cases: Iterable[WeighedAnswer]) -> list[MoreRow]:
     """What is said of more that is missing, by what differs; kinds without a case are left out."""
-    said = [(case.beside, case.more) for case in cases if case.more is not None]
+    said = [case for case in cases if case.more is not None]
     rows = []
     for kind in BESIDE:
-        own = [p for what, p in said if what == kind]
-        if own:
-            surely, hardly = share([p >= SURE for p in own]), share([p < 1 - SURE for p in own])
-            rows.append(MoreRow(kind, surely, hardly))
+        if own := [case for case in said if case.beside == kind]:
+            surely = by_cluster(own, lambda c: [(c.more or 0.0) >= SURE])
+            hardly = by_cluster(own, lambda c: [(c.more or 0.0) < 1 - SURE])
+            rows.append(MoreRow(kind, clustered_share(surely), clustered_share(hardly)))
     return rows

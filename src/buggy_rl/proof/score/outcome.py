@@ -1,8 +1,8 @@
 """The answer to a case, and the answer beside the truth."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from buggy_rl.diagnosis.search.posterior import EVEN, Posterior, certainly_missing
 from buggy_rl.proof.cases.case import Concealing
@@ -238,3 +238,26 @@ class ScoredCase(Generic[Kind]):
         if gap < 0.02 * errors["as_given"]:
             return None  # what is concealed does not show in this metric
         return (errors["as_given"] - errors["named"]) / gap
+
+
+class Counted(Protocol):
+    """What is counted of a case, whatever stands beside its answer."""
+
+    @property
+    def scored(self) -> ScoredCase[Any]:
+        """The answer beside the truth."""
+        ...
+
+
+Outcome = TypeVar("Outcome", bound=Counted)
+Value = TypeVar("Value")
+
+
+def by_cluster(
+    outcomes: Iterable[Outcome], values: Callable[[Outcome], Sequence[Value]]
+) -> list[list[Value]]:
+    """Values of outcomes, a list for the cases of each cluster."""
+    found: dict[str, list[Value]] = {}
+    for outcome in outcomes:
+        found.setdefault(outcome.scored.case.cluster, []).extend(values(outcome))
+    return [*found.values()]

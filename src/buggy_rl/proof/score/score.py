@@ -1,63 +1,29 @@
 """The figures of a set of scored cases, by class of cases too, with their intervals."""
 
 import math
-import random
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from statistics import median
 from typing import TypeVar
-
-from scipy.stats import binomtest
 
 from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.cases.equivalents import expected
 from buggy_rl.proof.plants.composed import is_composed
+from buggy_rl.proof.score.figures import (
+    Figure,
+    ScoreRow,
+    bootstrapped,
+    lines_of,
+    middle,
+    row,
+    share,
+)
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.terms import is_term
 
-RESAMPLES = 2000
 BINS = 10
 EQUATION = "an equation"
 """Physics that was composed, and terms that are said, where what was confused is counted."""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A number with the bounds of its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    count: int
-    """Cases that it is of."""
-
-
-NONE = Figure(math.nan, math.nan, math.nan, 0)
-
-
-def share(hits: Sequence[bool]) -> Figure:
-    """Share of hits with Wilson's interval."""
-    if not hits:
-        return NONE
-    found = binomtest(sum(hits), len(hits))
-    interval = found.proportion_ci(method="wilson")
-    return Figure(found.statistic, float(interval.low), float(interval.high), len(hits))
-
-
-def middle(values: Sequence[float]) -> Figure:
-    """Median with a bootstrap's interval."""
-    return bootstrapped(values, median)
-
-
-def bootstrapped(values: Sequence, statistic) -> Figure:
-    """A statistic of a sample, and what 95 % of resamples give; always the same resamples."""
-    if not values:
-        return NONE
-    chance = random.Random(0)
-    drawn = sorted(statistic(chance.choices(values, k=len(values))) for _ in range(RESAMPLES))
-    low, high = drawn[int(0.025 * RESAMPLES)], drawn[int(0.975 * RESAMPLES) - 1]
-    return Figure(statistic(values), low, high, len(values))
 
 
 def calibration(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, float, int]]:
@@ -108,37 +74,6 @@ CLOSE = 0.1  # relative error of a number that counts as right
 NATS = (10, 30, 100, 300, 1000, 10_000)  # [nats] bounds of the classes of detectability
 
 
-@dataclass(frozen=True)
-class ScoreRow:
-    """One line of the score."""
-
-    name: str
-    figure: Figure
-    target: float | None = None
-    """Least value, or greatest where `most`."""
-    most: bool = False
-    percent: bool = True
-    ceiling: float | None = None
-    """Greatest value, where there is a least one as well."""
-
-    @property
-    def met(self) -> bool | None:
-        """Whether the target is met; None where there is no target or no case."""
-        if self.target is None or not self.figure.count:
-            return None
-        value = self.figure.value
-        if self.ceiling is not None and value > self.ceiling:
-            return False
-        return value <= self.target if self.most else value >= self.target
-
-
-def row(
-    name: str, hits: Sequence[bool], target: float | None = None, most: bool = False
-) -> ScoreRow:
-    """A share of cases."""
-    return ScoreRow(name, share(hits), target, most)
-
-
 def _detectability(o: ScoredCase) -> str:
     if o.nats is None:
         return "not weighed"
@@ -184,15 +119,6 @@ class Score:
             said = ", ".join(f"{s.name} ({s.confidence:.2f})" for s in answer.said)
             found.append(f"{o.case.id}: {true} -> {answer.verdict} {said or answer.status}")
         return found
-
-
-def lines_of(rows: Sequence[ScoreRow]) -> list[str]:
-    """Figures in plain text, and whether they meet their targets."""
-    return [
-        f"{row.name:64} {written(row.figure, row.percent):>28}  n = {row.figure.count:4}"
-        + ("" if row.met is None else "  met" if row.met else "  NOT MET")
-        for row in rows
-    ]
 
 
 def score(outcomes: Sequence[ScoredCase]) -> Score:
@@ -377,18 +303,3 @@ def _confusion(outcomes: Iterable[ScoredCase]) -> dict[str, Counter]:
         said = EQUATION if is_term(said) else said
         found.setdefault(true, Counter())[said] += 1
     return dict(sorted(found.items()))
-
-
-def written(figure: Figure, percent: bool = True, digits: int | None = None) -> str:
-    """A figure with its interval, such as 95.0 % (88.1 to 98.2)."""
-    if not figure.count:
-        return "no case"
-    scale, unit, usual = (100, " %", 1) if percent else (1, "", 3)
-    digits = usual if digits is None else digits
-    value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
-    return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
-
-
-def cell(figure: Figure) -> str:
-    """A share in whole per cent with its interval and the number of cases."""
-    return f"{written(figure, digits=0)} of {figure.count}" if figure.count else "no cases"

@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 
 from buggy_rl.diagnosis.search.posterior import EVEN, LISTED, Posterior
 from buggy_rl.proof.ledger import Entry
+from buggy_rl.proof.score.figures import cell, share
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.rivals import McNemar
 from buggy_rl.proof.score.score import (
     calibration_error,
-    cell,
     debiased_calibration_error,
     searched_rows,
-    share,
 )
 
 
