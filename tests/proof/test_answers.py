@@ -12,6 +12,7 @@ from buggy_rl.proof.score.answers import (
     named_curve,
     stack_by_family,
 )
+from buggy_rl.proof.score.figures import share
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.stack import StackErrors
 from buggy_rl.proof.score.terms import TermMatch
@@ -42,6 +43,26 @@ def test_names_count_from_one_half_on():
     ]
     assert value(cases, "names above one half") == (pytest.approx(1 / 3), 3)
     assert value(cases, "nothing concealed") == (1.0, 1)
+
+
+def test_cases_of_one_make_and_simulator_are_a_cluster_with_a_baseline_or_without():
+    right, wrong = {"steering_gain": 0.9}, {"steering_offset": 0.9}
+
+    def interval(makes, said):
+        cases = [
+            answered({"steering_gain": GAIN}, s, simulator, baseline=i % 2 == 0)
+            for i, (simulator, s) in enumerate(zip(makes, said, strict=True))
+        ]
+        [row, *_] = answer_rows(cases)
+        return row.figure
+
+    said = [right] * 6 + [wrong] * 6
+    alike = interval(["reference"] * 6 + ["learned"] * 6, said)
+    mixed = interval(["reference", "learned"] * 6, said)
+    assert alike.value == mixed.value == 0.5
+    assert mixed == share([True] * 6 + [False] * 6)
+    assert alike.low < mixed.low
+    assert alike.high > mixed.high
 
 
 def test_a_term_is_no_name_of_the_library():

@@ -4,7 +4,7 @@ from statistics import median
 
 import pytest
 
-from buggy_rl.proof.score.figures import clustered, clustered_share, middle, share
+from buggy_rl.proof.score.figures import clustered, clustered_share, middle, share, written
 from buggy_rl.proof.score.score import (
     calibration,
     calibration_error,
@@ -60,6 +60,12 @@ def test_a_median_of_clusters_is_never_told_more_narrowly_than_of_single_values(
     assert together.low <= min(alone.low, 2.0)  # the first cluster alone, in a quarter of resamples
     assert together.high >= max(alone.high, 11.0)
     assert clustered([], median).count == 0
+
+
+def test_one_value_tells_no_interval():
+    assert written(middle([0.25])) == "25.0 %"
+    assert written(clustered([[0.25]], median), percent=False) == "0.250"
+    assert written(share([True])) == "100.0 % (20.7 to 100.0)"
 
 
 CLAIMS = [(0.95, True), (0.95, True), (0.95, False), (0.55, True), (0.55, False)]

@@ -10,7 +10,7 @@ from buggy_rl.proof.score.answers import StrengthRow, WeighedAnswer, named_curve
 from buggy_rl.proof.score.figures import (
     Figure,
     ScoreRow,
-    clustered_row,
+    clustered_share,
     lines_of,
 )
 from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
@@ -132,13 +132,17 @@ def _classes(
 
 
 def _both(outcomes: Sequence[RealOutcome]) -> list[Figure]:
-    return [_row("", outcomes, hit).figure for hit in (_first_sure, _misnamed)]
+    return [_share(outcomes, hit) for hit in (_first_sure, _misnamed)]
 
 
 def _row(
     name: str, outcomes: Sequence[RealOutcome], hit: Callable[[RealOutcome], bool]
 ) -> ScoreRow:
-    return clustered_row(name, by_cluster(outcomes, lambda o: [hit(o)]))
+    return ScoreRow(name, _share(outcomes, hit))
+
+
+def _share(outcomes: Sequence[RealOutcome], hit: Callable[[RealOutcome], bool]) -> Figure:
+    return clustered_share(by_cluster(outcomes, lambda o: [hit(o)]))
 
 
 def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:

@@ -13,7 +13,6 @@ from buggy_rl.proof.score.figures import (
     Figure,
     ScoreRow,
     clustered,
-    clustered_row,
     clustered_share,
 )
 from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
@@ -198,7 +197,7 @@ def _row(
     target: float | None = None,
     most: bool = False,
 ) -> ScoreRow:
-    return clustered_row(name, by_cluster(cases, hits), target, most)
+    return ScoreRow(name, clustered_share(by_cluster(cases, hits)), target, most)
 
 
 def _right(case: WeighedAnswer) -> list[bool]:

@@ -21,7 +21,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Figure:
-    """A number with the bounds of its 95 % interval."""
+    """A number with the bounds of its 95 % interval; nan where one value tells none."""
 
     value: float
     low: float
@@ -56,7 +56,7 @@ def clustered_share(groups: Sequence[Sequence[bool]]) -> Figure:
         squares = sum((sum(group) - p * len(group)) ** 2 for group in groups)
         effect = clusters / (clusters - 1) * squares / (n * p * (1 - p))
         narrow = (_normal() / float(t.ppf(LEVEL, clusters - 1))) ** 2
-        worth = min(worth, worth / max(effect, 1e-9) * narrow)
+        worth = n * min(1.0, narrow / effect) if effect else worth
     return _wilson(hits, n, worth)
 
 
@@ -92,6 +92,8 @@ def clustered(groups: Sequence[Sequence], statistic) -> Figure:
 def _bootstrapped(groups: Sequence[Sequence], statistic) -> Figure:
     if not groups:
         return NONE
+    if len(_all(groups)) == 1:
+        return Figure(statistic(_all(groups)), math.nan, math.nan, 1)
     chance, count = random.Random(0), len(groups)
     drawn = (chance.choices(groups, k=count) for _ in range(RESAMPLES))
     found = sorted(statistic(_all(some)) for some in drawn)
@@ -134,13 +136,6 @@ def row(
     return ScoreRow(name, share(hits), target, most)
 
 
-def clustered_row(
-    name: str, groups: Sequence[Sequence[bool]], target: float | None = None, most: bool = False
-) -> ScoreRow:
-    """A share of cases that come in clusters."""
-    return ScoreRow(name, clustered_share(groups), target, most)
-
-
 def lines_of(rows: Sequence[ScoreRow]) -> list[str]:
     """Figures in plain text, and whether they meet their targets."""
     return [
@@ -157,6 +152,8 @@ def written(figure: Figure, percent: bool = True, digits: int | None = None) -> 
     scale, unit, usual = (100, " %", 1) if percent else (1, "", 3)
     digits = usual if digits is None else digits
     value, low, high = (scale * v for v in (figure.value, figure.low, figure.high))
+    if math.isnan(low):
+        return f"{value:.{digits}f}{unit}"
     return f"{value:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
 
 
