@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from buggy_rl.core.kernels import LANES
 from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.effects.residual_models import INPUTS, MOTION, ResidualProcess
 from buggy_rl.estimation.noise_model import noise_model
@@ -134,6 +135,16 @@ def test_models_of_a_batch_are_the_same_as_each_alone():
     together = by_row(models, owner)(inputs)
     apart = torch.stack([models[k](x) for k, x in zip(owner.tolist(), inputs, strict=True)])
     torch.testing.assert_close(together, apart)
+
+
+def test_any_number_of_segments_is_rolled_out_with_a_model_of_each(of_drives, wrong):
+    """Batches are filled up to the lanes of kernels; there is no model for what is filled in."""
+    models, _, rows = of_drives
+    count = 3 * LANES - 1  # one short, and so many that one more costs little
+    many = torch.arange(count) % len(wrong)
+    together = beside(by_row(models, rows.group[many]), wrong.dt).residuals(wrong[many])
+    alone = beside(by_row(models, rows.group), wrong.dt).residuals(wrong)
+    torch.testing.assert_close(together, alone[:, many], atol=1e-5, rtol=0)
 
 
 def test_it_learns_nothing_from_what_the_sensor_alone_shows_wrong():

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from buggy_rl.effects.base import EffectParameter
 from buggy_rl.effects.motion.base import Motion, MotionEffect
-from buggy_rl.effects.residual_models import LAGS, Residual, load_residual
+from buggy_rl.effects.residual_models import LAGS, Residual, ResidualProcess, load_residual
 
 PAST = 2 * len(LAGS)  # lagged commands
 
@@ -42,6 +42,11 @@ class ResidualAcceleration(MotionEffect):
     def options(self) -> dict[str, Any]:
         model = self.network if self._file is None else self._file
         return super().options | {"model": model}
+
+    @property
+    def of_each(self) -> bool:
+        """Whether each environment has a model of its own: then there can be no more of them."""
+        return isinstance(self.network, ResidualProcess) and self.network.of_each
 
     @classmethod
     def sentence(cls, values: Mapping[str, float]) -> str:

@@ -134,6 +134,11 @@ class ResidualProcess(nn.Module):
         """Number of features (F)."""
         return self.count + INPUTS + 1
 
+    @property
+    def of_each(self) -> bool:
+        """Whether each row of a batch has weights of its own."""
+        return self.weights.dim() > 2
+
     def features(self, inputs: Tensor) -> Tensor:
         """Features [*, F] of inputs [*, 12]."""
         normal = ((inputs - self.mean) / self.scale).clamp(-REACH, REACH)

@@ -19,6 +19,7 @@ from buggy_rl.core.vehicle import rotate
 from buggy_rl.effects.actuation.command import RememberingCommand
 from buggy_rl.effects.actuation.supply import ThermalFoldback
 from buggy_rl.effects.base import Effect
+from buggy_rl.effects.residual import ResidualAcceleration
 from buggy_rl.estimation.bare import BareEnv, Rows
 from buggy_rl.estimation.segments import LATEST, WORKED, Segments
 from buggy_rl.estimation.workers import Result, Workers
@@ -92,7 +93,7 @@ class Simulation:
     every: int = 0
     """Rows between two readings; 0 for those of `EVERY`."""
     standing: Sequence[Effect] = ()
-    """Effects in every rollout, with one value for all environments."""
+    """Effects in every rollout, with one value for all environments; or a residual of each one."""
     options: Options = field(default_factory=dict)
     """Options of effects under test: what they must know of this simulator."""
     workers: Workers = ALONE
@@ -184,13 +185,19 @@ class Simulation:
         """Readings of a part of the sets, with as many environments more as fill the lanes."""
         sets, count = len(settings), len(segments)
         more = -(sets * count) % LANES
-        if not more or start_error is not None or SPARE * more > sets * count:
+        full = not more or start_error is not None or self._of_each
+        if full or SPARE * more > sets * count:
             return self._rolled_out(segments, settings, start_error)
         row = torch.cat([torch.arange(count).repeat(sets), torch.zeros(more, dtype=torch.long)])
         each = settings.map(lambda v: _each(v, count))
         each = each.map(lambda v: torch.cat([v, v[:1].expand(more)]).unsqueeze(0))
         read = self._rolled_out(segments[row], each, None)[0, : sets * count]
         return read.view(sets, count, *read.shape[1:])
+
+    @property
+    def _of_each(self) -> bool:
+        """Whether a residual that stands is another one in each environment."""
+        return any(isinstance(e, ResidualAcceleration) and e.of_each for e in self.standing)
 
     @torch.no_grad()
     def _rolled_out(
