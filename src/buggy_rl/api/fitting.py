@@ -167,8 +167,8 @@ def evaluate(
         car: Name or file of the car, whose limits hold for the recordings.
 
     Returns:
-        simulator, position_mse_1s [m^2] with its 95 % interval (low, high), and for each horizon
-        errors in position [m], yaw [rad] and velocities.
+        simulator, position_mse_1s [m^2] with its 95 % interval (low, high), position_median_1s [m],
+        and for each horizon errors in position [m], yaw [rad] and velocities.
 
     Raises:
         ValueError: The recordings cannot be used, or a simulator cannot be made.

@@ -84,6 +84,17 @@ def test_it_says_what_the_stages_found(html):
     assert "fitted: 6.0 in learned, 12.0 in car" in said
 
 
+def test_it_ends_with_the_layers_of_the_repair_and_with_the_repaired_simulator_among_all(html):
+    said = text(html)
+    assert "as given 0.0200 0.0800" in said
+    assert "+ effects: steering_dead_time 0.0040 0.0120" in said
+    assert "+ parameters of its own: 9 of them (left out) 0.0050 0.0130" in said
+    assert "re-tuned alone 0.0150 0.0500" in said
+    table = said[said.index("with the repaired simulator") :]
+    order = [table.index(n) for n in ("repaired by the diagnosis", "mujoco, fitted", "MLP")]
+    assert order == sorted(order)
+
+
 def test_the_player_has_the_fitted_simulator_and_the_best_ones(html):
     content = re.search(r'<script type="application/json" id="played">(.*?)</script>', html)[1]
     first = json.loads(content)["segments"][0]

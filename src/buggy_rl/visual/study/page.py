@@ -5,6 +5,7 @@ The page shows what the stages have written, read back; nothing is computed anew
 
 import base64
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,10 +111,49 @@ def _transfer(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return result
 
 
-def _repaired_errors(folder: Path) -> list[dict[str, Any]]:
-    """The rows of the fitted and of the repaired simulator, over the same held-out segments."""
+REPAIRED = "repaired by the diagnosis"
+FEW = 4  # names of a layer that are told
+LAYERS = {
+    "effects": "effects",
+    "parameters": "parameters of its own",
+    "terms": "equations",
+    "residual": "a learned residual",
+}
+COMPARED = {
+    "retuned": "re-tuned alone",
+    "black_box": "a learned residual alone",
+    "noise_floor": "a simulator without fault",
+}
+
+
+def _with_repaired(folder: Path, table: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of all simulators and of the repaired one, over the same held-out segments."""
     rows = {row["simulator"]: row for row in _simulators(folder / "repair")}
-    return [rows[name] for name in ("fitted", "repaired") if name in rows]
+    own = [{**rows["repaired"], "simulator": REPAIRED}] if "repaired" in rows else []
+    return sorted([*table, *own], key=lambda row: row["position_mse_1s"])
+
+
+def _layers(diagnosis: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the waterfall: as given, with each layer upon those before it, and what to compare.
+
+    Each has `words`, whether it is a `layer`, whether that is `kept`, and `median` [m] by horizon.
+    """
+    layers = diagnosis.get("layers", [])
+    median = diagnosis.get("fit", {}).get("position_median", {})
+    if not layers:
+        return []
+    compared = {"layer": False, "kept": False}
+    rows = [compared | {"words": "as given", "median": median.get("before", {})}]
+    for layer in layers:
+        few = ", ".join(name.removeprefix("parameter:") for name in layer["names"])
+        names = few if len(layer["names"]) <= FEW else f"{len(layer['names'])} of them"
+        words = LAYERS[layer["kind"]] + (f": {names}" if names else "")
+        about = {"kept": layer["kept"], "median": layer["position_median"]}
+        rows.append({"layer": True, "words": words, **about})
+    for name, words in COMPARED.items():
+        if name in median:
+            rows.append(compared | {"words": words, "median": median[name]})
+    return rows
 
 
 def _read_diagnosis(folder: Path) -> dict[str, Any]:
@@ -205,7 +245,9 @@ def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], ma
     folder, config = plan.folder, plan.config
     table = _simulators(folder)
     fitted = f"{config.fit_simulator}, fitted"
-    policies = _policies(folder)
+    policies, diagnosis = _policies(folder), _read_diagnosis(folder)
+    repair = _with_repaired(folder, table)
+    errors = {row["simulator"]: row["position_mse_1s"] for row in repair}
     return (
         _templates()
         .get_template("study/study.html.jinja")
@@ -220,8 +262,12 @@ def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], ma
             policies=policies,
             driven=_driven(policies),
             transfer=_transfer(policies),
-            diagnosis=_read_diagnosis(folder),
-            repair=_repaired_errors(folder),
+            diagnosis=diagnosis,
+            layers=_layers(diagnosis),
+            shipped=config.diagnosed == "shipped",
+            repair=repair,
+            repaired=REPAIRED,
+            no_better=errors.get(REPAIRED, 0.0) >= errors.get(fitted, math.inf),
             played=_played(folder, table, fitted),
             pictures=embedded([folder / "figures" / f"{name}.png" for name in FIGURES], CAPTIONS),
             films=embedded(sorted((folder / "films").glob("*.mp4")), CAPTIONS),
