@@ -5,6 +5,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from buggy_rl.estimation.fit_study import RunConfig, StudyDrives
@@ -125,6 +126,17 @@ def test_a_repair_that_makes_things_worse_is_said_to(tmp_path, after, said):
         StudyPlan(config, [], Path("scripts")), StudyDrives([], [], []), [], Made("", "", "")
     )
     assert ("keep the fitted one" in text(html)) == said
+
+
+def test_a_table_of_before_the_median_still_makes_a_page(tmp_path):
+    made.write(tmp_path)
+    for file in (tmp_path / "table.csv", tmp_path / "repair" / "table.csv"):
+        pd.read_csv(file).drop(columns="position_median_1s").to_csv(file, index=False)
+    config = WholeStudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    html = study_page(
+        StudyPlan(config, [], Path("scripts")), StudyDrives([], [], []), [], Made("", "", "")
+    )
+    assert "mujoco, fitted , 1 s position MSE 0.00200 m²" in text(html)
 
 
 def test_a_picture_too_large_for_the_page_is_left_out(html):
