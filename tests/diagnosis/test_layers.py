@@ -1,5 +1,6 @@
 """Layers of a repaired simulator: each is kept for what it brings, and never all for less."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -317,3 +318,8 @@ def test_a_tenth_of_what_is_named_is_no_more_that_is_missing():
     assert _more_missing(little, little, found, group) > 0.9
     assert _more_missing(errors(20.0), little, found, group) < 0.1
     assert _more_missing(errors(20.0), errors(8.0), found, group) > 0.9
+
+
+def test_a_layer_of_diagnosis_json_is_the_layer_that_was_written():
+    layer = Layer("terms", ("term.yaw.throttle",), 0.2, 0.05, True, {0.3: 0.01, 1.0: 0.04})
+    assert Layer.of(json.loads(json.dumps(layer.to_dict()))) == layer

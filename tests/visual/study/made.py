@@ -30,12 +30,16 @@ ANSWER = {
         {
             "kind": "effects",
             "names": ["steering_dead_time"],
+            "gain": 0.9,
+            "standard_error": 0.1,
             "kept": True,
             "position_median": {"0.3 s": 0.004, "1 s": 0.012},
         },
         {
             "kind": "parameters",
             "names": [f"parameter:p{k}" for k in range(9)],
+            "gain": -0.1,
+            "standard_error": 0.1,
             "kept": False,
             "position_median": {"0.3 s": 0.005, "1 s": 0.013},
         },

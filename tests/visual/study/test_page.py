@@ -88,8 +88,8 @@ def test_it_says_what_the_stages_found(html):
 def test_it_ends_with_the_layers_of_the_repair_and_with_the_repaired_simulator_among_all(html):
     said = text(html)
     assert "as given 0.0200 0.0800" in said
-    assert "+ effects: steering_dead_time 0.0040 0.0120" in said
-    assert "+ parameters of its own: 9 of them (left out) 0.0050 0.0130" in said
+    assert "+ steering dead time 0.0040 0.0120" in said
+    assert "+ 9 parameters of its own (left out) 0.0050 0.0130" in said
     assert "re-tuned alone 0.0150 0.0500" in said
     table = said[said.index("with the repaired simulator") :]
     order = [table.index(n) for n in ("repaired by the diagnosis", "mujoco, fitted", "MLP")]

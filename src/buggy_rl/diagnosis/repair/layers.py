@@ -9,7 +9,7 @@ residual alone: where one of those is nearer, by more than the standard error, i
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from scipy.stats import t as student_t
 from torch import Tensor
@@ -33,6 +33,11 @@ MATTERS = 0.1  # [-] of what all layers gain: less beside a name is no more that
 SURE = 1.0  # [standard errors] that a layer gains at least; chosen
 SURELY = 2.0  # [standard errors] by which what is simpler must be nearer to be delivered; chosen
 NEAR = 1e-3  # [m] as which a distance counts at least: within the noise of any tracker
+
+
+def by_seconds(values: Mapping[str, float]) -> dict[float, float]:
+    """Values by horizon [s] of those in `diagnosis.json`, which stand by its words."""
+    return {float(horizon.removesuffix(" s")): value for horizon, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,13 @@ class Layer:
             "kept": self.kept,
             "position_median": {f"{horizon:g} s": of for horizon, of in self.median.items()},
         }
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> Self:
+        """The layer of an entry, without what was fitted."""
+        names, gain, error = tuple(entry["names"]), entry["gain"], entry["standard_error"]
+        median = by_seconds(entry["position_median"])
+        return cls(entry["kind"], names, gain, error, entry["kept"], median)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from buggy_rl.diagnosis.answer.behaviour import differing
 from buggy_rl.diagnosis.answer.equivalents import Equivalents
 from buggy_rl.diagnosis.answer.located import locate
 from buggy_rl.diagnosis.config import DiagnosisConfig
+from buggy_rl.diagnosis.repair.layers import Layer
 from buggy_rl.diagnosis.repair.proof import Repair
 from buggy_rl.diagnosis.report import wording
 from buggy_rl.diagnosis.report.figures import (
@@ -296,6 +297,24 @@ class Step:
     """A layer of the repair, one that was tried and left out, or what it is compared with."""
 
 
+def steps_of(layers: Sequence[Layer], median: Mapping[str, Mapping[float, float]]) -> list[Step]:
+    """Steps from the simulator as given down to the noise.
+
+    Args:
+        layers: Of the repair, in their order.
+        median: `before` and those of `COMPARED` -> horizon [s] -> median distance [m].
+    """
+    steps = [Step("as given", median.get("before", {}), "compared")]
+    steps += [
+        Step(wording.layer(layer), layer.median, "kept" if layer.kept else "left")
+        for layer in layers
+    ]
+    return [
+        *steps,
+        *(Step(w, median[name], "compared") for name, w in COMPARED.items() if median.get(name)),
+    ]
+
+
 def waterfall(answer: Answer) -> dict[str, list[tuple[Step, float, str]]]:
     """Horizon in words -> steps from the simulator as given down to the noise, each with its bar.
 
@@ -305,16 +324,7 @@ def waterfall(answer: Answer) -> dict[str, list[tuple[Step, float, str]]]:
     if not answer.layers:
         return {}
     median = answer.proof.median
-    steps = [Step("as given", median.get("before", {}), "compared")]
-    steps += [
-        Step(wording.layer(layer), layer.median, "kept" if layer.kept else "left")
-        for layer in answer.layers
-    ]
-    steps += [
-        Step(words, median[name], "compared")
-        for name, words in COMPARED.items()
-        if median.get(name)
-    ]
+    steps = steps_of(answer.layers, median)
     result: dict[str, list[tuple[Step, float, str]]] = {}
     for horizon in median.get("before", {}):
         own = [s for s in steps if math.isfinite(s.median.get(horizon, math.nan))]

@@ -17,6 +17,8 @@ import yaml
 from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from numpy.typing import NDArray
 
+from buggy_rl.diagnosis.repair.layers import Layer, by_seconds
+from buggy_rl.diagnosis.report.page import Step, steps_of
 from buggy_rl.estimation.fit_study import StudyDrives
 from buggy_rl.estimation.open_loop import MEASURED, Rollouts, load_rollouts
 from buggy_rl.figures.models import RAMP
@@ -112,18 +114,6 @@ def _transfer(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 REPAIRED = "repaired by the diagnosis"
-FEW = 4  # names of a layer that are told
-LAYERS = {
-    "effects": "effects",
-    "parameters": "parameters of its own",
-    "terms": "equations",
-    "residual": "a learned residual",
-}
-COMPARED = {
-    "retuned": "re-tuned alone",
-    "black_box": "a learned residual alone",
-    "noise_floor": "a simulator without fault",
-}
 
 
 def _with_repaired(folder: Path, table: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -133,27 +123,13 @@ def _with_repaired(folder: Path, table: Sequence[dict[str, Any]]) -> list[dict[s
     return sorted([*table, *own], key=lambda row: row["position_mse_1s"])
 
 
-def _layers(diagnosis: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the waterfall: as given, with each layer upon those before it, and what to compare.
-
-    Each has `words`, whether it is a `layer`, whether that is `kept`, and `median` [m] by horizon.
-    """
-    layers = diagnosis.get("layers", [])
-    median = diagnosis.get("fit", {}).get("position_median", {})
+def _steps(diagnosis: Mapping[str, Any]) -> list[Step]:
+    """Steps of the repair, from the simulator as given down to the noise; none without layers."""
+    layers = [Layer.of(entry) for entry in diagnosis.get("layers", [])]
     if not layers:
         return []
-    compared = {"layer": False, "kept": False}
-    rows = [compared | {"words": "as given", "median": median.get("before", {})}]
-    for layer in layers:
-        few = ", ".join(name.removeprefix("parameter:") for name in layer["names"])
-        names = few if len(layer["names"]) <= FEW else f"{len(layer['names'])} of them"
-        words = LAYERS[layer["kind"]] + (f": {names}" if names else "")
-        about = {"kept": layer["kept"], "median": layer["position_median"]}
-        rows.append({"layer": True, "words": words, **about})
-    for name, words in COMPARED.items():
-        if name in median:
-            rows.append(compared | {"words": words, "median": median[name]})
-    return rows
+    medians = diagnosis["fit"]["position_median"]
+    return steps_of(layers, {name: by_seconds(values) for name, values in medians.items()})
 
 
 def _read_diagnosis(folder: Path) -> dict[str, Any]:
@@ -263,7 +239,7 @@ def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], ma
             driven=_driven(policies),
             transfer=_transfer(policies),
             diagnosis=diagnosis,
-            layers=_layers(diagnosis),
+            steps=_steps(diagnosis),
             shipped=config.diagnosed == "shipped",
             repair=repair,
             repaired=REPAIRED,
