@@ -3,6 +3,7 @@
 import re
 import shlex
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -13,7 +14,12 @@ from buggy_rl.commands.demo import IN_FULL, KERNELS, SETTINGS, DemoStage, main, 
 from buggy_rl.core import kernels as kernel
 from buggy_rl.core.config import build, load_named
 from buggy_rl.core.kernels import FOLDER
+from buggy_rl.core.longitudinal import ONE_WAY_REST
+from buggy_rl.effects import make_effects
+from buggy_rl.effects.measuring import measurable_options
+from buggy_rl.effects.tyre.change import changed_by
 from buggy_rl.policies.training.run import PolicyRunConfig
+from buggy_rl.task.env import make_simulator
 
 ALL = stages("out")
 DRIVE = "data/sample/sample_00.csv"
@@ -23,6 +29,10 @@ READ = ("buggy_rl.recordings", "buggy_rl.diagnosis.answer.other_sensors")  # onc
 @pytest.fixture(autouse=True)
 def in_a_clone(repository, monkeypatch):
     monkeypatch.chdir(repository)
+
+
+def tyres(of: str) -> list[str]:
+    return [f"friction_change_{of}", f"slip_change_{of}"]
 
 
 def config_of(module: str, arguments: list[str]):
@@ -175,15 +185,39 @@ def test_a_compiler_that_refuses_is_told_and_pytorch_runs(asked, monkeypatch, ca
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        ("engine: reference\n", ["reference_substep"]),
-        ("engine: mujoco\n", []),
-        ("- a list\n", []),
+        ("engine: reference\n", ["reference_substep", *compile.OF_EFFECTS]),
+        (
+            "engine: reference\noptions: {command: throttle_brake_reverse}\n",
+            ["reference_substep_braked", *compile.OF_MOTION, *tyres("12_two_way")],
+        ),
+        ("engine: mujoco\n", [*compile.OF_EFFECTS]),
+        (
+            "engine: single_track\nparameters: {front_drive_share: 0.5}\n"
+            "options: {command: {kind: speed, reverse: true}}\n",
+            ["single_track_substep", *compile.OF_MOTION, *tyres("02_two_way")],
+        ),
+        (
+            "engine: single_track\nparameters: {front_drive_share: 1.0}\n",
+            ["single_track_substep", *compile.OF_MOTION, *tyres("01")],
+        ),
+        ("engine: nowhere.py:make\n", [*compile.OF_EFFECTS]),
+        ("- a list\n", [*compile.OF_EFFECTS]),
     ],
 )
-def test_the_engine_is_found_in_a_file(tmp_path, text, names):
+def test_the_kernels_are_those_of_the_car_of_a_file(tmp_path, text, names):
     (tmp_path / "simulator.yaml").write_text(text)
-    assert compile.kernels_of_engine(str(tmp_path / "simulator.yaml")) == names
-    assert compile.kernels_of_engine(str(tmp_path / "missing.yaml")) == []
+    assert compile.kernels_of(str(tmp_path / "simulator.yaml")) == names
+    assert {*names} <= {kernel.name for kernel in kernel.kernels()}
+    assert compile.kernels_of(str(tmp_path / "missing.yaml")) == [*compile.OF_EFFECTS]
+
+
+@pytest.mark.parametrize("car", ["frictionmaps", "dart"])
+def test_a_car_of_the_library_says_how_it_is_driven(car):
+    make = partial(make_simulator, "single_track", car=car)
+    options, _ = measurable_options(make)
+    (effect,) = make_effects({"tire_grip": options["tire_grip"]})
+    used = changed_by(effect._axles, effect.rest != ONE_WAY_REST).name
+    assert used in compile.kernels_of("single_track", car=car)
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])

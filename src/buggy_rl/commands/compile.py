@@ -1,4 +1,4 @@
-"""Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, a minute or two.
+"""Compiles inner loops of engines and effects for the CPU; needs a C++ compiler, a few minutes.
 
     python scripts/compile.py
     python scripts/compile.py only=engines,moved workers=1
@@ -19,7 +19,8 @@ from typing import Any
 from buggy_rl.core.config import from_command_line, run
 
 OF_ENGINES = {"reference": "reference_substep", "single_track": "single_track_substep"}
-OF_EFFECTS = ("centred", "mean_acceleration", "moved", "friction_change_12", "slip_change_12")
+OF_MOTION = ("centred", "mean_acceleration", "moved")
+OF_EFFECTS = (*OF_MOTION, "friction_change_12", "slip_change_12")
 GROUPS = {"engines": (*OF_ENGINES.values(), "reference_substep_braked"), "effects": OF_EFFECTS}
 """What `only` may name besides kernels: those of engines, and of effects on a rear-driven car."""
 
@@ -61,13 +62,14 @@ def compiled(names: Sequence[str], folder: Path, workers: int) -> Iterator[str]:
             yield done.result()
 
 
-def at_first_use(simulator: Any) -> None:
+def at_first_use(simulator: Any, **options: Any) -> None:
     """Compiles what a diagnosis steps most and nobody has compiled yet, behind a bar.
 
     Only for the user's cache: where BUGGY_RL_KERNELS names a folder, or none, that is kept to.
 
     Args:
         simulator: As the diagnosis names it; the engine that a file names is found there.
+        options: Of the simulator.
     """
     from buggy_rl.core.kernels import CACHE, FOLDER, kernels
     from buggy_rl.jobs import cores
@@ -75,7 +77,7 @@ def at_first_use(simulator: Any) -> None:
 
     if FOLDER in os.environ or not shutil.which(os.environ.get("CXX", "g++")):
         return
-    wanted = kernels([*kernels_of_engine(simulator), *OF_EFFECTS])
+    wanted = kernels(kernels_of(simulator, **options))
     missing = [kernel.name for kernel in wanted if not kernel.file(CACHE).is_file()]
     if not missing:
         return
@@ -88,15 +90,29 @@ def at_first_use(simulator: Any) -> None:
         tqdm.write(f"not compiled, PyTorch runs, slower: {str(error).splitlines()[0]}")
 
 
-def kernels_of_engine(simulator: Any) -> list[str]:
-    """Names of the kernels of the engine that a simulator is, or that its file names."""
+def kernels_of(simulator: Any, **options: Any) -> list[str]:
+    """Names of the kernels of a simulator, and of effects on a car that is driven as its own is."""
+    from buggy_rl.core.longitudinal import declared_by
     from buggy_rl.diagnosis.run.maker import engine_of
+    from buggy_rl.effects.measuring import front_drive_share
+    from buggy_rl.effects.tyre.change import FrictionChange, changed_by, driven_axles
+    from buggy_rl.effects.tyre.stiffness import SlipChange
+    from buggy_rl.simulators import ENGINES
+    from buggy_rl.task.env import make_simulator
 
     try:
         engine = engine_of(simulator)
-    except ValueError:  # the diagnosis says what is wrong with the file
-        return []
-    return [OF_ENGINES[engine]] if engine in OF_ENGINES else []
+        if engine not in ENGINES and not engine.endswith(".pt"):
+            return [*OF_EFFECTS]  # a user's own, which may take long to build
+        made = make_simulator(simulator, 1, **options)
+    except (ValueError, OSError):  # the diagnosis says what is wrong with the file
+        return [*OF_EFFECTS]
+    command, axles = declared_by(made), driven_axles(front_drive_share(made))
+    own = [OF_ENGINES[engine]] if engine in OF_ENGINES else []
+    if own == ["reference_substep"] and command.kind == "throttle_brake_reverse":
+        own = ["reference_substep_braked"]
+    tyres = [changed_by(axles, command.two_way, kind).name for kind in (FrictionChange, SlipChange)]
+    return [*own, *OF_MOTION, *tyres]
 
 
 def compile_kernel(name: str, folder: Path) -> str:

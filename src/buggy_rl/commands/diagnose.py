@@ -23,9 +23,10 @@ def main() -> None:
 
     from buggy_rl.api.diagnosis import diagnosed
     from buggy_rl.commands.compile import at_first_use
+    from buggy_rl.diagnosis.run.maker import own_options
     from buggy_rl.jobs.bar import tqdm
 
-    at_first_use(config.simulator)
+    at_first_use(config.simulator, **own_options(config))
     folder = Path(config.output)
     found = diagnosed(config, config.recordings, config.baseline, tqdm.write, folder)
     for note in found.notes:

@@ -244,7 +244,7 @@ def _tell_missing(name: str, folder: str) -> None:
     again = "python scripts/compile.py" + ("" if folder == str(CACHE) else f" output={folder}")
     warnings.warn(
         f"{folder} holds no {name} of this source: what is not compiled runs by PyTorch, slower; "
-        f"{again} compiles it, once, in a minute or two",
+        f"{again} compiles it, once, in a few minutes",
         stacklevel=2,
     )
 
@@ -256,12 +256,12 @@ KERNELS = (
     "buggy_rl.effects.motion.base:CENTRED",
     "buggy_rl.effects.motion.base:MEAN_ACCELERATION",
     "buggy_rl.effects.motion.base:MOVED",
-    "buggy_rl.effects.tyre.change:REAR_DRIVEN",
-    "buggy_rl.effects.tyre.change:ALL_DRIVEN",
-    "buggy_rl.effects.tyre.change:REAR_DRIVEN_TWO_WAY",
-    "buggy_rl.effects.tyre.stiffness:REAR_DRIVEN",
-    "buggy_rl.effects.tyre.stiffness:ALL_DRIVEN",
-    "buggy_rl.effects.tyre.stiffness:REAR_DRIVEN_TWO_WAY",
+    *(
+        f"buggy_rl.effects.tyre.{of}:{axles}_DRIVEN{ways}"
+        for of in ("change", "stiffness")
+        for ways in ("", "_TWO_WAY")
+        for axles in ("REAR", "ALL", "FRONT")
+    ),
 )
 
 

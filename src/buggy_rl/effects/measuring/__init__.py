@@ -9,6 +9,8 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from torchrl.envs import EnvBase
+
 from buggy_rl.core.longitudinal import declared_by
 from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.effects import effect_class, offered
@@ -167,9 +169,14 @@ def _declared_lock(make: Make) -> float | None:
     return max(locks, default=None)
 
 
+def front_drive_share(simulator: EnvBase) -> float:
+    """Share of the drive in front, of a simulator that declares it; 0 for any other."""
+    declared = getattr(simulator, "values", {}).get("front_drive_share")
+    return 0.0 if declared is None else round(float(declared.mean()), 6)
+
+
 def _tyres(make: Make, car: VehicleDimensions, coasting: Sequence[float] | None) -> dict[str, Any]:
-    declared = getattr(make(1), "values", {}).get("front_drive_share")
-    front = 0.0 if declared is None else round(float(declared.mean()), 6)
+    front = front_drive_share(make(1))
     tyres = measured_tyres(make, car, front, coasting)
     return tyres | ({"front_drive_share": front} if front else {})
 

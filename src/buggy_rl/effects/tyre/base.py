@@ -10,7 +10,7 @@ from torch import Tensor
 from buggy_rl.core.longitudinal import ONE_WAY_REST
 from buggy_rl.effects.motion.base import LOCK, Motion, MotionEffect
 from buggy_rl.effects.motion.drive import SPEED_LOSS
-from buggy_rl.effects.tyre.change import FrictionChange, changed_by
+from buggy_rl.effects.tyre.change import FrictionChange, changed_by, driven_axles
 
 FRICTION = 0.84  # [-] D: DART, 0.84 front and 0.85 rear
 STIFFNESS = (6.1, 9.4)  # [1/rad] C, front and rear: B C D of DART's axles
@@ -61,7 +61,7 @@ class TyreEffect(MotionEffect):
     def __init__(self, **rest: Any) -> None:
         super().__init__(**rest)
         share = self.front_drive_share
-        self._axles = (0 if share > 0 else 1, 2 if share < 1 else 1)
+        self._axles = driven_axles(share)
         self.state_size = self._axles[1] - self._axles[0]
         d = self.dimensions
         pairs = (self.friction, self.stiffness, self.shape, self.speed_loss, self.resistance)

@@ -315,6 +315,11 @@ def _example(kind: type[FrictionChange], axles: slice, n: int) -> tuple[Tensor, 
     return numbers, before, before.clone(), 0.2 * ones, state, ratio, most
 
 
+def driven_axles(front_share: float) -> tuple[int, int]:
+    """Driven axles, first to before last, of a car with a share of its drive in front."""
+    return (0 if front_share > 0 else 1, 2 if front_share < 1 else 1)
+
+
 @cache
 def changed_by(
     axles: tuple[int, int], two_way: bool = False, kind: type[FrictionChange] = FrictionChange
@@ -335,4 +340,7 @@ def changed_by(
 
 REAR_DRIVEN = changed_by((1, 2))
 ALL_DRIVEN = changed_by((0, 2))
+FRONT_DRIVEN = changed_by((0, 1))
 REAR_DRIVEN_TWO_WAY = changed_by((1, 2), two_way=True)
+ALL_DRIVEN_TWO_WAY = changed_by((0, 2), two_way=True)
+FRONT_DRIVEN_TWO_WAY = changed_by((0, 1), two_way=True)

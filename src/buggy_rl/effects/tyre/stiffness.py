@@ -45,7 +45,10 @@ class SlipChange(FrictionChange):
 
 REAR_DRIVEN = changed_by((1, 2), kind=SlipChange)
 ALL_DRIVEN = changed_by((0, 2), kind=SlipChange)
+FRONT_DRIVEN = changed_by((0, 1), kind=SlipChange)
 REAR_DRIVEN_TWO_WAY = changed_by((1, 2), two_way=True, kind=SlipChange)
+ALL_DRIVEN_TWO_WAY = changed_by((0, 2), two_way=True, kind=SlipChange)
+FRONT_DRIVEN_TWO_WAY = changed_by((0, 1), two_way=True, kind=SlipChange)
 
 
 PULL = 3.0  # [m/s^2] acceleration of the angles quoted in a sentence; chosen
