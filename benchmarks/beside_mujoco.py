@@ -1,6 +1,7 @@
-"""MuJoCo Warp beside MuJoCo: how far the same drives part, and milliseconds of a control period.
+"""Other backends beside MuJoCo: how far the same drives part, and milliseconds of a control period.
 
     python -m benchmarks.beside_mujoco
+    python -m benchmarks.beside_mujoco "backends=[closed]" "tyres=[explicit]" cars=4096
     python -m benchmarks.beside_mujoco device=cuda cars=4096
 
 Random drives from 0 to 3 m/s; throttle and steering change four times. MuJoCo steps on the CPU.
@@ -17,7 +18,9 @@ class Config:
     """What to measure."""
 
     device: str = "cpu"
-    """Where MuJoCo Warp steps: cpu, or cuda."""
+    """Where the other backends step: cpu, or cuda."""
+    backends: list[str] = field(default_factory=lambda: ["closed", "warp"])
+    """Beside MuJoCo; closed has explicit tyres alone."""
     cars: int = 64
     """Environments."""
     seconds: float = 1.0
@@ -37,12 +40,16 @@ def main() -> None:
     rows = []
     for tyres in tqdm(config.tyres, unit="tyre model", leave=False):
         expected, ms = drives(config, tyres, device="cpu", backend="cpu")
-        found, warp_ms = drives(config, tyres, device=config.device, backend="warp")
-        apart = 1e3 * (found - expected).norm(dim=-1)  # [mm]
-        figures = (float(apart.median()), float(apart.max()), ms, warp_ms)
-        rows.append(f"| {tyres} | " + " | ".join(f"{figure:.3g}" for figure in figures) + " |")
-    print("| tyres | median apart [mm] | farthest [mm] | MuJoCo [ms] | MuJoCo Warp [ms] |")
-    print("|---|--:|--:|--:|--:|", *rows, sep="\n")
+        for backend in config.backends:
+            if (tyres, backend) == ("contact", "closed"):
+                continue
+            found, its_ms = drives(config, tyres, device=config.device, backend=backend)
+            apart = 1e3 * (found.cpu() - expected).norm(dim=-1)  # [mm]
+            figures = (float(apart.median()), float(apart.max()), ms, its_ms)
+            told = " | ".join(f"{figure:.3g}" for figure in figures)
+            rows.append(f"| {tyres} | {backend} | {told} |")
+    print("| tyres | backend | median apart [mm] | farthest [mm] | MuJoCo [ms] | backend [ms] |")
+    print("|---|---|--:|--:|--:|--:|", *rows, sep="\n")
 
 
 def drives(config: Config, tyres: str, device: str, backend: str):

@@ -190,7 +190,8 @@ def test_a_compiler_that_refuses_is_told_and_pytorch_runs(asked, monkeypatch, ca
             "engine: reference\noptions: {command: throttle_brake_reverse}\n",
             ["reference_substep_braked", *compile.OF_MOTION, *tyres("12_two_way")],
         ),
-        ("engine: mujoco\n", [*compile.OF_EFFECTS]),
+        ("engine: mujoco\n", ["mujoco_substep_rear_throttle", *compile.OF_EFFECTS]),
+        ("engine: mujoco\noptions: {backend: cpu}\n", [*compile.OF_EFFECTS]),
         (
             "engine: single_track\nparameters: {front_drive_share: 0.5}\n"
             "options: {command: {kind: speed, reverse: true}}\n",

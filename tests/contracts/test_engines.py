@@ -73,8 +73,9 @@ def plain(name):
 
 def make(name, batch_size=(), **options):
     name, *where = name.split(" on ")
-    if "warp" in where:
-        options["backend"] = "warp"
+    for backend in ("warp", "closed"):
+        if backend in where:
+            options["backend"] = backend
     if "cuda" in where:
         options["device"] = "cuda"
     if name in ("learned", "surrogate"):
@@ -119,7 +120,7 @@ def where(request):
         yield
 
 
-NAMES = [*sorted(ENGINES), WARP, *ON_GPU]
+NAMES = [*sorted(ENGINES), "mujoco on closed", WARP, *ON_GPU]
 
 
 @pytest.fixture(params=NAMES)

@@ -3,7 +3,7 @@ from functools import cache
 import pytest
 
 from buggy_rl.diagnosis.config import DEFAULTS
-from buggy_rl.diagnosis.run.maker import fine_enough
+from buggy_rl.diagnosis.run.maker import Maker, as_mujoco_steps, fine_enough, in_closed_form
 from buggy_rl.estimation.rollout import Simulation
 from buggy_rl.estimation.segments import cut_segments
 from buggy_rl.simulators import make_engine
@@ -69,3 +69,31 @@ def test_a_step_is_halved_at_most_three_times():
     recordings = planted_drives([{}], cars=1, seconds=1.0, make=mujoco()({}).make)[0]
     found = fine_enough(mujoco(timestep=COARSE), cut_segments(recordings, 0.2, 0.5), -100.0)
     assert found.options == {"timestep": COARSE / 8}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("engine: mujoco\n", {"backend": "closed"}),
+        ("engine: mujoco\noptions: {tyres: contact}\n", {}),
+        ("engine: mujoco\noptions: {backend: cpu}\n", {}),
+    ],
+)
+def test_mujocos_car_is_stepped_in_closed_form_unless_its_file_says_otherwise(
+    tmp_path, text, found
+):
+    (tmp_path / "beneath.yaml").write_text(text)
+    (tmp_path / "car.yaml").write_text("engine: beneath.yaml\n")
+    assert in_closed_form(str(tmp_path / "car.yaml")) == found
+
+
+def test_where_the_closed_form_is_not_mujocos_its_own_steps_are_taken(monkeypatch):
+    closed, segments = Maker("mujoco", options={"backend": "closed"}), drives()
+    make, [note] = as_mujoco_steps(closed, segments)
+    assert make is closed
+    assert "in closed form: nine in ten rollouts end within" in note
+    monkeypatch.setattr("buggy_rl.diagnosis.run.maker.CLOSE", -1.0)
+    make, [note] = as_mujoco_steps(closed, segments)
+    assert make.options["backend"] == "cpu"
+    assert note.startswith("MuJoCo's own steps are taken")
+    assert as_mujoco_steps(make, segments) == (make, [])

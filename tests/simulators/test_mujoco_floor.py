@@ -12,11 +12,11 @@ from buggy_rl.simulators.mujoco.car import car_mjcf, make_car
 from buggy_rl.simulators.mujoco.declared import declared_parameters
 from buggy_rl.simulators.mujoco.floor import Floor
 from buggy_rl.simulators.mujoco.forces import Forces
-from buggy_rl.simulators.mujoco.weights import WHEELS, Weights
+from buggy_rl.simulators.mujoco.weights import WHEELS
 
 DIMENSIONS = VehicleDimensions()
 CAR = make_car(DIMENSIONS, "explicit", 0.0025)
-FLOOR = Floor(CAR, Weights.of(DIMENSIONS))
+FLOOR = Floor(CAR)
 VALUES = {p.name: np.array([p.value]) for p in declared_parameters(DIMENSIONS)}
 WEIGHT = 1.625 * GRAVITY  # [N]
 

@@ -104,7 +104,7 @@ def test_a_state_that_is_not_finite_is_refused_with_its_environment():
 
 
 def test_an_unknown_backend_is_refused():
-    with pytest.raises(ValueError, match="backend is 'abacus'; expected one of cpu, warp"):
+    with pytest.raises(ValueError, match="backend is 'abacus'; expected one of cpu, warp, closed"):
         make_engine("mujoco", 2, backend="abacus")
 
 

@@ -93,11 +93,12 @@ def at_first_use(simulator: Any, **options: Any) -> None:
 def kernels_of(simulator: Any, **options: Any) -> list[str]:
     """Names of the kernels of a simulator, and of effects on a car that is driven as its own is."""
     from buggy_rl.core.longitudinal import declared_by
-    from buggy_rl.diagnosis.run.maker import engine_of
+    from buggy_rl.diagnosis.run.maker import engine_of, in_closed_form
     from buggy_rl.effects.measuring import front_drive_share
     from buggy_rl.effects.tyre.change import FrictionChange, changed_by, driven_axles
     from buggy_rl.effects.tyre.stiffness import SlipChange
     from buggy_rl.simulators import ENGINES
+    from buggy_rl.simulators.mujoco.closed_cars import COMPILED, substep_kernel
     from buggy_rl.task.env import make_simulator
 
     try:
@@ -111,6 +112,10 @@ def kernels_of(simulator: Any, **options: Any) -> list[str]:
     own = [OF_ENGINES[engine]] if engine in OF_ENGINES else []
     if own == ["reference_substep"] and command.kind == "throttle_brake_reverse":
         own = ["reference_substep_braked"]
+    if engine == "mujoco" and in_closed_form(simulator):
+        car: Any = made
+        used = substep_kernel(car.car.drive, command.kind)
+        own = [kernel.name for kernel in COMPILED if kernel is used]
     tyres = [changed_by(axles, command.two_way, kind).name for kind in (FrictionChange, SlipChange)]
     return [*own, *OF_MOTION, *tyres]
 

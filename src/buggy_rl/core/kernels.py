@@ -253,6 +253,10 @@ KERNELS = (
     "buggy_rl.simulators.reference.car:KERNEL",
     "buggy_rl.simulators.reference.car:BRAKED_KERNEL",
     "buggy_rl.simulators.bicycle.single_track:KERNEL",
+    *(
+        f"buggy_rl.simulators.mujoco.closed_cars:{driven}"
+        for driven in ("REAR_DRIVEN", "ALL_DRIVEN", "ALL_DRIVEN_TO_SPEED")
+    ),
     "buggy_rl.effects.motion.base:CENTRED",
     "buggy_rl.effects.motion.base:MEAN_ACCELERATION",
     "buggy_rl.effects.motion.base:MOVED",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from buggy_rl.diagnosis.answer import behaviour, experiments, located, statement
 from buggy_rl.diagnosis.answer.answer import Answer
@@ -328,7 +328,7 @@ def _retuned_too(
     given = case.problem.simulation
     first = replace(case, problem=replace(case.problem, dispersion=1.0))
     tuned = stages.done("retuning", lambda: retuned(first, meter.says))
-    make = Maker.of(config, tuned.values, done.step)
+    make = replace(cast(Maker, given.make), parameters=tuned.values, _built={})
     opened = measured_again(config, given, make, case.problem.library)
     second = prepare_case(
         opened.simulation,

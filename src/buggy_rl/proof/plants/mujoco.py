@@ -268,7 +268,8 @@ class MujocoPlant(MujocoEngine):
     def _run(self, start: NDArray, target: NDArray) -> None:
         if not self._mechanics.active:
             return super()._run(start, target)
-        cars, h = self._cars, self.car.timestep
+        cars: Any = self._cars  # `CpuCars`
+        h = self.car.timestep
         qpos, qvel = cars.qpos, cars.qvel
         for substep in range(self._substeps):
             middle = self._actuators.lagged(start, target, (substep + 0.5) * h)

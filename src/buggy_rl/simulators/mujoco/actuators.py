@@ -7,7 +7,7 @@ parameter is [1] where all environments share it, else [n].
 import math
 from collections.abc import Mapping
 from types import ModuleType
-from typing import Literal
+from typing import Any, Literal
 
 from array_api_compat import array_namespace
 
@@ -24,6 +24,7 @@ from buggy_rl.simulators.mujoco.declared import LONGEST_DEAD_TIME
 
 RESTING = (-1.0, 0.0)  # [-] throttle and steering commands of a car at rest: no drive, straight
 _CHANNELS = ("throttle", "steering")
+NO_LAG = 1e-9  # [s]
 
 
 def memory_length(dt: float) -> int:
@@ -96,37 +97,54 @@ class Actuators:
         return near + self._fraction * (far - near)
 
     def lagged(self, start: Array, target: Array, elapsed: float) -> Array:
-        """First-order lag [n, 2] towards a constant target, solved exactly.
-
-        y(t) = u + (y(0) - u) exp(-t / time_constant).
-        """
-        # A time constant of 0 is no lag.
-        decay = self._xp.exp(-elapsed / self._xp.maximum(self._time_constants, 1e-9))
-        return target + (start - target) * decay
+        """First-order lag [n, 2] towards a constant target, `elapsed` seconds on."""
+        return target + (start - target) * lag_decay(self._time_constants, elapsed)
 
     def steering_angle(self, command: Array) -> Array:
-        """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n].
-
-        delta = offset + left * max(s, 0) + right * min(s, 0).
-        """
-        left, right = self.values["steering_left"], self.values["steering_right"]
-        turn = left * self._xp.maximum(command, 0.0) + right * self._xp.minimum(command, 0.0)
-        return self.values["steering_offset"] + turn
+        """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n]."""
+        return steering_angle(self.values, command)
 
     def drive(self, command: Array) -> Array:
-        """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1.
+        """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1."""
+        return motor_drive(self.values, self.command, command)
 
-        d = max(0, (u - deadband) / (1 - deadband)),  u = (throttle + 1) / 2; of a two-way throttle
-        likewise on both sides of 0. Setpoints and currents have no dead zone.
-        """
-        if self.command.kind in ("speed", "current"):
-            return drive_of(command, self.command.rest)
-        deadband = self.values["throttle_deadband"]
-        if self.command.two_way:
-            behind = self.values["reverse_deadband"]
-            forward = self._xp.maximum((command - deadband) / (1.0 - deadband), 0.0)
-            return forward - self._xp.maximum((-command - behind) / (1.0 - behind), 0.0)
-        return self._xp.maximum((0.5 * (command + 1.0) - deadband) / (1.0 - deadband), 0.0)
+
+def lag_decay(time_constants: Array, elapsed: Any) -> Array:
+    """What is left of a step `elapsed` seconds later behind a first-order lag, exp(-t / T).
+
+    y(t) = u + (y(0) - u) exp(-t / T), exact for a constant u.
+    """
+    # A time constant of 0 is no lag.
+    xp = array_namespace(time_constants)
+    return xp.exp(-elapsed / xp.maximum(time_constants, NO_LAG))
+
+
+def steering_angle(values: Mapping[str, Array], command: Array) -> Array:
+    """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n].
+
+    delta = offset + left * max(s, 0) + right * min(s, 0).
+    """
+    xp = array_namespace(command)
+    left, right = values["steering_left"], values["steering_right"]
+    turn = left * xp.maximum(command, 0.0) + right * xp.minimum(command, 0.0)
+    return values["steering_offset"] + turn
+
+
+def motor_drive(values: Mapping[str, Array], kind: LongitudinalCommand, command: Array) -> Array:
+    """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1.
+
+    d = max(0, (u - deadband) / (1 - deadband)),  u = (throttle + 1) / 2; of a two-way throttle
+    likewise on both sides of 0. Setpoints and currents have no dead zone.
+    """
+    xp = array_namespace(command)
+    if kind.kind in ("speed", "current"):
+        return drive_of(command, kind.rest)
+    deadband = values["throttle_deadband"]
+    if kind.two_way:
+        behind = values["reverse_deadband"]
+        forward = xp.maximum((command - deadband) / (1.0 - deadband), 0.0)
+        return forward - xp.maximum((-command - behind) / (1.0 - behind), 0.0)
+    return xp.maximum((0.5 * (command + 1.0) - deadband) / (1.0 - deadband), 0.0)
 
 
 def motor_torque(

@@ -13,12 +13,16 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from buggy_rl.core.longitudinal import LongitudinalCommand
+from buggy_rl.simulators.mujoco.actuators import Actuators
 from buggy_rl.simulators.mujoco.arrays import Array
-from buggy_rl.simulators.mujoco.car import CompiledCar
+from buggy_rl.simulators.mujoco.car import CompiledCar, model_fields
+from buggy_rl.simulators.mujoco.closed_cars import ClosedCars
+from buggy_rl.simulators.mujoco.forces import Forces
 
-Backend = Literal["cpu", "warp"]
+Backend = Literal["cpu", "warp", "closed"]
 """`cpu`: MuJoCo, double precision, always on the CPU. `warp`: MuJoCo Warp, single precision, on the
-engine's device."""
+engine's device. `closed`: the same equations of motion in closed form, likewise."""
 
 
 class Cars(Protocol):
@@ -30,17 +34,23 @@ class Cars(Protocol):
     """[n, nq]; written before a step, read after it."""
     qvel: Array
     """[n, nv]."""
-    xfrc_applied: Array
-    """[n, nbody, 6]."""
-    qfrc_applied: Array
-    """[n, nv]."""
 
     def array(self, tensor: Tensor) -> Array:
         """A tensor as an array of this kind, in its precision and on its device."""
         ...
 
-    def step(self) -> None:
-        """Advances every car by one timestep of the model."""
+    def run(
+        self, actuators: Actuators, forces: Forces, start: Array, target: Array, steps: int
+    ) -> None:
+        """Advances every car by timesteps of the model.
+
+        Args:
+            actuators: Of the cars.
+            forces: On them; cars in closed form have none but their parameters'.
+            start: [n, 2] throttle and steering command behind the lags, at the start.
+            target: [n, 2] those that the lags tend to.
+            steps: Timesteps.
+        """
         ...
 
     def refuse_bad(self) -> None:
@@ -56,30 +66,65 @@ class Cars(Protocol):
         ...
 
 
+class SteppedCars:
+    """What `Cars` of MuJoCo's own steps have in common."""
+
+    qpos: Array
+    qvel: Array
+    xfrc_applied: Array
+    """[n, nbody, 6]."""
+    qfrc_applied: Array
+    """[n, nv]."""
+
+    timestep: float
+    """[s]"""
+
+    def run(
+        self, actuators: Actuators, forces: Forces, start: Array, target: Array, steps: int
+    ) -> None:
+        written = (self.xfrc_applied, self.qfrc_applied)
+        for step in range(steps):
+            middle = actuators.lagged(start, target, (step + 0.5) * self.timestep)
+            angle = actuators.steering_angle(middle[:, 1])
+            drive = actuators.drive(middle[:, 0])
+            forces.apply(self.qpos, self.qvel, *written, angle, drive)
+            self.step()
+
+    def step(self) -> None:
+        """Advances every car by one timestep, under the forces that are written."""
+        raise NotImplementedError
+
+
 def make_cars(
     backend: Backend,
     car: CompiledCar,
     count: int,
-    fields: Mapping[str, NDArray],
+    values: Mapping[str, Tensor],
+    command: LongitudinalCommand,
     nthread: int,
     device: torch.device,
 ) -> Cars:
-    """Cars of one model that differ by fields of it.
+    """Cars of one model that differ by parameters.
 
     Args:
         backend: What steps them.
         car: The model.
         count: n.
-        fields: Field of `MjModel` -> [n, ...] or [1, ...] where all share it.
+        values: Parameter name -> [n], or [1] where all share it.
+        command: What the first command is.
         nthread: Threads of MuJoCo's batch.
-        device: Where MuJoCo Warp steps.
+        device: Where cars are stepped that are not on the CPU alone.
 
     Raises:
-        ValueError: There is no such backend.
+        ValueError: There is no such backend, or it does not step these tyres.
         ImportError: MuJoCo Warp is not installed.
     """
     if backend not in get_args(Backend):
         raise ValueError(f"backend is {backend!r}; expected one of {', '.join(get_args(Backend))}")
+    if backend == "closed":
+        return ClosedCars(car, count, values, command, device)
+    known = {name: value.double().cpu().numpy() for name, value in values.items()}
+    fields = model_fields(car, known)
     if backend == "cpu":
         return CpuCars(car.model, count, fields, nthread)
     try:
@@ -91,7 +136,7 @@ def make_cars(
     return WarpCars(car, count, fields, device)
 
 
-class CpuCars:
+class CpuCars(SteppedCars):
     """Cars stepped by `mujoco.batch`; see `make_cars` and `Cars`."""
 
     dtype = torch.float64
@@ -99,7 +144,7 @@ class CpuCars:
     def __init__(
         self, model: mujoco.MjModel, count: int, fields: Mapping[str, NDArray], nthread: int = 1
     ) -> None:
-        self._made = (model, count, fields, nthread)
+        self._made, self.timestep = (model, count, fields, nthread), model.opt.timestep
         self._batch = Batch(model, count, nthread)
         for name, field in fields.items():
             self._batch.expand(name)[:] = field

@@ -79,6 +79,11 @@ class CompiledCar:
         return make_car, (self.dimensions, self.tyres, self.timestep, self.visual, self.drive)
 
     @property
+    def weights(self) -> Weights:
+        """Its wheels and suspension."""
+        return Weights.of(self.dimensions)
+
+    @property
     def timestep(self) -> float:
         """Timestep of the physics [s]."""
         return self.model.opt.timestep
@@ -157,7 +162,8 @@ def model_fields(car: CompiledCar, values: Mapping[str, np.ndarray]) -> dict[str
     fields["body_mass"][:, car.chassis] = inertia["mass"]
     fields["body_ipos"][:, car.chassis] = inertia["ipos"]
     fields["body_inertia"][:, car.chassis] = inertia["inertia"]
-    fields["qpos_spring"][:, car.slide + 1] = spring_reference(car.dimensions, values).T
+    reference = spring_reference(car.weights, car.dimensions.wheelbase, values)
+    fields["qpos_spring"][:, car.slide + 1] = reference.T
     if car.tyres == "contact":
         for wheel in WHEELS:
             geom = car.model.geom(f"tyre_{wheel}").id
@@ -211,7 +217,9 @@ def _add_wheel(
         stiffness=weights.spring_rate,
         damping=weights.spring_damping,
         armature=weights.strut_armature,
-        springref=float(spring_reference(dimensions, nominal)[WHEELS.index(wheel), 0]),
+        springref=float(
+            spring_reference(weights, dimensions.wheelbase, nominal)[WHEELS.index(wheel), 0]
+        ),
         limited=True,
         range=[-weights.suspension_travel, weights.suspension_travel],
     )

@@ -7,7 +7,7 @@ State in the TensorDict, after the batch dimensions:
 - `commands` [N, 2]: the last N actions, oldest first, for the dead times.
 - `actuators` [2]: throttle and steering command behind their lags.
 
-The first and the last are float64, of `backend=warp` float32.
+The first and the last are float64, of another backend than `cpu` float32.
 """
 
 import math
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
-from array_api_compat import array_namespace, is_numpy_namespace
+from array_api_compat import array_namespace
 from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
@@ -27,9 +27,9 @@ from buggy_rl.core.parameters import Realisations
 from buggy_rl.core.vehicle import CONTROL_PERIOD, Similarity, VehicleDimensions, similar_dimensions
 from buggy_rl.simulators.base import RowsEngine
 from buggy_rl.simulators.mujoco.actuators import FRONT_SHARE, Actuators, Drive, memory_length
-from buggy_rl.simulators.mujoco.arrays import Array, copied
+from buggy_rl.simulators.mujoco.arrays import Array, copied, on_gpu
 from buggy_rl.simulators.mujoco.batches import Backend, make_cars
-from buggy_rl.simulators.mujoco.car import Tyres, make_car, model_fields
+from buggy_rl.simulators.mujoco.car import Tyres, make_car
 from buggy_rl.simulators.mujoco.declared import declared_parameters, realised
 from buggy_rl.simulators.mujoco.forces import Forces
 from buggy_rl.simulators.mujoco.placement import park, place, seen_pose, seen_velocity, set_off
@@ -62,7 +62,10 @@ class MujocoEngine(RowsEngine):
             driven wheels.
         drive: Driven wheels: rear, front or all, through open differentials.
         backend: `cpu`, MuJoCo in double precision, on the CPU whatever the device; or `warp`,
-            MuJoCo Warp in single precision on the device, for thousands of cars on a GPU.
+            MuJoCo Warp in single precision on the device, for thousands of cars on a GPU; or
+            `closed`, the same equations of motion in closed form, likewise: compiled
+            (scripts/compile.py) they take a twentieth of MuJoCo's time on a CPU. They have
+            explicit tyres and no ends of the struts' travel.
         args, common: As for `Engine`.
 
     Raises:
@@ -120,10 +123,10 @@ class MujocoEngine(RowsEngine):
     def _prepare(self) -> None:
         """Builds what depends on parameter values."""
         rows = {name: value.reshape(-1) for name, value in self.values.items()}
-        known = {name: value.double().cpu().numpy() for name, value in rows.items()}
-        fields = model_fields(self.car, known)
-        count = max(self.numel(), 1)
-        self._cars = make_cars(self.backend, self.car, count, fields, self.nthread, self.device)
+        count, threads = max(self.numel(), 1), self.nthread
+        self._cars = make_cars(
+            self.backend, self.car, count, rows, self.command, threads, self.device
+        )
         values = {name: self._cars.array(value) for name, value in rows.items()}
         self._actuators = Actuators(values, self.dt, self.command)
         self._forces = Forces(self.car, values, self.command)
@@ -196,15 +199,8 @@ class MujocoEngine(RowsEngine):
 
     def _run(self, start: Array, target: Array) -> None:
         """Advances the cars by one control period."""
-        cars, timestep = self._cars, self.car.timestep
-        qpos, qvel = cars.qpos, cars.qvel
-        xfrc, qfrc = cars.xfrc_applied, cars.qfrc_applied
-        for substep in range(self._substeps):
-            middle = self._actuators.lagged(start, target, (substep + 0.5) * timestep)
-            angle = self._actuators.steering_angle(middle[:, 1])
-            drive = self._actuators.drive(middle[:, 0])
-            self._forces.apply(qpos, qvel, xfrc, qfrc, angle, drive)
-            cars.step()
+        cars = self._cars
+        cars.run(self._actuators, self._forces, start, target, self._substeps)
         (cars.lose_bad if self.lost_as_nan else cars.refuse_bad)()
 
     def _with_edits(self, physics: Array, pose: Array, velocity: Array) -> Array:
@@ -215,7 +211,7 @@ class MujocoEngine(RowsEngine):
         physics = copied(physics)
         for rows, is_pose in ((new_pose, True), (new_velocity, False)):
             # On a GPU the question would wait for all work there; the answer saves work here.
-            if is_numpy_namespace(xp) and not rows.any():
+            if not on_gpu(physics) and not rows.any():
                 continue
             edited = copied(physics)
             qpos, qvel = self._split(edited)

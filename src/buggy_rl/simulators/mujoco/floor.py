@@ -9,11 +9,12 @@ with S what strut and wheel weigh on it, z and v the height and speed of its low
 inertia along the strut. Under a chassis at rest dv/dt = -2 v / T - z / T^2. The floor never pulls.
 """
 
+from typing import Any
+
 from array_api_compat import array_namespace
 
 from buggy_rl.simulators.mujoco.arrays import Array
 from buggy_rl.simulators.mujoco.car import CompiledCar
-from buggy_rl.simulators.mujoco.weights import Weights
 
 # Over 512 random drives of 1 s at 2.5 ms the worst path is 0.33 % of its length from that with
 # MuJoCo's contacts; with 20 ms, the time constant of those, 0.96 %, with 5 ms 1.7 %.
@@ -21,17 +22,24 @@ SETTLING = 0.01  # [s] T
 STEPS = 4  # timesteps that T has at least, for stability: the spring is explicit
 
 
+def settling_rate(timestep: Any) -> Any:
+    """1 / T [1/s] at a timestep of the physics [s]."""
+    longest = STEPS * timestep
+    if isinstance(longest, float):
+        return 1.0 / max(SETTLING, longest)
+    return 1.0 / longest.clip(SETTLING)  # of a kernel, which takes any timestep
+
+
 class Floor:
     """Push of a flat floor on the wheels of n environments, without state.
 
     Args:
         car: Compiled model.
-        weights: Its wheels and struts.
     """
 
-    def __init__(self, car: CompiledCar, weights: Weights) -> None:
-        self.car = car
-        self._rate = 1.0 / max(SETTLING, STEPS * car.timestep)
+    def __init__(self, car: CompiledCar) -> None:
+        self.car, weights = car, car.weights
+        self._rate = settling_rate(car.timestep)
         self._inertia = weights.wheel_mass + weights.strut_armature
         self._hub_z = car.dimensions.wheel_radius - car.dimensions.cg_height
 

@@ -18,10 +18,10 @@ from array_api_compat import array_namespace
 from buggy_rl.core.longitudinal import ONE_WAY, LongitudinalCommand
 from buggy_rl.core.vehicle import GRAVITY
 from buggy_rl.simulators.mujoco.actuators import SHARES, STOPS, Drivetrain
-from buggy_rl.simulators.mujoco.arrays import Array, array_like, stacked
+from buggy_rl.simulators.mujoco.arrays import Array, column_like, solve3, stacked
 from buggy_rl.simulators.mujoco.car import CompiledCar
 from buggy_rl.simulators.mujoco.floor import Floor
-from buggy_rl.simulators.mujoco.weights import Weights, spring_reference
+from buggy_rl.simulators.mujoco.weights import spring_reference
 
 SLIP_STIFFNESS = 12.0  # [-] longitudinal force over load and slip ratio; chosen, not measured
 SLOWEST_ROLLING = 0.1  # [m/s] least speed slip is divided by: at rest a tyre is a damper; chosen
@@ -142,6 +142,20 @@ def read_motion(qpos: Array, qvel: Array) -> ChassisMotion:
     return ChassisMotion(cos, sin, cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate)
 
 
+class AppliedForces(NamedTuple):
+    """Forces on the car in a substep; those in the world frame are [N]."""
+
+    along_x: Array
+    """[4, n] of the tyres at their patches."""
+    along_y: Array
+    push: Array
+    """[4, n] of the floor, upwards."""
+    resistance: tuple[Array, Array]
+    """[n] x and y, at the chassis's centre of gravity."""
+    torque: Array
+    """[4, n] about the axles [N m]."""
+
+
 class Forces:
     """Drive, resistance and, with explicit tyres, forces of tyres and floor of n environments.
 
@@ -164,16 +178,16 @@ class Forces:
         front, rear = ("front", "front"), ("rear", "rear")
         self._grip = _per_wheel(values, "grip", front + rear)
         self._cornering = _per_wheel(values, "cornering_stiffness", front + rear)
-        self._spring_reference = spring_reference(car.dimensions, values)
+        self._weights = weights = car.weights
+        self._spring_reference = spring_reference(weights, car.dimensions.wheelbase, values)
         ahead = car.dimensions.cg_to_front_axle - car.dimensions.sensor_to_cg
         self._cg_x = ahead - values["cg_to_front_axle"]  # of the centre of gravity, body frame
         self._arm_x = car.hub_x - self._cg_x
-        self._weights = weights = Weights.of(car.dimensions)
-        self.floor = Floor(car, weights)
+        self.floor = Floor(car)
         driveline = [weights.driveline_inertia if share else 0.0 for share in SHARES[car.drive]]
         self.drivetrain = Drivetrain(values, self.radius, command, car.drive)
-        spin_inertia = [[weights.spin_inertia + wheel] for wheel in driveline]  # (4, 1)
-        self._spin_inertia = array_like(spin_inertia, values["mass"])
+        spin_inertia = [weights.spin_inertia + wheel for wheel in driveline]
+        self._spin_inertia = column_like(spin_inertia, values["mass"])
         first, last = int(car.wheel_bodies[0]), int(car.wheel_bodies[-1])
         self._wheel_bodies = slice(first, last + 1)
 
@@ -203,28 +217,47 @@ class Forces:
         car = self.car
         qpos[:, car.steer + 1] = steering_angle[:, None]
         qvel[:, car.steer] = 0.0
+        forces = self.applied(qpos, qvel, steering_angle, drive)
+        qfrc_applied[:, car.spin] = forces.torque.T
+        xfrc_applied[:, car.chassis, 0], xfrc_applied[:, car.chassis, 1] = forces.resistance
+        if car.tyres == "contact":
+            return
+        x, y = forces.along_x, forces.along_y
+        # At the patch, a radius below the hub: F = (x, y, N) and M = (0, 0, -r) x F.
+        wrench = xfrc_applied[:, self._wheel_bodies]  # (n, 4, 6)
+        wrench[..., 0], wrench[..., 1], wrench[..., 2] = x.T, y.T, forces.push.T
+        wrench[..., 3], wrench[..., 4] = self.radius * y.T, -self.radius * x.T
+
+    def applied(
+        self, qpos: Array, qvel: Array, steering_angle: Array, drive: Array
+    ) -> AppliedForces:
+        """The forces of the next substep; those of tyres and floor are 0 where MuJoCo finds them.
+
+        Args: as of `apply`.
+        """
+        car = self.car
         motion = read_motion(qpos, qvel)
         spin = qvel.T[car.spin]
         torque, slope = self.drivetrain.torques(spin, motion.vx, drive)
         brakes = self.drivetrain.brakes(motion.vx, drive)
         if brakes is not None:
             torque, slope = self._braked(torque, slope, brakes, spin)
-        qfrc_applied[:, car.spin] = torque.T
         resistance = self._resistance(motion.vx)
-        xfrc_applied[:, car.chassis, 0] = resistance * motion.cos
-        xfrc_applied[:, car.chassis, 1] = resistance * motion.sin
+        against = (resistance * motion.cos, resistance * motion.sin)
         if car.tyres == "contact":
-            return
+            none = self._xp.zeros_like(spin)
+            return AppliedForces(none, none, none, against, torque)
         wheels = WheelState(spin, steering_angle, torque, slope)
         fx, fy = self.tyre_forces(qpos, qvel, motion, wheels, resistance)
         if brakes is not None:
-            qfrc_applied[:, car.spin] = self._at_the_end(wheels, fx, fy).T
-        world_x, world_y = motion.cos * fx - motion.sin * fy, motion.sin * fx + motion.cos * fy
-        # At the patch, a radius below the hub: F = (x, y, N) and M = (0, 0, -r) x F.
-        wrench = xfrc_applied[:, self._wheel_bodies]  # (n, 4, 6)
-        wrench[..., 0], wrench[..., 1] = world_x.T, world_y.T
-        wrench[..., 2] = self.floor.push(qpos, qvel, self._carried(qpos, qvel)).T
-        wrench[..., 3], wrench[..., 4] = self.radius * world_y.T, -self.radius * world_x.T
+            torque = self._at_the_end(wheels, fx, fy)
+        return AppliedForces(
+            motion.cos * fx - motion.sin * fy,
+            motion.sin * fx + motion.cos * fy,
+            self.floor.push(qpos, qvel, self._carried(qpos, qvel)),
+            against,
+            torque,
+        )
 
     def _braked(
         self, torque: Array, slope: Array, brakes: Array, spin: Array
@@ -334,7 +367,7 @@ class Forces:
         yaw_rate = motion.yaw_rate
         right[0] += resistance + mass * yaw_rate * (motion.vy + self._cg_x * yaw_rate)
         right[1] -= mass * yaw_rate * motion.vx
-        change = _solve3(matrix, right)
+        change = solve3(matrix, right)
         dx = ax[0] * change[0] + ax[1] * change[1] + ax[2] * change[2]
         dy = ay[0] * change[0] + ay[1] * change[1] + ay[2] * change[2]
         return fx - jxx * dx - jxy * dy, fy - jyx * dx - jyy * dy
@@ -342,22 +375,3 @@ class Forces:
 
 def _per_wheel(values: Mapping[str, Array], name: str, axles) -> Array:
     return stacked([values[f"{name}_{axle}"] for axle in axles])
-
-
-def _solve3(a, b) -> tuple[Array, Array, Array]:
-    """Solves n systems of three equations by Cramer's rule; a[i][j], b[i] are [n]."""
-    c00 = a[1][1] * a[2][2] - a[1][2] * a[2][1]
-    c01 = a[1][2] * a[2][0] - a[1][0] * a[2][2]
-    c02 = a[1][0] * a[2][1] - a[1][1] * a[2][0]
-    scale = 1.0 / (a[0][0] * c00 + a[0][1] * c01 + a[0][2] * c02)
-    d0 = a[0][2] * a[2][1] - a[0][1] * a[2][2]
-    d1 = a[0][0] * a[2][2] - a[0][2] * a[2][0]
-    d2 = a[0][1] * a[2][0] - a[0][0] * a[2][1]
-    e0 = a[0][1] * a[1][2] - a[0][2] * a[1][1]
-    e1 = a[0][2] * a[1][0] - a[0][0] * a[1][2]
-    e2 = a[0][0] * a[1][1] - a[0][1] * a[1][0]
-    return (
-        (c00 * b[0] + d0 * b[1] + e0 * b[2]) * scale,
-        (c01 * b[0] + d1 * b[1] + e1 * b[2]) * scale,
-        (c02 * b[0] + d2 * b[1] + e2 * b[2]) * scale,
-    )

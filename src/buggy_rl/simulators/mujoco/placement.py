@@ -8,7 +8,7 @@ import math
 
 from array_api_compat import array_namespace
 
-from buggy_rl.simulators.mujoco.arrays import Array
+from buggy_rl.simulators.mujoco.arrays import Array, angle_of
 from buggy_rl.simulators.mujoco.car import CompiledCar
 from buggy_rl.simulators.mujoco.forces import read_motion
 
@@ -17,7 +17,7 @@ def seen_pose(qpos: Array, last_yaw: Array) -> Array:
     """Pose [n, 3]; the yaw goes on from `last_yaw` [n], not wrapped."""
     xp = array_namespace(qpos)
     w, x, y, z = qpos[:, 3:7].T
-    yaw = xp.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    yaw = angle_of(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
     turns = xp.round((last_yaw - yaw) / (2 * math.pi))
     return xp.stack([qpos[:, 0], qpos[:, 1], yaw + 2 * math.pi * turns], axis=-1)
 

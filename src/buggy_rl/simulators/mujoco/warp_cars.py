@@ -19,6 +19,7 @@ import warp
 from numpy.typing import NDArray
 from torch import Tensor
 
+from buggy_rl.simulators.mujoco.batches import SteppedCars
 from buggy_rl.simulators.mujoco.car import CompiledCar
 
 # Four tyres touch one floor: at most four contacts of at most three rows, and four struts at the
@@ -38,7 +39,7 @@ def start_warp(device: torch.device) -> None:
         print("MuJoCo Warp compiles its kernels, once: half a minute or more", file=sys.stderr)
 
 
-class WarpCars:
+class WarpCars(SteppedCars):
     """See `batches.make_cars` and `batches.Cars`.
 
     On a GPU a step is recorded once as a CUDA graph. Steps there are not equal to the last bit:
@@ -50,7 +51,7 @@ class WarpCars:
     def __init__(
         self, car: CompiledCar, count: int, fields: Mapping[str, NDArray], device: torch.device
     ) -> None:
-        self.device = device
+        self.device, self.timestep = device, car.timestep
         start_warp(device)
         self._warp_device = warp.device_from_torch(str(device))  # a device without index too
         model = copy.copy(car.model)

@@ -7,6 +7,7 @@ whole less the wheels. Arrays follow numpy's broadcasting, `*` over environments
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -129,13 +130,12 @@ def chassis_inertia(
     return {"mass": chassis_mass, "ipos": ipos, "inertia": yaw[..., None] * shares}
 
 
-def spring_reference(dimensions: VehicleDimensions, values: Mapping[str, Array]) -> Array:
+def spring_reference(wheel: Weights, wheelbase: Any, values: Mapping[str, Array]) -> Array:
     """Unloaded place [4, n] of the wheels [m] at which the car stands level.
 
     k (0 - s_0) = F_z - m_w g, with F_z the wheel's share of the car's weight.
     """
-    wheel = Weights.of(dimensions)
-    to_front = values["cg_to_front_axle"] / dimensions.wheelbase
+    to_front = values["cg_to_front_axle"] / wheelbase
     weight = values["mass"] * GRAVITY
     front, rear = weight * (1 - to_front) / 2, weight * to_front / 2  # a wheel
     load = stacked([front, front, rear, rear])
