@@ -98,18 +98,18 @@ class Actuators:
 
     def lagged(self, start: Array, target: Array, elapsed: float) -> Array:
         """First-order lag [n, 2] towards a constant target, `elapsed` seconds on."""
-        return target + (start - target) * lag_decay(self._time_constants, elapsed)
+        return target + (start - target) * step_left(self._time_constants, elapsed)
 
     def steering_angle(self, command: Array) -> Array:
         """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n]."""
-        return steering_angle(self.values, command)
+        return servo_angle(self.values, command)
 
     def drive(self, command: Array) -> Array:
         """Motor drive [n] of a lagged throttle command [n]: in 0..1, two-way in -1..1."""
         return motor_drive(self.values, self.command, command)
 
 
-def lag_decay(time_constants: Array, elapsed: Any) -> Array:
+def step_left(time_constants: Array, elapsed: Any) -> Array:
     """What is left of a step `elapsed` seconds later behind a first-order lag, exp(-t / T).
 
     y(t) = u + (y(0) - u) exp(-t / T), exact for a constant u.
@@ -119,7 +119,7 @@ def lag_decay(time_constants: Array, elapsed: Any) -> Array:
     return xp.exp(-elapsed / xp.maximum(time_constants, NO_LAG))
 
 
-def steering_angle(values: Mapping[str, Array], command: Array) -> Array:
+def servo_angle(values: Mapping[str, Array], command: Array) -> Array:
     """Road-wheel angle [n] [rad], positive to the left, of a lagged command [n].
 
     delta = offset + left * max(s, 0) + right * min(s, 0).

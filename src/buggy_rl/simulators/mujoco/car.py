@@ -80,7 +80,7 @@ class CompiledCar:
 
     @property
     def weights(self) -> Weights:
-        """Its wheels and suspension."""
+        """Wheels and suspension of this car."""
         return Weights.of(self.dimensions)
 
     @property

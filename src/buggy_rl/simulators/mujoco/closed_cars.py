@@ -19,9 +19,9 @@ from buggy_rl.core.vehicle import VehicleDimensions
 from buggy_rl.simulators.mujoco.actuators import (
     Actuators,
     Drive,
-    lag_decay,
     motor_drive,
-    steering_angle,
+    servo_angle,
+    step_left,
 )
 from buggy_rl.simulators.mujoco.car import CompiledCar, make_car
 from buggy_rl.simulators.mujoco.declared import declared_parameters
@@ -49,7 +49,7 @@ class CarOfNumbers:
     """A car of any size for `Forces` and `RigidCar`: a `CompiledCar` whose numbers are tensors.
 
     Args:
-        numbers: [K] timestep, `Lengths`, `Weights`, as of `numbers_of`.
+        numbers: [K] timestep, `Lengths`, `Weights`, as of `geometry_of`.
         drive: Driven wheels.
     """
 
@@ -89,7 +89,7 @@ class CarOfNumbers:
         return self
 
 
-def numbers_of(car: CompiledCar) -> Tensor:
+def geometry_of(car: CompiledCar) -> Tensor:
     """[K] what `CarOfNumbers` is made of."""
     lengths = [getattr(car.dimensions, name) for name in Lengths._fields]
     weights = [getattr(car.weights, name) for name in WEIGHTS]
@@ -123,12 +123,12 @@ def _substep(
     car = CarOfNumbers(numbers, drive)
     values = dict(zip(names, parameters.unbind(), strict=True))
     throttle, steering = lagged.unbind()
-    angle = steering_angle(values, steering)
+    angle = servo_angle(values, steering)
     duty = motor_drive(values, command, throttle)
     forces = Forces(car, values, command).applied(qpos, qvel, angle, duty)  # type: ignore[arg-type]
     state = RigidCar(car, values).step(read_state(car, qpos, qvel), forces, angle)
     lags = torch.stack([values["throttle_lag"], values["steering_lag"]])
-    lagged = target + (lagged - target) * lag_decay(lags, car.timestep)
+    lagged = target + (lagged - target) * step_left(lags, car.timestep)
     return lagged, *written_state(car, state, angle)
 
 
@@ -140,7 +140,7 @@ def _example(drive: Drive, command: LongitudinalCommand, n: int) -> tuple[Tensor
     qpos = torch.tensor(car.parked, dtype=torch.float32)[:, None].repeat(1, n).T
     qvel = torch.full((car.model.nv, n), 0.1).T
     half = torch.full((2, n), 0.1)
-    return numbers_of(car), parameters, half, half.clone(), qpos, qvel
+    return geometry_of(car), parameters, half, half.clone(), qpos, qvel
 
 
 @cache
@@ -200,7 +200,7 @@ class ClosedCars:
         self.device = device
         self.qpos = torch.tensor(car.parked, dtype=self.dtype, device=device).repeat(count, 1)
         self.qvel = self.qpos.new_zeros(count, car.model.nv)
-        self._numbers = numbers_of(car).to(device)
+        self._numbers = geometry_of(car).to(device)
         rows = [self.array(value).expand(count) for value in values.values()]
         self._parameters = torch.stack(rows)
         self._command = command
