@@ -11,6 +11,7 @@ from buggy_rl.core import keys
 from buggy_rl.simulators import make_engine
 from buggy_rl.simulators.mujoco.closed_cars import COMPILED, substep_kernel
 from buggy_rl.simulators.mujoco.engine import ACTUATORS, PHYSICS_STATE
+from buggy_rl.simulators.mujoco.forces import Forces
 from tests.simulators.steps import follow, start
 from tests.simulators.test_mujoco_warp import COMMANDS, drive
 
@@ -80,3 +81,16 @@ def test_no_bit_of_a_car_depends_on_how_many_are_simulated(count):
 
     part = slice(1, 1 + count)
     assert torch.equal(driven(slice(0, 101))[:, part], driven(part))
+
+
+class OtherForces(Forces):
+    """Forces that the kernel knows nothing of, such as a plant's."""
+
+
+def test_forces_of_another_kind_are_refused():
+    cars = make_engine("mujoco", 2, backend="closed")
+    cars._forces = OtherForces(cars.car, cars._forces.values)
+    state = cars.reset()
+    state[keys.ACTION] = torch.zeros(2, 2)
+    with pytest.raises(ValueError, match="has its own forces, not OtherForces"):
+        cars.step(state)

@@ -112,7 +112,7 @@ def kernels_of(simulator: Any, **options: Any) -> list[str]:
     own = [OF_ENGINES[engine]] if engine in OF_ENGINES else []
     if own == ["reference_substep"] and command.kind == "throttle_brake_reverse":
         own = ["reference_substep_braked"]
-    if engine == "mujoco" and in_closed_form(simulator):
+    if in_closed_form(simulator):
         car: Any = made
         used = substep_kernel(car.car.drive, command.kind)
         own = [kernel.name for kernel in COMPILED if kernel is used]

@@ -50,7 +50,7 @@ class Maker:
         """Builds the simulator of a question, with further parameters and options."""
         own: dict[str, Any] = {}
         if engine_of(config.simulator) == "mujoco":
-            own = {"nthread": config.threads, **in_closed_form(config.simulator)}
+            own = {"nthread": config.threads} | in_closed_form(config.simulator)
         own |= {**own_options(config), **(options or {})}
         return cls(config.simulator, parameters, own)
 
@@ -78,11 +78,18 @@ def own_options(config: DiagnosisConfig) -> dict[str, Any]:
 
 def engine_of(simulator: str | Factory) -> str:
     """The engine of a simulator file; none of a factory."""
+    return _engine_and_options(simulator)[0]
+
+
+def _engine_and_options(simulator: str | Factory) -> tuple[str, dict[str, Any]]:
+    """The engine beneath simulator files, and the options that they give it."""
+    options: dict[str, Any] = {}
     if callable(simulator):
-        return ""
+        return "", options
     while simulator.endswith((".yaml", ".yml")):
-        simulator = str(read_simulator(Path(simulator))["engine"])
-    return simulator
+        content = read_simulator(Path(simulator))
+        simulator, options = str(content["engine"]), {**content["options"], **options}
+    return simulator, options
 
 
 def in_closed_form(simulator: str | Factory) -> dict[str, str]:
@@ -90,13 +97,10 @@ def in_closed_form(simulator: str | Factory) -> dict[str, str]:
 
     A file that names a backend is kept to.
     """
-    options: dict[str, Any] = {}
-    while isinstance(simulator, str) and simulator.endswith((".yaml", ".yml")):
-        content = read_simulator(Path(simulator))
-        options = {**content["options"], **options}
-        simulator = str(content["engine"])
+    engine, options = _engine_and_options(simulator)
     explicit = options.get("tyres", "explicit") == "explicit"
-    return {"backend": "closed"} if explicit and "backend" not in options else {}
+    own = engine == "mujoco" and explicit and "backend" not in options
+    return {"backend": "closed"} if own else {}
 
 
 CLOSE = 1e-3  # [m] by which a rollout of one second may end elsewhere; chosen

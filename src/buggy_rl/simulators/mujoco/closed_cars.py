@@ -213,6 +213,10 @@ class ClosedCars:
     def run(
         self, actuators: Actuators, forces: Forces, start: Tensor, target: Tensor, steps: int
     ) -> None:
+        if type(forces) is not Forces:
+            raise ValueError(
+                f"backend=closed has its own forces, not {type(forces).__name__}: give backend=cpu"
+            )
         timestep = float(self._numbers[0])
         lagged = actuators.lagged(start, target, 0.5 * timestep)
         if self._command.kind == "speed":  # a lag of a share is the share of the lag
