@@ -15,6 +15,7 @@ from torchrl.data import Unbounded
 from buggy_rl.core import keys
 from buggy_rl.simulators import base, make_engine
 from buggy_rl.simulators.mujoco import engine
+from buggy_rl.simulators.mujoco.batches import SteppedCars
 from buggy_rl.simulators.mujoco.engine import ACTUATORS, PHYSICS_STATE
 from tests.simulators.steps import follow, start
 
@@ -115,7 +116,7 @@ def test_without_mujoco_warp_the_error_says_how_to_install_it(monkeypatch: pytes
         make_engine("mujoco", 2, backend="warp")
 
 
-class MetaCars:
+class MetaCars(SteppedCars):
     """Cars whose arrays have a device but no content, and whose step is none."""
 
     dtype = torch.float32
@@ -126,6 +127,7 @@ class MetaCars:
         self.xfrc_applied, self.qfrc_applied = torch.zeros(count, model.nbody, 6), self.qvel.clone()
         for name, value in vars(self).items():
             setattr(self, name, value.to("meta"))
+        self.timestep = car.timestep
 
     def array(self, tensor):
         return tensor.to("meta", self.dtype)
@@ -144,12 +146,11 @@ def test_forces_actuators_and_edits_stay_on_the_device(options, tyres, monkeypat
     # without a host round trip. What is read at the construction is taken out.
     with monkeypatch.context() as construction:
         construction.setattr(
-            base, "Bounded", lambda _low, _high, shape, device: Unbounded(shape, device=device)
+            base, "Bounded", lambda _low, _high, shape, **rest: Unbounded(shape, **rest)
         )
         construction.setattr(
             engine, "make_cars", lambda _, car, count, *_rest: MetaCars(car, count)
         )
-        construction.setattr(engine, "model_fields", lambda *_: {})
         construction.setattr(torch.Tensor, "cpu", lambda tensor: torch.zeros(tensor.shape))
         construction.setattr(torch.Tensor, "__bool__", lambda _: False)
         cars = make_engine("mujoco", 4, "meta", tyres=tyres, **options)
