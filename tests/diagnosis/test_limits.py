@@ -1,4 +1,4 @@
-"""A patch that holds all that was driven is the floor, and is said as that."""
+"""A patch that holds all that was driven is the floor; a short dead time is of a lag beside it."""
 
 from types import SimpleNamespace
 
@@ -91,3 +91,38 @@ def test_it_is_said_wherever_it_was_driven():
     assert words_of("tire_grip", {PATCH: FLOOR}) == ", wherever it was driven"
     assert words_of("tire_grip", {}) == ""
     assert words_of("wind", {PATCH: FLOOR}) == ""
+
+
+LINE = Library(["throttle_dead_time", "throttle_lag", "steering_lag"])
+TWO = ("throttle_dead_time", "throttle_lag")
+
+
+def line(effects, dead_time):
+    own = {"throttle_dead_time": ("dead_time", dead_time), "throttle_lag": ("time_constant", 0.1)}
+    known = {
+        (name, p.name): float(p.coordinate(own[name][1]))
+        for name in own
+        for p in LINE.numbers(name)
+        if p.name == own[name][0]
+    }
+    return SimpleNamespace(fit=LINE.at(effects, known))
+
+
+@pytest.mark.parametrize(("dead_time", "expected"), [(0.015, True), (0.04, False)])
+def test_a_short_dead_time_beside_a_lag_is_the_lags(dead_time, expected):
+    # 15 ms are what the second of two lags in a row leaves, 85 and 15 ms; 40 ms are a radio's.
+    tried = {TWO: line(TWO, dead_time), ("throttle_lag",): None}
+    assert same_sets(tried, DRIVEN) == ({TWO: ("throttle_lag",)} if expected else {})
+
+
+def test_a_dead_time_without_a_lag_of_its_own_channel_stays_one():
+    beside = ("steering_lag", "throttle_dead_time")
+    tried = {e: line(e, 0.015) for e in (beside, ("throttle_dead_time",))}
+    assert same_sets(tried, DRIVEN) == {}
+
+
+def test_the_lag_alone_is_fitted_from_its_own_number():
+    [start] = missing_hypotheses({TWO: line(TWO, 0.015)}, DRIVEN, LINE)
+    assert start.effects == ("throttle_lag",)
+    assert start.values()["throttle_lag"]["time_constant"] == pytest.approx(0.1)
+    assert words_of("throttle_lag", {TWO: ("throttle_lag",)}) == ""

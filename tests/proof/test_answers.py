@@ -1,6 +1,6 @@
 """Figures of answers: names over strength, terms, what else is missing, repaired simulators."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -17,7 +17,7 @@ from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
 from buggy_rl.proof.score.stack import StackErrors
 from buggy_rl.proof.score.terms import TermMatch
 
-GAIN, OFFSET = {"gain": 0.8}, {"offset": 0.1}
+GAIN, OFFSET, LAG = {"gain": 0.8}, {"offset": 0.1}, {"time_constant": 0.1}
 TERM = "term.forward.steering"
 
 
@@ -43,6 +43,22 @@ def test_names_count_from_one_half_on():
     ]
     assert value(cases, "names above one half") == (pytest.approx(1 / 3), 3)
     assert value(cases, "nothing concealed") == (1.0, 1)
+
+
+def test_names_that_were_considered_count_beside_those_in_the_answer():
+    case = answered({"steering_lag": LAG}, {"steering_lag": 0.8})
+    assert value([case], "Brier score of the names in the answer")[0] == pytest.approx(0.04)
+    assert not [r for r in answer_rows([case]) if r.name.startswith("Brier score of all")]
+    sets = [
+        {"effects": ["steering_lag"], "probability": 0.6},
+        {"effects": ["parameter:steering_lag", "payload"], "probability": 0.2},
+    ]
+    about = {"status": "answered", "seconds": 1.0}
+    said = CaseAnswer.from_diagnosis({"posterior": {"sets": sets}}, about)
+    assert said.posterior == {"steering_lag": 0.8, "payload": 0.2}
+    assert CaseAnswer.from_dict(asdict(said)) == said
+    case = replace(case, scored=replace(case.scored, answer=said))
+    assert value([case], "Brier score of all")[0] == pytest.approx((0.04 + 0.04) / 2)
 
 
 def test_cases_of_one_make_and_simulator_are_a_cluster_with_a_baseline_or_without():

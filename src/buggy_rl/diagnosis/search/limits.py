@@ -1,11 +1,13 @@
 """Effects that are another effect in a limit of their numbers, and are said as that one.
 
-A patch of another floor that holds all that was driven is another floor. Sets with the one and with
-the other are the same hypothesis in two words, so their probabilities add before anything is named.
+A patch of another floor that holds all that was driven is another floor; a short dead time beside
+a lag is how a line of two lags begins. Sets with the one and with the other are the same hypothesis
+in two words, so their probabilities add before anything is named.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -17,6 +19,9 @@ from buggy_rl.estimation.segments import Segments
 
 PROMISING = 6  # sets that are fitted in the words of their limit; chosen
 COVERED = 0.95  # [-] share of the driven rows inside a patch from which it is the floor
+# [-] dead time over the lag beside it, below which it is a second lag in the line, of at most half
+# the first: of a small lag half counts as dead time (Skogestad 2003, J. Process Control 13, 291).
+OF_THE_LAG = 0.25
 
 
 @dataclass(frozen=True)
@@ -26,9 +31,9 @@ class Limit:
     effect: str
     becomes: str
     reached: Callable[[Candidate, Segments], bool]
-    numbers: Mapping[str, str]
-    """Number of `becomes` -> that of `effect` which it is then."""
-    words: str
+    numbers: Mapping[str, str] = field(default_factory=dict)
+    """Number of `becomes` -> that of `effect` which it is then; none where both are in the set."""
+    words: str = ""
     """Words added to the sentence of `becomes`."""
 
 
@@ -46,6 +51,14 @@ def covers_what_was_driven(candidate: Candidate, segments: Segments) -> bool:
     return not bool((away > reach).any())
 
 
+def is_of_the_lag(candidate: Candidate, _: Segments, dead_time: str = "", lag: str = "") -> bool:
+    """Whether a dead time is so short beside a lag that it is the beginning of one of two lags."""
+    values = candidate.fit.values()
+    if lag not in values:
+        return False
+    return values[dead_time]["dead_time"] < OF_THE_LAG * values[lag]["time_constant"]
+
+
 LIMITS = (
     Limit(
         "grip_patch",
@@ -54,12 +67,20 @@ LIMITS = (
         {"grip": "grip"},
         ", wherever it was driven",
     ),
+    *(
+        Limit(dead_time, lag, partial(is_of_the_lag, dead_time=dead_time, lag=lag))
+        for dead_time, lag in (
+            ("throttle_dead_time", "throttle_lag"),
+            ("steering_dead_time", "steering_lag"),
+        )
+    ),
 )
 
 
 def limits_within(library: Library) -> int:
-    """Number of effects of a library that another of its effects becomes in a limit."""
-    return sum({limit.effect, limit.becomes} <= {*library.effects} for limit in LIMITS)
+    """Number of effects of a library in whose place another of its effects is fitted in a limit."""
+    effects = {*library.effects}
+    return sum(bool(x.numbers) and {x.effect, x.becomes} <= effects for x in LIMITS)
 
 
 def same_sets(tried: Mapping[Effects, Candidate], segments: Segments) -> dict[Effects, Effects]:
@@ -84,7 +105,8 @@ def missing_hypotheses(
         fit = tried[key].fit
         known, values = fit.named(), fit.values()[limit.effect]
         for p in library.numbers(limit.becomes):
-            known[limit.becomes, p.name] = float(p.coordinate(values[limit.numbers[p.name]]))
+            if p.name in limit.numbers:
+                known[limit.becomes, p.name] = float(p.coordinate(values[limit.numbers[p.name]]))
         starts[other] = library.at(other, known)
     return list(starts.values())[:PROMISING]
 
@@ -92,7 +114,7 @@ def missing_hypotheses(
 def words_of(effect: str, same: Mapping[Effects, Effects]) -> str:
     """What is added to an effect's sentence, where other sets are said by it."""
     for limit in LIMITS:
-        if effect == limit.becomes and any(limit.effect in key for key in same):
+        if limit.words and effect == limit.becomes and any(limit.effect in key for key in same):
             return limit.words
     return ""
 

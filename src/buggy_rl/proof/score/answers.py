@@ -18,7 +18,6 @@ from buggy_rl.proof.score.figures import (
 from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
 from buggy_rl.proof.score.stack import SIMPLER, StackErrors
 from buggy_rl.proof.score.strength import VISIBLE
-from buggy_rl.proof.score.tables import listed
 from buggy_rl.proof.score.terms import TermMatch, is_term
 
 SEVERAL = ("two", "three")
@@ -170,16 +169,20 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     nothing, outside, within = (
         [c for c in of(cases, family) if c.answered] for family in ("nothing", "unknown", "term")
     )
-    squares = by_cluster(known, lambda c: [(p - right) ** 2 for p, right in listed(c.scored)])
     held = clustered_share(by_cluster(terms, lambda c: [] if c.covered is None else [c.covered]))
-    brier = clustered(squares, fmean)
+    brier = {"of the names in the answer": False}
+    if any(c.scored.answer.posterior for c in known):  # of lines that have it
+        brier["of all names considered"] = True
     return [
         _row("names above one half that are right", known, _right, 0.95),
         _row(
             f"effects above {VISIBLE:g} nats that are named, of one", of(cases, "one"), _seen, 0.9
         ),
         _row("  of two and three", several, _seen, 0.8),
-        ScoreRow("Brier score of all listed names", brier, 0.06, most=True, percent=False),
+        *(
+            ScoreRow(f"Brier score {of}", _brier(known, every), 0.06, most=True, percent=False)
+            for of, every in brier.items()
+        ),
         _row("nothing concealed: something named", nothing, _misnamed),
         _row("in the grammar: term found", [c for c in terms if c.visible], _term_found, 0.8),
         ScoreRow("  its interval holds the coefficient", held, 0.92, ceiling=0.97),
@@ -188,6 +191,17 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
         _row("no answer: a drive refused, or a crash", cases, lambda c: [not c.answered]),
         *_stack_rows(cases),
     ]
+
+
+def _brier(cases: Iterable[WeighedAnswer], every: bool = False) -> Figure:
+    """Mean square of probabilities less truths, of the names in answers or of all considered."""
+
+    def squares(case: WeighedAnswer) -> list[float]:
+        answer = case.scored.answer
+        said = answer.posterior if every else answer.probable
+        return [(p - (name in case.scored.case.truth)) ** 2 for name, p in said.items()]
+
+    return clustered(by_cluster(cases, squares), fmean)
 
 
 def _row(

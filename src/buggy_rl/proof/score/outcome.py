@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
-from buggy_rl.diagnosis.search.posterior import EVEN, Posterior, certainly_missing
+from buggy_rl.diagnosis.search.posterior import EVEN, LISTED, Posterior, certainly_missing
 from buggy_rl.proof.cases.case import Concealing
 from buggy_rl.proof.cases.equivalents import error, expected, meant, of_same_name, same_group
 
@@ -53,6 +53,9 @@ class CaseAnswer:
     """Effects that are said to be missing whatever else is, beside unknown physics."""
     more: float | None = None
     """Probability that more is missing than is named; None where it is not said."""
+    posterior: Mapping[str, float] = field(default_factory=dict)
+    """Effect -> probability, of all in the posterior of an answer whose names are `said`; none of
+    lines before it was entered."""
 
     @classmethod
     def of(cls, posterior: Posterior) -> "CaseAnswer":
@@ -101,7 +104,12 @@ class CaseAnswer:
             for effect in answer.get("effects", [])
         )
         verdict, more = answer.get("verdict", ""), answer.get("more_is_missing")
-        return cls(verdict, said, about["status"], about["seconds"], more=more)
+        posterior: dict[str, float] = {}
+        for own in answer.get("posterior", {}).get("sets", []):
+            for name in {*map(meant, own["effects"])}:
+                posterior[name] = posterior.get(name, 0.0) + own["probability"]
+        posterior = {name: round(p, 4) for name, p in posterior.items() if p >= LISTED}
+        return cls(verdict, said, about["status"], about["seconds"], more=more, posterior=posterior)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "CaseAnswer":
