@@ -4,9 +4,9 @@
    the segments; the best quarter of the terms on all of them, at first and after every term taken.
 2. Ranked by the loss of the straight line through its rollout, in either sense, projected off what
    the set's own numbers absorb. Terms whose lines run alike over what was driven are one.
-3. The best are fitted by rollouts beside the set, held out block by block, and so is the set
-   without each of its effects and terms. What has the least loss with its price goes on. Again,
-   until that is what there was.
+3. The best, of those whose lines promise half their price, are fitted by rollouts beside the set,
+   held out block by block, and so is the set without each of its effects and terms. What has the
+   least loss with its price goes on. Again, until that is what there was.
 """
 
 import math
@@ -32,6 +32,7 @@ MOST = 3  # terms
 ROUNDS = 5
 REWEIGHTED = 4
 LEAST = 40  # terms that are looked at on all segments, of how few ever
+HOPED = 0.5  # [-] of its price that a line promises at least for its term to be fitted; chosen
 TOGETHER = 200  # trials whose lines are solved at once, to bound memory
 
 
@@ -84,6 +85,7 @@ def discovered(
     dear = math.log(len(names))  # [nats] of a term more than of an effect: so many were looked at
     state = State(problem, {base.key: base, (): base})
     best, alike, first, rounds = base, {}, (), []
+    hopeful = True
 
     def priced(candidate: Candidate) -> float:
         terms_of_it = sum(name.startswith(PREFIX) for name in candidate.effects)
@@ -95,16 +97,21 @@ def discovered(
     for _ in range(ROUNDS):
         state = state.dispersed(criteria.rules.expected_left * best.typical)
         own = [name for name in best.effects if name.startswith(PREFIX)]
-        starts: list[Hypothesis] = _without_one(problem, best) if own else []
-        if len(own) < MOST:
+        starts = _without_one(problem, best) if own else []
+        if hopeful and len(own) < MOST:
             ranked = screen_terms(state.problem, best.fit, promising, looked_at)
+            none, share = _own_loss(state.problem, best.fit, looked_at)
             if not first:
-                none = _own_loss(state.problem, best.fit, looked_at)
                 first = tuple((s.name, none - s.loss) for s in ranked[:30])
-            chosen, groups = distinct(ranked, FITTED)
+            least = HOPED * (PRICE + dear) * share
+            most = FITTED // 2 if own else FITTED  # the first one explains the most
+            chosen, groups = distinct([s for s in ranked if none - s.loss > least], most)
+            hopeful = bool(chosen)
             alike |= groups
             starts += _begun(state.problem, best.fit, [s.start for s in chosen])
             rounds.append(tuple(s.name for s in chosen))
+        if not starts:
+            break
         state, found = _fitted_beside(state, best.fit, starts, criteria)
         state = state.dispersed(best.typical)
         leader = min([best, *found], key=priced)
@@ -161,9 +168,12 @@ def _without_one(problem: Problem, best: Candidate) -> list[Hypothesis]:
     ]
 
 
-def _own_loss(problem: Problem, fit: Fit, looked_at: int) -> float:
+def _own_loss(problem: Problem, fit: Fit, looked_at: int) -> tuple[float, float]:
+    """Loss of a fit on the segments looked at, as that of a line is, and their share of all."""
     few, [at] = thinned(problem, looked_at, [fit])
-    return float(few.noise.loss(at.square, few.dispersion).sum())
+    prior = 0.5 * (fit.vector / at.prior).square().sum()
+    loss = few.noise.loss(at.square, few.dispersion).sum() + prior
+    return float(loss), len(few.segments) / len(problem.segments)
 
 
 def screen_terms(
