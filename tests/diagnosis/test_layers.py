@@ -8,12 +8,13 @@ import pytest
 import torch
 
 from buggy_rl.diagnosis.config import DiagnosisConfig
-from buggy_rl.diagnosis.pipeline import run_diagnosis
+from buggy_rl.diagnosis.pipeline import open_case, run_diagnosis
 from buggy_rl.diagnosis.repair.layers import (
     Layer,
     Layered,
     _at_least,
     _closeness,
+    _discovered,
     _is_nearer,
     _more_missing,
     is_farther,
@@ -118,6 +119,18 @@ def test_where_nothing_is_wrong_nothing_is_laid_on():
     assert answer.repair.values == {}
     assert answer.repair.residual is None
     assert answer.terms == []
+
+
+@pytest.mark.parametrize("missing", [{}, TORQUE_STEER])
+def test_only_terms_that_promise_something_are_fitted(missing, monkeypatch):
+    monkeypatch.setattr(terms, "ROUNDS", 1)
+    case = open_case(ASKED, planted_drives([missing], cars=2, seconds=14.0)[0])
+    nothing = case.problem.library.hypothesis(())
+    found = _discovered(case.problem, case.criteria, nothing, 24)
+    assert bool(found.rounds[0]) == bool(missing)
+    assert len(found.ranked) == 30  # they were screened in any case
+    if not missing:
+        assert found.best is found.base
 
 
 def errors(size: float) -> Errors:

@@ -55,7 +55,7 @@ def test_names_that_were_considered_count_beside_those_in_the_answer():
     ]
     about = {"status": "answered", "seconds": 1.0}
     said = CaseAnswer.from_diagnosis({"posterior": {"sets": sets}}, about)
-    assert said.posterior == {"steering_lag": 0.8, "payload": 0.2}
+    assert said.mentioned == {"steering_lag": 0.8, "payload": 0.2}
     assert CaseAnswer.from_dict(asdict(said)) == said
     case = replace(case, scored=replace(case.scored, answer=said))
     assert value([case], "Brier score of all")[0] == pytest.approx((0.04 + 0.04) / 2)

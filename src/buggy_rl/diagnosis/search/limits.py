@@ -51,12 +51,12 @@ def covers_what_was_driven(candidate: Candidate, segments: Segments) -> bool:
     return not bool((away > reach).any())
 
 
-def is_of_the_lag(candidate: Candidate, _: Segments, dead_time: str = "", lag: str = "") -> bool:
-    """Whether a dead time is so short beside a lag that it is the beginning of one of two lags."""
+def is_of_the_lag(candidate: Candidate, _: Segments, *, dead_time: str, lag: str) -> bool:
+    """Whether a dead time is so short beside a lag that it is the beginning of a line of two."""
     values = candidate.fit.values()
-    if lag not in values:
-        return False
-    return values[dead_time]["dead_time"] < OF_THE_LAG * values[lag]["time_constant"]
+    return (
+        lag in values and values[dead_time]["dead_time"] < OF_THE_LAG * values[lag]["time_constant"]
+    )
 
 
 LIMITS = (
@@ -114,7 +114,7 @@ def missing_hypotheses(
 def words_of(effect: str, same: Mapping[Effects, Effects]) -> str:
     """What is added to an effect's sentence, where other sets are said by it."""
     for limit in LIMITS:
-        if limit.words and effect == limit.becomes and any(limit.effect in key for key in same):
+        if effect == limit.becomes and any(limit.effect in key for key in same):
             return limit.words
     return ""
 

@@ -85,7 +85,6 @@ def discovered(
     dear = math.log(len(names))  # [nats] of a term more than of an effect: so many were looked at
     state = State(problem, {base.key: base, (): base})
     best, alike, first, rounds = base, {}, (), []
-    hopeful = True
 
     def priced(candidate: Candidate) -> float:
         terms_of_it = sum(name.startswith(PREFIX) for name in candidate.effects)
@@ -98,7 +97,7 @@ def discovered(
         state = state.dispersed(criteria.rules.expected_left * best.typical)
         own = [name for name in best.effects if name.startswith(PREFIX)]
         starts = _without_one(problem, best) if own else []
-        if hopeful and len(own) < MOST:
+        if len(own) < MOST and (not rounds or rounds[-1]):
             ranked = screen_terms(state.problem, best.fit, promising, looked_at)
             none, share = _own_loss(state.problem, best.fit, looked_at)
             if not first:
@@ -106,7 +105,6 @@ def discovered(
             least = HOPED * (PRICE + dear) * share
             most = FITTED // 2 if own else FITTED  # the first one explains the most
             chosen, groups = distinct([s for s in ranked if none - s.loss > least], most)
-            hopeful = bool(chosen)
             alike |= groups
             starts += _begun(state.problem, best.fit, [s.start for s in chosen])
             rounds.append(tuple(s.name for s in chosen))

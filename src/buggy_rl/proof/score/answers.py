@@ -18,6 +18,7 @@ from buggy_rl.proof.score.figures import (
 from buggy_rl.proof.score.outcome import ScoredCase, by_cluster
 from buggy_rl.proof.score.stack import SIMPLER, StackErrors
 from buggy_rl.proof.score.strength import VISIBLE
+from buggy_rl.proof.score.tables import listed
 from buggy_rl.proof.score.terms import TermMatch, is_term
 
 SEVERAL = ("two", "three")
@@ -170,19 +171,13 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
         [c for c in of(cases, family) if c.answered] for family in ("nothing", "unknown", "term")
     )
     held = clustered_share(by_cluster(terms, lambda c: [] if c.covered is None else [c.covered]))
-    brier = {"of the names in the answer": False}
-    if any(c.scored.answer.posterior for c in known):  # of lines that have it
-        brier["of all names considered"] = True
     return [
         _row("names above one half that are right", known, _right, 0.95),
         _row(
             f"effects above {VISIBLE:g} nats that are named, of one", of(cases, "one"), _seen, 0.9
         ),
         _row("  of two and three", several, _seen, 0.8),
-        *(
-            ScoreRow(f"Brier score {of}", _brier(known, every), 0.06, most=True, percent=False)
-            for of, every in brier.items()
-        ),
+        *_brier_rows(known),
         _row("nothing concealed: something named", nothing, _misnamed),
         _row("in the grammar: term found", [c for c in terms if c.visible], _term_found, 0.8),
         ScoreRow("  its interval holds the coefficient", held, 0.92, ceiling=0.97),
@@ -193,15 +188,24 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     ]
 
 
-def _brier(cases: Iterable[WeighedAnswer], every: bool = False) -> Figure:
-    """Mean square of probabilities less truths, of the names in answers or of all considered."""
+def _brier_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
+    """Of the names in answers, and of all that were considered, where lines have them."""
 
-    def squares(case: WeighedAnswer) -> list[float]:
-        answer = case.scored.answer
-        said = answer.posterior if every else answer.probable
-        return [(p - (name in case.scored.case.truth)) ** 2 for name, p in said.items()]
+    def row(of: str, squares: Callable[[WeighedAnswer], list[float]]) -> ScoreRow:
+        score = clustered(by_cluster(cases, squares), fmean)
+        return ScoreRow(f"Brier score {of}", score, 0.06, most=True, percent=False)
 
-    return clustered(by_cluster(cases, squares), fmean)
+    def said(case: WeighedAnswer) -> list[float]:
+        named = case.scored.answer.said
+        return [(e.confidence - (e.effect in case.scored.case.truth)) ** 2 for e in named]
+
+    def every(case: WeighedAnswer) -> list[float]:
+        return [(p - right) ** 2 for p, right in listed(case.scored)]
+
+    rows = [row("of the names in the answer", said)]
+    if any(c.scored.answer.mentioned for c in cases):
+        rows.append(row("of all names considered", every))
+    return rows
 
 
 def _row(

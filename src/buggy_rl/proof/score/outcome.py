@@ -48,14 +48,12 @@ class CaseAnswer:
     seconds: float = 0.0
     """Run time [s]; 0 where it was not measured."""
     mentioned: Mapping[str, float] = field(default_factory=dict)
-    """Effect -> probability, of all in a posterior; empty where only names are said."""
+    """Effect -> probability, of all in a posterior; empty where only names are said, and of
+    lines of a proof before it was entered."""
     standing: tuple[str, ...] = ()
     """Effects that are said to be missing whatever else is, beside unknown physics."""
     more: float | None = None
     """Probability that more is missing than is named; None where it is not said."""
-    posterior: Mapping[str, float] = field(default_factory=dict)
-    """Effect -> probability, of all in the posterior of an answer whose names are `said`; none of
-    lines before it was entered."""
 
     @classmethod
     def of(cls, posterior: Posterior) -> "CaseAnswer":
@@ -104,12 +102,12 @@ class CaseAnswer:
             for effect in answer.get("effects", [])
         )
         verdict, more = answer.get("verdict", ""), answer.get("more_is_missing")
-        posterior: dict[str, float] = {}
+        mentioned: dict[str, float] = {}
         for own in answer.get("posterior", {}).get("sets", []):
             for name in {*map(meant, own["effects"])}:
-                posterior[name] = posterior.get(name, 0.0) + own["probability"]
-        posterior = {name: round(p, 4) for name, p in posterior.items() if p >= LISTED}
-        return cls(verdict, said, about["status"], about["seconds"], more=more, posterior=posterior)
+                mentioned[name] = mentioned.get(name, 0.0) + own["probability"]
+        mentioned = {name: round(p, 4) for name, p in mentioned.items() if p >= LISTED}
+        return cls(verdict, said, about["status"], about["seconds"], mentioned, more=more)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "CaseAnswer":
