@@ -189,7 +189,7 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
 
 
 def _brier_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
-    """Of the names in answers, and of all that were considered, where lines have them."""
+    """Brier scores of the names in answers, and of all considered, where lines have them."""
 
     def row(of: str, squares: Callable[[WeighedAnswer], list[float]]) -> ScoreRow:
         score = clustered(by_cluster(cases, squares), fmean)
