@@ -68,6 +68,19 @@ def test_a_case_that_was_left_out_is_found(folder):
         checked(published(folder))
 
 
+def test_a_count_ends_where_it_was_said_to(folder):
+    found = published(folder)
+    ids = [entry.id for entry in found.entries]
+    counted = replace(found, entries=found.entries[:2])
+    lines = checked(counted, drawn(DrawConfig(**DRAW), found.secret), last=ids[1])
+    assert "2 cases: what was concealed has the published hash, and none is left out" in lines[1]
+    assert lines[2] == f"1 that were sealed come after {ids[1]} and were never opened"
+    with pytest.raises(ValueError, match=f"case {ids[2]} .* not opened there; 1 of 3"):
+        checked(counted, last=ids[2])
+    with pytest.raises(ValueError, match="no such case was sealed"):
+        checked(counted, last="7")
+
+
 def test_cases_that_the_secret_does_not_draw_are_found(folder):
     found = published(folder)
     others = drawn(DrawConfig(**DRAW), "another secret")

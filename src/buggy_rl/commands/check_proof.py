@@ -3,6 +3,9 @@
     python scripts/check_proof.py folder=runs/proof_third config=configs/proof_third.yaml
     python scripts/check_proof.py folder=runs/proof_real config=configs/proof_real.yaml
 
+`last=2000599` where the count was to end before the last case that was sealed: that case and all
+before it have to be there.
+
 The secret has the hash that was published before the first question, what was concealed in each
 case has its published hash, no case is left out, and (with `config`) the secret draws these cases
 and no others: nobody chose them; edited recordings are drawn again from the recordings that the
@@ -27,6 +30,8 @@ class CheckProofConfig:
     config: str = ""
     """Config of the run, of `prove` or `prove_real`: the cases are drawn again; empty checks hashes
     alone."""
+    last: str = ""
+    """Last case that is counted; empty: the last that was sealed."""
 
 
 def main() -> None:
@@ -37,7 +42,7 @@ def main() -> None:
 
     found = published(Path(config.folder))
     again = drawn_again(found, config.config) if config.config else []
-    print("\n".join(checked(found, again)))
+    print("\n".join(checked(found, again, config.last)))
 
 
 if __name__ == "__main__":

@@ -74,21 +74,25 @@ def drawn_again(found: Published, config: str) -> Sequence[Concealing]:
     return drawn(build(ProofConfig, [config]).draw, found.secret)
 
 
-def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:
+def checked(found: Published, again: Sequence[Concealing] = (), last: str = "") -> list[str]:
     """Checks every line of the ledger, and says what holds.
 
     Args:
         found: What was published.
         again: The cases drawn again from the secret; empty where they are not.
+        last: Last case that is counted, where more were sealed; empty: all of them are.
 
     Raises:
         ValueError: Something is not as it was sealed; the message names the case.
     """
     opened = {entry.id: entry for entry in found.entries if entry.opened is not None}
-    if unopened := sorted(set(found.digests) - set(opened)):
+    if last and last not in found.digests:
+        raise ValueError(f"last={last}: no such case was sealed")
+    counted = {id_ for id_ in found.digests if not last or id_ <= last}
+    if unopened := sorted(counted - set(opened)):
         raise ValueError(
             f"case {unopened[0]} was sealed and is not in the ledger, or not opened there; "
-            f"{len(unopened)} of {len(found.digests)} are not"
+            f"{len(unopened)} of {len(counted)} are not"
         )
     for id_, entry in opened.items():
         text = sealed_text(entry.case, found.secret)
@@ -98,11 +102,13 @@ def checked(found: Published, again: Sequence[Concealing] = ()) -> list[str]:
         f"secret: its hash is the one in {HASH}",
         f"{len(opened)} cases: what was concealed has the published hash, and none is left out",
     ]
+    if beyond := set(found.digests) - set(opened):
+        lines.append(f"{len(beyond)} that were sealed come after {last} and were never opened")
     if again:
         drawn = {case.id: case for case in again}
         if off := sorted(id_ for id_, entry in opened.items() if drawn.get(id_) != entry.case):
             raise ValueError(f"case {off[0]} is not what the secret draws; {len(off)} are not")
-        if absent := sorted(set(drawn) - set(opened)):
+        if absent := sorted(set(drawn) - set(found.digests)):
             raise ValueError(f"case {absent[0]} was drawn, not sealed; {len(absent)} were not")
         lines.append(f"{len(opened)} cases are what the secret draws: nobody chose them")
     return [*lines, *answered_by(list(opened.values()))]
