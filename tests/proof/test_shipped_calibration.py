@@ -7,18 +7,16 @@ import pytest
 import yaml
 
 from buggy_rl.diagnosis.search import posterior
-from buggy_rl.diagnosis.search.posterior import SHIPPED, load_calibration, shipped
+from buggy_rl.diagnosis.search.posterior import SHIPPED, shipped
 from buggy_rl.proof.calibrate import calibration
 from buggy_rl.proof.calibrate.calibration import calibrated, feature_table, left_out, weights
 from buggy_rl.proof.calibrate.intervals import (
-    covered,
     form_error,
     intervals,
     scored_numbers,
-    step_intervals,
 )
 from buggy_rl.proof.ledger import searched
-from buggy_rl.proof.score.tables import best_single, by_pairing, counted, lowest_loss, mcnemar
+from buggy_rl.proof.score.tables import best_single, by_pairing, counted, lowest_loss
 
 DOCS = Path(__file__).parents[2] / "docs"
 NAMES = ("cases", "fresh", "enlarged", "opened", "opened_03c9054")
@@ -28,19 +26,14 @@ slow = pytest.mark.slow  # features of over a thousand cases, and fits to them
 
 
 @pytest.fixture(scope="module")
-def of_ledger():
-    """Searched cases of each ledger; features of a case are computed once for all tests here."""
-    found = [searched([file]) for file in LEDGERS]
-    kept = {id(entry.seen): posterior.of_hypotheses(entry.seen) for part in found for entry in part}
+def cases():
+    """Searched cases of all ledgers; features of a case are computed once for all tests here."""
+    found = searched(LEDGERS)
+    kept = {id(entry.seen): posterior.of_hypotheses(entry.seen) for entry in found}
     with pytest.MonkeyPatch.context() as patch:
         for module in (posterior, calibration):
             patch.setattr(module, "of_hypotheses", lambda seen: kept[id(seen)])
         yield found
-
-
-@pytest.fixture(scope="module")
-def cases(of_ledger):
-    return [entry for part in of_ledger for entry in part]
 
 
 @pytest.fixture(scope="module")
@@ -106,15 +99,6 @@ def test_the_coverage_of_the_docs_is_that_of_the_ledger(later, text):
         assert line in text
 
 
-@slow
-def test_a_form_error_of_the_earlier_cases_covers_the_fresh_ones(of_ledger, text):
-    earlier, fresh, *_ = of_ledger
-    form = form_error(scored_numbers(earlier))
-    assert intervals(fresh, form).splitlines()[2] in text
-    inside, _ = covered([(n, form) for n in scored_numbers(fresh)])
-    assert 0.92 <= inside.value <= 0.97
-
-
 def by_loss(cases):
     """What the held-out loss alone names: methods in whose columns nothing is fitted."""
     return {
@@ -142,36 +126,3 @@ def test_the_table_of_the_docs_is_that_of_the_ledger(cases, later, made_from, te
     pairings = by_pairing(methods["posterior"])
     for line in (*counted(methods).splitlines(), *pairings.splitlines()):
         assert line in text
-
-
-@slow
-def test_the_fresh_cases_of_the_docs_are_answered_by_earlier_weights(of_ledger, text):
-    _, fresh, *_ = of_ledger
-    earlier = load_calibration(DOCS / "development" / "weights_418.yaml")
-    assert earlier.cases < shipped().cases
-    found = [e.scored(e.posterior(earlier)) for e in fresh]
-    for line in (
-        *by_pairing(found).splitlines(),
-        *intervals(fresh, earlier.form_error).splitlines(),
-        mcnemar(found, [e.scored(best_single(e)) for e in fresh], "best single"),
-    ):
-        assert line in text
-    rows = counted({"posterior": found}).splitlines()[2:]
-    for row in rows:
-        assert row.rstrip("|") in text
-
-
-@slow
-def test_the_cases_of_the_enlarged_library_are_answered_by_the_weights_before_them(of_ledger, text):
-    _, _, enlarged, *_ = of_ledger
-    earlier = load_calibration(DOCS / "development" / "weights_927.yaml")
-    found = [e.scored(e.posterior(earlier)) for e in enlarged]
-    for line in (
-        *by_pairing(found).splitlines(),
-        *intervals(enlarged, earlier.form_error).splitlines(),
-        *step_intervals(enlarged, earlier.step_error).splitlines(),
-        mcnemar(found, [e.scored(best_single(e)) for e in enlarged], "best single"),
-    ):
-        assert line in text
-    for row in counted({"posterior": found}).splitlines()[2:]:
-        assert row.rstrip("|") in text

@@ -3,8 +3,8 @@
     python scripts/calibrate.py \
         ledgers=docs/development/cases.jsonl.gz,docs/development/fresh.jsonl.gz
     python scripts/calibrate.py ledgers=runs/development/development.jsonl write=true
-    python scripts/calibrate.py ledgers=docs/development/fresh.jsonl.gz apply=true \
-        weights=docs/development/weights_418.yaml
+    python scripts/calibrate.py ledgers=docs/development/opened_03c9054.jsonl.gz apply=true \
+        weights=docs/development/weights_1251.yaml
 
 Prints what is named, case by case from weights that were fitted without its kind of unknown
 physics, or its pairing; beside it, what the held-out loss alone would name. With `write=true` the

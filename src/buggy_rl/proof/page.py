@@ -242,7 +242,9 @@ def page_tables(
     found = {}
     if answers:
         found["counted"] = "; ".join((f"{len(answers)} cases", *made)) + "."
-        found["answers"] = table(MEASURED, map(_row, answer_rows(answers)))
+        rows = answer_rows(answers)
+        found["answers"] = table(MEASURED, map(_row, rows))
+        found["targets"] = table(MEASURED, (_row(row) for row in rows if row.target is not None))
         found["strength"] = table(
             OVER_STRENGTH, map(strength_cells, named_curve(answers, STRENGTHS))
         )
