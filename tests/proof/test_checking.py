@@ -106,3 +106,5 @@ def test_an_error_that_is_published_does_not_say_where_the_run_was(tmp_path):
     store = CaseStore(tmp_path / "run", tmp_path / "sealed")
     error = ValueError(f"{store.inputs('7') / 'drive_0.csv'}, row 3: it leaps")
     assert store.told(error) == "ValueError: cases/7/drive_0.csv, row 3: it leaps"
+    aside = ValueError(f"{store.held_out('7') / 'drive_2.csv'}, row 3: it leaps")
+    assert store.told(aside) == "ValueError: 7/drive_2.csv, row 3: it leaps"

@@ -69,8 +69,11 @@ class CaseStore:
     """Class of its cases."""
 
     def told(self, error: Exception) -> str:
-        """An error as the ledger has it, which is published: without this folder's own place."""
-        return f"{type(error).__name__}: {error}".replace(f"{self.output}/", "")
+        """An error as the ledger has it, which is published: without these folders' own places."""
+        said = f"{type(error).__name__}: {error}"
+        for folder in (self.output, self.sealed):
+            said = said.replace(f"{folder}/", "")
+        return said
 
     def inputs(self, id_: str) -> Path:
         """Folder of all that the diagnosis is given."""
