@@ -53,9 +53,9 @@ def test_the_table_has_targets_figures_and_who_else_answered(scores):
 
 
 def test_other_methods_stand_beside_with_their_test(scores):
-    row = MethodComparison("guessing", "all cases", 9, 7, 1, 2, McNemar(6, 0))
+    row = MethodComparison("guessing", "all cases", 9, 7, 1, 2, McNemar(6, 0), 8, McNemar(7, 0))
     text = proof_page(ProofConfig(output="out"), scores, [row], "prove", 0, {})
-    assert "| guessing | all cases | 9 | 7 | 1 | 6 | 0 | 0.031 | 2 |" in text
+    assert "| guessing | all cases | 9 | 1 | 7 | 6 : 0 | 0.031 | 8 | 7 : 0 | 0.016 | 2 |" in text
     assert "## Beside other methods" not in proof_page(
         ProofConfig(output="out"), scores, [], "prove", 0, {}
     )

@@ -65,3 +65,24 @@ def test_a_method_that_was_not_asked_is_not_compared():
     alone.answers.pop(METHOD)  # type: ignore[attr-defined]
     assert comparisons([alone]) == []
     assert list(scores_of([alone])) == ["ours"]
+
+
+def test_by_names_given_equations_and_improbable_names_beside_a_right_one_are_not_counted():
+    beside = CaseAnswer("missing_physics", (*RIGHT.said, ScoredEffect("term.forward.x.even", 0.5)))
+    unsure = CaseAnswer("cannot_tell", (ScoredEffect("steering_lag", 0.4),))
+    denied = CaseAnswer("unknown_physics", RIGHT.said)
+    offered = CaseAnswer("missing_physics", (ScoredEffect("term.forward.x.even", 0.5),))
+    every, able = comparisons(
+        entries(
+            (LAG, beside, RIGHT),  # a loss, but right by what is given
+            (LAG, RIGHT, RIGHT),
+            (LAG, unsure, RIGHT),  # right, though not given
+            (LAG, denied, RIGHT),  # a loss
+            (LAG, CRASHED, RIGHT),  # a loss
+            ({}, offered, NOTHING),  # a loss, but nothing is given
+        )
+    )
+    assert (every.ours, every.test.wins, every.test.losses) == (2, 0, 4)
+    assert (every.given, every.given_test.wins, every.given_test.losses) == (3, 0, 3)
+    assert [o.case.seed for o in able.lost] == [0, 3, 4, 5]
+    assert "by names above one half 3, 3 to 0" in str(every)

@@ -82,12 +82,14 @@ def test_a_time_that_nobody_took_is_no_time():
     assert (taken.value, taken.count) == (4.0, 1)
 
 
-def test_anything_named_where_nothing_is_counts_against_us_whatever_its_confidence():
+def test_what_is_said_where_nothing_is_counts_surely_and_however_improbable():
+    sure = answered({}, said("wind", 0.9))
     wrong = answered({}, said("wind", 0.1), verdict="cannot_tell")
     right = answered({})
-    table = rows(wrong, right, right, right)
-    assert table["something named where nothing is"].figure.value == 0.25
-    assert table["white"].met is False
+    table = rows(sure, wrong, right, right)
+    above = table["something named where nothing is, above 0.5"]
+    assert (above.figure.value, above.met) == (0.25, False)
+    assert table["something named where nothing is, however improbable"].figure.value == 0.5
     assert [o.right for o in (wrong, right)] == [False, True]
 
 

@@ -28,7 +28,7 @@ from buggy_rl.proof.score.answers import (
 )
 from buggy_rl.proof.score.figures import Figure, ScoreRow, written
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.rivals import MethodComparison
+from buggy_rl.proof.score.rivals import ABLE, MethodComparison
 from buggy_rl.proof.score.score import Score
 from buggy_rl.proof.score.strength import STRENGTHS
 
@@ -177,9 +177,10 @@ STACKS = (
 MORE = ("differs beside the effects", "said above four fifths", "below one fifth", "n")
 WRONG = ("case", "pairing", "concealed", "its strength [nats]", "wrong", "right beside it")
 RIVALS = (
-    *("method", "cases", "n", "ours right", "its right", "only ours", "only its"),
-    *("p", "crashed"),
+    *("method", "cases", "n", "its right", "ours right", "only ours : only its", "p"),
+    *("by names given", "only ours : only its", "p", "crashed"),
 )
+LOST = ("case", "pairing", "concealed", "said", "by names given", "right alone")
 CAPTIONS = {
     "strength": "Names over the strength of what is concealed",
     "figures": "Every share with its interval",
@@ -254,6 +255,8 @@ def page_tables(
         found["wrong"] = table(WRONG, wrong) if wrong else "None."
     if compared:
         found["rivals"] = table(RIVALS, map(_compared, compared))
+        lost = _lost([c for c in compared if c.which == ABLE])
+        found["lost"] = table(LOST, lost) if lost else "None."
     return found
 
 
@@ -339,8 +342,31 @@ def _wrong(a: WeighedAnswer) -> list[str]:
 
 
 def _compared(c: MethodComparison) -> list[str]:
-    counts = (c.cases, c.ours, c.theirs, c.test.wins, c.test.losses)
-    return [c.method, c.which, *map(str, counts), f"{c.test.p:.2g}", str(c.crashed)]
+    right, given = (
+        [str(count), f"{test.wins} : {test.losses}", f"{test.p:.2g}"]
+        for count, test in ((c.ours, c.test), (c.given, c.given_test))
+    )
+    return [c.method, c.which, str(c.cases), str(c.theirs), *right, *given, str(c.crashed)]
+
+
+def _lost(compared: Sequence[MethodComparison]) -> list[list[str]]:
+    """A row for each case that a method alone has: what was concealed, what was said, by whom."""
+    methods: dict[str, list[str]] = {}
+    cases = {o.case.id: o for c in compared for o in c.lost}
+    for c in compared:
+        for o in c.lost:
+            methods.setdefault(o.case.id, []).append(c.method)
+    return [
+        [
+            case,
+            o.case.pairing,
+            "; ".join(o.case.truth) or "nothing",
+            _said(o),
+            "right" if o.given_right else "",
+            "; ".join(methods[case]),
+        ]
+        for case, o in sorted(cases.items())
+    ]
 
 
 def _target(row: ScoreRow) -> str:
@@ -369,20 +395,25 @@ def _failing(o: ScoredCase) -> list[str]:
     """A failing case: what was said, what was true, and why it fails."""
     case = o.case
     true = "; ".join(f"{effect} {_numbers(v)}" for effect, v in case.concealed.items())
-    said = "; ".join(
-        f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in o.answer.said
-    )
-    verdict = o.answer.verdict.replace("_", " ") or o.answer.status
     return [
         case.id,
         case.pairing,
         case.nuisance,
         f"{case.drives} x {case.seconds:g} s {case.driving}",
         true or "nothing",
-        f"{verdict}: {said}" if said else verdict,
+        _said(o),
         "" if o.margin is None else f"{o.margin:.0f} nats",
         reason(o),
     ]
+
+
+def _said(o: ScoredCase) -> str:
+    """The verdict, and what is named with its numbers and probability."""
+    verdict = o.answer.verdict.replace("_", " ") or o.answer.status
+    said = "; ".join(
+        f"{s.name} {_numbers(s.values, '.3g')} ({s.confidence:.2f})" for s in o.answer.said
+    )
+    return f"{verdict}: {said}" if said else verdict
 
 
 def _numbers(values: Mapping[str, float], digits: str = "g") -> str:

@@ -209,6 +209,17 @@ class ScoredCase(Generic[Kind]):
         return self.exact
 
     @property
+    def given_right(self) -> bool:
+        """Whether the names above one half are the set that is missing; or unknown physics.
+
+        What the car behaves like, and what is less probable, is not a name that is given.
+        """
+        if self.case.unknown or self.calls_unknown:
+            return self.case.unknown and self.calls_unknown
+        given = {said.effect for said in self.answer.said if said.confidence > EVEN}
+        return self.answer.status == "answered" and given == {*self.case.truth}
+
+    @property
     def sure_and_wrong(self) -> bool:
         """Whether anything is named with confidence that is not concealed."""
         said = self.answer.said

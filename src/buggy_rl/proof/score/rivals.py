@@ -10,6 +10,8 @@ from buggy_rl.proof.ledger import OURS, Entry
 from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.score import Score, score
 
+ALL, ABLE = "all cases", "cases that it can represent"
+
 
 @dataclass(frozen=True)
 class McNemar:
@@ -27,9 +29,9 @@ class McNemar:
         return float(binomtest(self.wins, one_right).pvalue) if one_right else 1.0
 
     @classmethod
-    def of(cls, ours: Sequence[ScoredCase], theirs: Sequence[ScoredCase]) -> "McNemar":
-        """Counts answers to the same cases that are exactly right."""
-        pairs = [(a.all_right, b.all_right) for a, b in zip(ours, theirs, strict=True)]
+    def of(cls, ours: Sequence[bool], theirs: Sequence[bool]) -> "McNemar":
+        """Counts, of whether each of two methods is right in the same cases."""
+        pairs = [*zip(ours, theirs, strict=True)]
         return cls(sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs))
 
 
@@ -48,12 +50,20 @@ class MethodComparison:
     crashed: int
     """Cases beside these, in which the method gave no answer; they are not counted."""
     test: McNemar
+    given: int
+    """Cases in which the names of the diagnosis above one half are right."""
+    given_test: McNemar
+    """Test of these beside cases in which all that the method names is right."""
+    lost: tuple[ScoredCase, ...] = ()
+    """What the diagnosis said where the method alone is exactly right."""
 
     def __str__(self) -> str:
         return (
             f"{self.method}, {self.which}: {self.theirs} of {self.cases} exactly right, "
             f"{self.ours} by the diagnosis; right alone {self.test.losses}, the diagnosis "
-            f"{self.test.wins}, McNemar's exact test p = {self.test.p:.2g}; crashed {self.crashed}"
+            f"{self.test.wins}, McNemar's exact test p = {self.test.p:.2g}; by names above one "
+            f"half {self.given}, {self.given_test.losses} to {self.given_test.wins}, "
+            f"p = {self.given_test.p:.2g}; crashed {self.crashed}"
         )
 
 
@@ -77,8 +87,8 @@ def comparisons(entries: Sequence[Entry]) -> list[MethodComparison]:
         both = [entry for entry in entries if {OURS, method} <= {*entry.answers}]
         if both:
             able = [entry for entry in both if METHODS[method].represents(entry.case)]
-            found.append(compared(method, "all cases", both))
-            found.append(compared(method, "cases that it can represent", able))
+            found.append(compared(method, ALL, both))
+            found.append(compared(method, ABLE, able))
     return found
 
 
@@ -92,12 +102,18 @@ def compared(method: str, which: str, entries: Sequence[Entry]) -> MethodCompari
     """
     answered = [entry for entry in entries if entry.answers[method].status == "answered"]
     ours, theirs = ([entry.scored(name) for entry in answered] for name in (OURS, method))
+    exact, given = [o.all_right for o in ours], [o.given_right for o in ours]
+    right = [o.all_right for o in theirs]
+    lost = (o for o, has, its in zip(ours, exact, right, strict=True) if its and not has)
     return MethodComparison(
         method,
         which,
         cases=len(answered),
-        ours=sum(o.all_right for o in ours),
-        theirs=sum(o.all_right for o in theirs),
+        ours=sum(exact),
+        theirs=sum(right),
         crashed=len(entries) - len(answered),
-        test=McNemar.of(ours, theirs),
+        test=McNemar.of(exact, right),
+        given=sum(given),
+        given_test=McNemar.of(given, right),
+        lost=tuple(lost),
     )

@@ -22,6 +22,7 @@ from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.terms import is_term
 
 BINS = 10
+FALSE = "something named where nothing is"
 EQUATION = "an equation"
 """Physics that was composed, and terms that are said, where what was confused is counted."""
 
@@ -102,7 +103,8 @@ class Score:
     breakdown: dict[str, dict[str, Figure]]
     """Share of first names that are right, of single effects: by what -> class -> share."""
     false_positives: dict[str, Figure]
-    """False positives by nuisance, of cases in which nothing is concealed."""
+    """Cases in which nothing is concealed and something is said, however improbable, by
+    nuisance."""
     confusion: dict[str, Counter]
     """What was true -> what was named first -> count."""
     calibration: list[tuple[float, float, int]]
@@ -225,8 +227,6 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
         [o.answer.verdict == "cannot_tell" for o in same]
         for same in ([o for o in one if o.decidable is False], clear)
     )
-    named = [("something named where nothing is", 0.02, nothing)]
-    named += [(f"  {name}", 0.05, same) for name, same in classes(nothing, KEYS["nuisance"])]
     sure = f"named with confidence above {EVEN:g}, outside the library"
     error = bootstrapped(claims(outcomes), calibration_error)
     seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
@@ -238,7 +238,8 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
         row("exact set, two effects", [o.exact for o in two], 0.75),
         row("  of them, both decidable", [o.exact for o in both]),
         row("exact set, three effects", [o.exact for o in three]),
-        *(row(name, [bool(o.answer.said) for o in same], most, True) for name, most, same in named),
+        row(f"{FALSE}, above {EVEN:g}", [o.sure_and_wrong for o in nothing], 0.05, True),
+        row(f"{FALSE}, however improbable", [bool(o.answer.said) for o in nothing]),
         row("called unknown where nothing is", [o.calls_unknown for o in nothing]),
         row(sure, [o.sure_and_wrong for o in unknown], 0.05, True),
         row("called unknown, outside the library", [o.calls_unknown for o in unknown], 0.85),

@@ -56,10 +56,10 @@ def listed(o: ScoredCase) -> list[tuple[float, bool]]:
 
 def mcnemar(ours: Sequence[ScoredCase], theirs: Sequence[ScoredCase], name: str) -> str:
     """How many answers of two methods are exactly right, and the test of their difference."""
-    test = McNemar.of(ours, theirs)
+    right, its = ([o.all_right for o in scored] for scored in (ours, theirs))
+    test = McNemar.of(right, its)
     return (
-        f"Exactly right: {sum(o.all_right for o in ours)} by the posterior, "
-        f"{sum(o.all_right for o in theirs)} by {name}; only one of both "
+        f"Exactly right: {sum(right)} by the posterior, {sum(its)} by {name}; only one of both "
         f"{test.wins} : {test.losses} (McNemar's exact test, p = {test.p:.2g})"
     )
 
