@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 
 from buggy_rl.proof.cases.case import Case
-from buggy_rl.proof.page import proof_page, reason, write_page
+from buggy_rl.proof.page import page_tables, proof_page, reason, write_page
 from buggy_rl.proof.proof import ProofConfig
 from buggy_rl.proof.score.answers import WeighedAnswer
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredCase, ScoredEffect
-from buggy_rl.proof.score.rivals import McNemar, MethodComparison
+from buggy_rl.proof.score.rivals import ABLE, ALL, McNemar, MethodComparison
 from buggy_rl.proof.score.score import passed, score
 
 LATE = {"steering_dead_time": {"dead_time": 0.05}}
@@ -172,3 +172,19 @@ def test_every_wrong_name_above_one_half_has_a_row():
     [row] = [row for row in rows if row.startswith("| 0000007")]
     assert row.endswith("| wind 50 | viscous_drag rate 0.123 (0.80) | wind (0.60) |")
     assert "None." in proof_page(config, scored, [], "prove", 0, {}, answers[1:])
+
+
+def test_every_case_that_another_method_alone_has_is_told_with_who_has_it():
+    case = Case(7, "reference", "reference", concealed=WIND)
+    said = (ScoredEffect("wind", 0.9), ScoredEffect("term.forward.x.even", 0.5))
+    lost = (ScoredCase(case, CaseAnswer("missing_physics", said)),)
+    test = McNemar(0, 1)
+    compared = [
+        MethodComparison(name, which, 1, 0, 1, 0, test, 1, McNemar(0, 0), lost)
+        for name, which in (("guessing", ABLE), ("fitting", ABLE), ("regression", ALL))
+    ]
+    assert page_tables([], compared)["lost"].splitlines()[2:] == [
+        "| 0000007 | reference -> reference | wind | missing physics: wind  (0.90); "
+        "term.forward.x.even  (0.50) | right | guessing; fitting |"
+    ]
+    assert page_tables([], compared[2:])["lost"] == "None."

@@ -89,6 +89,7 @@ def test_what_is_said_where_nothing_is_counts_surely_and_however_improbable():
     table = rows(sure, wrong, right, right)
     above = table["something named where nothing is, above 0.5"]
     assert (above.figure.value, above.met) == (0.25, False)
+    assert table["something named where nothing is, however improbable"].met is False
     assert table["something named where nothing is, however improbable"].figure.value == 0.5
     assert [o.right for o in (wrong, right)] == [False, True]
 

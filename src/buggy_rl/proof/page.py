@@ -351,22 +351,13 @@ def _compared(c: MethodComparison) -> list[str]:
 
 def _lost(compared: Sequence[MethodComparison]) -> list[list[str]]:
     """A row for each case that a method alone has: what was concealed, what was said, by whom."""
-    methods: dict[str, list[str]] = {}
     cases = {o.case.id: o for c in compared for o in c.lost}
-    for c in compared:
-        for o in c.lost:
-            methods.setdefault(o.case.id, []).append(c.method)
-    return [
-        [
-            case,
-            o.case.pairing,
-            "; ".join(o.case.truth) or "nothing",
-            _said(o),
-            "right" if o.given_right else "",
-            "; ".join(methods[case]),
-        ]
-        for case, o in sorted(cases.items())
-    ]
+    rows = []
+    for case, o in sorted(cases.items()):
+        true, given = "; ".join(o.case.truth) or "nothing", "right" if o.given_right else ""
+        methods = (c.method for c in compared if case in {lost.case.id for lost in c.lost})
+        rows.append([case, o.case.pairing, true, _said(o), given, "; ".join(methods)])
+    return rows
 
 
 def _target(row: ScoreRow) -> str:

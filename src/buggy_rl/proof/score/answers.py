@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean, median
 
-from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.proof.score.figures import (
     Figure,
     ScoreRow,
@@ -85,8 +84,7 @@ class WeighedAnswer:
     @property
     def given(self) -> list[str]:
         """Effects of the library that are named above one half."""
-        said = self.scored.answer.said
-        return [s.effect for s in said if s.confidence > EVEN and not is_term(s.name)]
+        return [name for name in self.scored.answer.given if not is_term(name)]
 
     @property
     def wrong(self) -> list[str]:

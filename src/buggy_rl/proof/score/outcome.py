@@ -124,6 +124,11 @@ class CaseAnswer:
         return frozenset(effect.effect for effect in self.said)
 
     @property
+    def given(self) -> list[str]:
+        """Effects that are named above one half, in the order of the answer."""
+        return [effect.effect for effect in self.said if effect.confidence > EVEN]
+
+    @property
     def probable(self) -> Mapping[str, float]:
         """Effect -> probability, of those mentioned; where only names are said, of those."""
         return self.mentioned or {effect.effect: effect.confidence for effect in self.said}
@@ -216,14 +221,12 @@ class ScoredCase(Generic[Kind]):
         """
         if self.case.unknown or self.calls_unknown:
             return self.case.unknown and self.calls_unknown
-        given = {said.effect for said in self.answer.said if said.confidence > EVEN}
-        return self.answer.status == "answered" and given == {*self.case.truth}
+        return self.answer.status == "answered" and {*self.answer.given} == {*self.case.truth}
 
     @property
     def sure_and_wrong(self) -> bool:
         """Whether anything is named with confidence that is not concealed."""
-        said = self.answer.said
-        return any(s.confidence > EVEN and s.effect not in self.case.truth for s in said)
+        return not {*self.answer.given} <= {*self.case.truth}
 
     @property
     def decidable(self) -> bool | None:

@@ -22,7 +22,7 @@ from buggy_rl.proof.score.outcome import ScoredCase
 from buggy_rl.proof.score.terms import is_term
 
 BINS = 10
-FALSE = "something named where nothing is"
+OF_NOTHING = "something named where nothing is"
 EQUATION = "an equation"
 """Physics that was composed, and terms that are said, where what was confused is counted."""
 
@@ -227,6 +227,7 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
         [o.answer.verdict == "cannot_tell" for o in same]
         for same in ([o for o in one if o.decidable is False], clear)
     )
+    said_of_nothing = [bool(o.answer.said) for o in nothing]
     sure = f"named with confidence above {EVEN:g}, outside the library"
     error = bootstrapped(claims(outcomes), calibration_error)
     seconds = middle([o.answer.seconds for o in outcomes if o.answer.seconds])
@@ -238,8 +239,8 @@ def _rows(outcomes: Sequence[ScoredCase]) -> list[ScoreRow]:
         row("exact set, two effects", [o.exact for o in two], 0.75),
         row("  of them, both decidable", [o.exact for o in both]),
         row("exact set, three effects", [o.exact for o in three]),
-        row(f"{FALSE}, above {EVEN:g}", [o.sure_and_wrong for o in nothing], 0.05, True),
-        row(f"{FALSE}, however improbable", [bool(o.answer.said) for o in nothing]),
+        row(f"{OF_NOTHING}, above {EVEN:g}", [o.sure_and_wrong for o in nothing], 0.02, True),
+        row(f"{OF_NOTHING}, however improbable", said_of_nothing, 0.02, True),
         row("called unknown where nothing is", [o.calls_unknown for o in nothing]),
         row(sure, [o.sure_and_wrong for o in unknown], 0.05, True),
         row("called unknown, outside the library", [o.calls_unknown for o in unknown], 0.85),
