@@ -76,3 +76,14 @@ def test_no_published_file_names_a_place_of_the_machine_that_made_it():
     assert len(files) > 40
     named = [f.name for f in files if re.search(r"(?<![\w.)/:])/\w+/\w", f.read_text())]
     assert named == []
+
+
+def test_wrong_names_are_told_by_cause_as_often_as_the_page_counts_them():
+    page = (PUBLISHED / "third/proof.md").read_text()
+    table = page.split("Every wrong name above one half:")[1].split("\n## ")[0]
+    counted = re.findall(r"^\| (2\d{6}) ", table, re.MULTILINE)
+    failures = (PUBLISHED.parent / "proof.md").read_text().split("\n## Failures\n")[1]
+    causes = failures.split('\n"Fit each')[0].split("\n- ")
+    told = [case for cause in causes[1:] for case in re.findall(r"\b2\d{6}\b", cause)]
+    assert sorted({*told}) == sorted({*counted})
+    assert f", {len({*counted})} have a wrong name" in causes[0]
