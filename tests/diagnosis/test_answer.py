@@ -232,6 +232,20 @@ def test_the_first_line_says_what_is_unexplained(verdict, share, line):
     assert replace(an_answer(verdict=verdict), remaining=rest).lines()[0] == line
 
 
+def test_an_improbable_effect_is_not_said_where_something_has_no_name():
+    first = an_answer().effects[0]
+    unlikely = replace(first, confidence=0.02)
+    answer = an_answer(verdict="unknown_physics", effects=[unlikely])
+    lines = answer.lines()
+    assert lines[0] == "Physics is missing that no effect in the library describes."
+    assert not any(first.name in line for line in lines)
+    assert answer.to_dict()["effects"][0]["name"] == first.name
+    said = an_answer(verdict="unknown_physics", effects=[replace(first, confidence=0.06)]).lines()
+    assert any(first.name in line for line in said)
+    said = an_answer(verdict="missing_physics", effects=[unlikely]).lines()
+    assert any(first.name in line for line in said)
+
+
 def test_the_unexplained_residual_is_described_and_never_named():
     assert (
         describe_unexplained(Unexplained(0.05, 0.0, {"vx": 1.0}, ["vx"], True))

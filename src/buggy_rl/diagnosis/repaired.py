@@ -1,6 +1,7 @@
 """The repaired simulator, as the file that every script takes as a simulator."""
 
 import os
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,8 @@ def repaired_simulator(simulator: str, done: Diagnosed, folder: Path) -> dict[st
         elif name in inside:
             realised[name] = values
         else:
-            effects[name] = {**values, **options.get(name, {})}
+            # A copy: what effects share would be written once, and referred to by `*id001`.
+            effects[name] = {**values, **deepcopy(options.get(name, {}))}
     parameters = inside.values(realised, parameters)
     if parameters:
         content["parameters"] = parameters

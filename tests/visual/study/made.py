@@ -21,6 +21,7 @@ ANSWER = {
     "effects": [
         {
             "name": "steering_dead_time",
+            "kind": "actuation",
             "equation": "u'(t) = u(t - dead_time)",
             "confidence": 0.97,
             "parameters": {"dead_time": {"value": 0.06, "low": 0.055, "high": 0.065, "unit": "s"}},

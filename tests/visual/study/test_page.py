@@ -139,6 +139,33 @@ def test_a_table_of_before_the_median_still_makes_a_page(tmp_path):
     assert "mujoco, fitted , 1 s position MSE 0.00200 m²" in text(html)
 
 
+@pytest.mark.parametrize(
+    ("diagnosed", "best"), [("fitted", "mujoco, fitted"), ("shipped", "repaired by the diagnosis")]
+)
+def test_a_repair_is_the_most_accurate_only_on_recordings_that_it_has_not_seen(
+    tmp_path, diagnosed, best
+):
+    made.write(tmp_path)
+    config = WholeStudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()}, diagnosed=diagnosed)
+    html = study_page(
+        StudyPlan(config, [], Path("scripts")), StudyDrives([], [], []), [], Made("", "", "")
+    )
+    assert f"Most accurate simulator on held-out recordings: {best} ," in text(html)
+
+
+@pytest.mark.parametrize(("confidence", "said"), [(0.02, False), (0.3, True)])
+def test_an_improbable_name_is_not_said_where_something_has_no_name(tmp_path, confidence, said):
+    made.write(tmp_path)
+    answer = made.ANSWER | {"verdict": "unknown_physics"}
+    answer["effects"] = [made.ANSWER["effects"][0] | {"confidence": confidence}]
+    (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(answer))
+    config = WholeStudyConfig(output=str(tmp_path), runs={"MLP": RunConfig()})
+    html = study_page(
+        StudyPlan(config, [], Path("scripts")), StudyDrives([], [], []), [], Made("", "", "")
+    )
+    assert ("steering_dead_time, confidence" in text(html)) == said
+
+
 def test_a_picture_too_large_for_the_page_is_left_out(html):
     assert "Raw and filtered velocities" in text(html)
     assert "Recorded velocities" not in text(html)

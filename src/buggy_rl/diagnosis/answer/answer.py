@@ -143,6 +143,11 @@ class Answer:
             }
         )
 
+    @property
+    def said(self) -> list[NamedEffect]:
+        """Effects that are worth a sentence."""
+        return [e for e in self.effects if worth_saying(self.verdict, e.kind, e.confidence)]
+
     def lines(self) -> list[str]:
         """The answer in a few sentences."""
         result = [*self.first, *self._apart(), self._headline()]
@@ -162,7 +167,7 @@ class Answer:
         if open_ and self.form:
             where = "; ".join(fault.line() for fault in self.form)
             result.append(f"Where the repaired simulator is still wrong: {where}.")
-        result += self.repair.lines(tuple(e.name for e in self.effects))
+        result += self.repair.lines(tuple(e.name for e in self.said))
         result += self.proof.lines()
         if self.suggest:
             result.append(f"Drive next: {'; then: '.join(self.suggest)}.")
@@ -187,7 +192,7 @@ class Answer:
             return []
         what = " and ".join(_in_words(layer.kind, len(layer.names)) for layer in upon)
         nearer = 1.0 - math.prod(1.0 - layer.nearer for layer in upon)
-        than = "is named" if self.effects else "the library's effects say"
+        than = "is named" if self.said else "the library's effects say"
         lines = [
             f"More is missing than {than}, probability {min(self.more, SUREST):.0%}: with {what}, "
             f"held-out rollouts are {nearer:.0%} nearer."
@@ -210,9 +215,8 @@ class Answer:
         Parameters that were re-tuned together are one finding: none was tested apart.
         """
         merged = {e.effects[0]: e for e in self.equivalents}
-        own = [e for e in self.effects if unknown and e.kind == "parameter"]
-        least = WORTH if unknown else 0.0
-        others = [e for e in self.effects if e not in own and e.confidence >= least]
+        own = [e for e in self.said if unknown and e.kind == "parameter"]
+        others = [e for e in self.said if e not in own]
         lines = [
             merged[e.name].line() if e.name in merged else e.line(unknown) for e in others[:SPOKEN]
         ]
@@ -229,10 +233,10 @@ class Answer:
             "cannot_tell": "These data do not decide which physics is missing",
         }[self.verdict]
         share = self.remaining.share
-        if self.verdict == "unknown_physics" and all(e.varies_with for e in self.effects):
-            if self.effects:
+        if self.verdict == "unknown_physics" and all(e.varies_with for e in self.said):
+            if self.said:
                 first += "; the effects named here fit, but are probably misspecified"
-        elif self.verdict == "unknown_physics" and self.effects:
+        elif self.verdict == "unknown_physics":
             first = (
                 f"What is named here explains {1 - share:.0%} of the residual; the rest has a form "
                 "that no effect in the library has"
@@ -244,6 +248,17 @@ class Answer:
         if self.by_recording:
             first = f"Beside that: {first[:1].lower()}{first[1:]}"
         return f"{first}."
+
+
+def worth_saying(verdict: Verdict, kind: str, confidence: float) -> bool:
+    """Whether an effect gets a sentence: where something has no name, an improbable one does not.
+
+    Args:
+        verdict: Of the answer.
+        kind: Of the effect; parameters that were re-tuned and equations stand in the repair.
+        confidence: Of the effect.
+    """
+    return verdict != "unknown_physics" or kind in ("parameter", "term") or confidence >= WORTH
 
 
 def _in_words(kind: str, count: int) -> str:

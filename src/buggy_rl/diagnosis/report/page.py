@@ -197,7 +197,7 @@ def rendered(
     library, ranks = case.as_given, ranking(found, RANKED)
     equivalents = {e.effects[0]: e for e in answer.equivalents}
     own = [e for e in answer.effects if e.kind == "parameter"]
-    cards = [e for e in answer.effects if e not in own or len(own) <= MANY]
+    cards = [e for e in answer.said if e not in own or len(own) <= MANY]
     return templates.get_template("report.html.jinja").render(
         case=case,
         found=found,

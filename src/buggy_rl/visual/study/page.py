@@ -17,6 +17,7 @@ import yaml
 from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from numpy.typing import NDArray
 
+from buggy_rl.diagnosis.answer.answer import worth_saying
 from buggy_rl.diagnosis.repair.layers import Layer, by_seconds
 from buggy_rl.diagnosis.report.page import Step, steps_of
 from buggy_rl.estimation.fit_study import StudyDrives
@@ -132,6 +133,12 @@ def _steps(diagnosis: Mapping[str, Any]) -> list[Step]:
     return steps_of(layers, {name: by_seconds(values) for name, values in medians.items()})
 
 
+def _named(diagnosis: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The effects that the report of the diagnosis says."""
+    verdict, effects = diagnosis["verdict"], diagnosis["effects"]
+    return [e for e in effects if worth_saying(verdict, e["kind"], e["confidence"])]
+
+
 def _read_diagnosis(folder: Path) -> dict[str, Any]:
     """Reads diagnosis.json."""
     return json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
@@ -239,6 +246,7 @@ def study_page(plan: StudyPlan, drives: StudyDrives, stages: Sequence[Stage], ma
             driven=_driven(policies),
             transfer=_transfer(policies),
             diagnosis=diagnosis,
+            named=_named(diagnosis),
             steps=_steps(diagnosis),
             shipped=config.diagnosed == "shipped",
             repair=repair,
