@@ -5,9 +5,10 @@
     python scripts/study.py configs/dart.yaml
 
 Trains models, fits the simulator, compares them on held-out recordings, trains a policy in each of
-two, drives them everywhere, diagnoses the fitted simulator on the held-out recordings, judges the
-repaired one, draws the figures and writes OUTPUT/study.html. Each stage is a script that could be
-run by hand; its log lies in OUTPUT/stages/NAME. Started again, it does not run again what is there.
+two, drives them everywhere, diagnoses a simulator (the one as it comes on the training recordings,
+or the fitted one on the held-out ones: diagnosed=), judges the repaired one, draws the figures and
+writes OUTPUT/study.html. Each stage is a script that could be run by hand; its log lies in
+OUTPUT/stages/NAME. Started again, it does not run again what is there.
 """
 
 from pathlib import Path

@@ -233,10 +233,11 @@ class Answer:
             "cannot_tell": "These data do not decide which physics is missing",
         }[self.verdict]
         share = self.remaining.share
-        if self.verdict == "unknown_physics" and all(e.varies_with for e in self.said):
-            if self.said:
+        unknown, said = self.verdict == "unknown_physics", self.said
+        if unknown and all(e.varies_with for e in said):
+            if said:
                 first += "; the effects named here fit, but are probably misspecified"
-        elif self.verdict == "unknown_physics":
+        elif unknown:
             first = (
                 f"What is named here explains {1 - share:.0%} of the residual; the rest has a form "
                 "that no effect in the library has"
