@@ -15,6 +15,7 @@ from buggy_rl.jobs import run_jobs
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore, publish, seal
 from buggy_rl.proof.running import asked, diagnosis_job
+from buggy_rl.proof.score.weighing import sealed_distance
 from tests.proof.here import jobs_here
 from tests.running import Done, run_script
 
@@ -59,6 +60,9 @@ def test_what_is_concealed_is_found_and_nothing_where_nothing_is(proof):
         answer = json.loads((store.diagnosis(case.id) / "diagnosis.json").read_text())
         assert {effect["name"] for effect in answer["effects"]} == set(case.truth)
         weighed = json.loads(store.oracle(case.id).read_text())
+        repaired = store.diagnosis(case.id) / "repaired.yaml"
+        delivered = weighed["stack"]["distance"]["stack"]
+        assert sealed_distance(store, case, repaired) == pytest.approx(delivered, rel=1e-6)
         if not case.truth:
             assert "nats" not in weighed
             continue

@@ -62,6 +62,11 @@ def stack_errors(
     )
 
 
+def median_distance(rolled: Rolled, aside: Segments) -> float:
+    """Median distance after 1 s [m] of a simulator on segments."""
+    return _errors(*rolled, aside).median[SAID]
+
+
 def _errors(simulation: Simulation, settings: ParameterSets, aside: Segments) -> Errors:
     errors, instants = Errors(), simulation.instants(aside)
     [found] = simulation.residuals(aside, settings)

@@ -6,6 +6,7 @@ distances of the repaired simulator on the sealed drives.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from buggy_rl.core.files import write_json
@@ -20,7 +21,7 @@ from buggy_rl.proof.baselines.asked import Asked, open_question
 from buggy_rl.proof.cases.case import Case
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.score.answers import WeighedAnswer
-from buggy_rl.proof.score.held_out import Rolled, stack_errors
+from buggy_rl.proof.score.held_out import Rolled, median_distance, stack_errors
 from buggy_rl.proof.score.oracle import (
     ITERATIONS,
     Numbers,
@@ -143,9 +144,25 @@ def _errors(
 
 def _stack(store: CaseStore, case: Case, asked: Asked, aside: Segments) -> dict[str, Any]:
     """Distances on the sealed drives of what was delivered, and of what is simpler."""
-    file = store.diagnosis(case.id) / "repaired.yaml"
-    rolled: Rolled = (asked.ready.given, AS_GIVEN)
-    if file.exists():
-        make = Maker(str(file))
-        rolled = Simulation(make, options=measurable_options(make)[0]), AS_GIVEN
+    rolled = _delivered(asked, store.diagnosis(case.id) / "repaired.yaml")
     return asdict(stack_errors(asked.ready, rolled, aside))
+
+
+def _delivered(asked: Asked, file: Path) -> Rolled:
+    """Simulator of a file, or the one as given where there is none."""
+    if not file.exists():
+        return asked.ready.given, AS_GIVEN
+    make = Maker(str(file))
+    return Simulation(make, options=measurable_options(make)[0]), AS_GIVEN
+
+
+def sealed_distance(store: CaseStore, case: Case, file: Path) -> float:
+    """Median distance [m] after 1 s, on the sealed drives, of a repaired simulator.
+
+    Args:
+        store: Of the case.
+        case: With what is concealed.
+        file: `repaired.yaml`; where there is none, it is the simulator as given.
+    """
+    asked = open_question(store.inputs(case.id))
+    return median_distance(_delivered(asked, file), _sealed(store, case, asked))
