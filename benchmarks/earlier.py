@@ -6,8 +6,9 @@
 
 The first prints what an earlier search said of cases of docs/proof/third, counted as the present
 one's answers are. The second enters its answers: a folder of each case with what
-`scripts/diagnose.py question.yaml` of that commit wrote, asked in the case's folder of `store`.
-Repaired simulators are rolled out here, by the present code, on the drives that are sealed.
+`scripts/diagnose.py question.yaml` of that commit wrote, asked in the case's folder of `store`; a
+folder without an answer counts as a crash. Repaired simulators are rolled out here, by the present
+code, on the drives that are sealed.
 """
 
 import json
@@ -17,8 +18,12 @@ from pathlib import Path
 
 from buggy_rl.core.config import from_command_line, run
 
-ROWS = 12
-"""Figures of answers that both have: how surely something simpler is nearer was not measured."""
+OF_OTHERS = (
+    "  by re-tuning alone",
+    "  by a learned residual alone",
+    "surely beaten by something simpler",
+)
+"""Figures that are not of an earlier answer, or were not measured of it."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class Config:
     """Which answers are counted."""
 
     output: str = "benchmarks/results/earlier_1e12cc7.jsonl"
-    """JSON lines: a case, the answer, and the distance [m] of what was repaired after 1 s."""
+    """JSON lines: a case, its answer, what time left out, distance [m] of what was repaired."""
     ledger: str = "docs/proof/third/ledger.jsonl"
     """Of the cases, opened, with the present answers."""
     answers: str = ""
@@ -68,6 +73,7 @@ def _enter(config: Config, entries: dict) -> None:
         status = "answered" if said else "crashed"
         answer = CaseAnswer.from_diagnosis(said, {"status": status, "seconds": 0.0})
         line = {"id": entry.id, "commit": config.commit, "answer": asdict(answer)}
+        line["left_out"] = [note for note in said.get("notes", ()) if "minutes=" in note]
         line["distance"] = _distance(store, entry, folder / "repaired.yaml")
         lines.append(json.dumps(line) + "\n")
     Path(config.output).write_text("".join(lines))
@@ -88,6 +94,7 @@ def table(pairs: Sequence[tuple]) -> str:
     from buggy_rl.proof.score.figures import written
     from buggy_rl.proof.score.outcome import CaseAnswer
     from buggy_rl.proof.score.rivals import McNemar
+    from buggy_rl.proof.score.stack import clearly_longer
     from buggy_rl.proof.score.strength import VISIBLE
     from buggy_rl.proof.score.weighing import answer_of
 
@@ -101,7 +108,9 @@ def table(pairs: Sequence[tuple]) -> str:
         theirs.append(replace(own, scored=scored, stack=stack))
     both = theirs, ours
     rows = []
-    for first, second in [*zip(*map(answer_rows, both), strict=True)][:ROWS]:
+    for first, second in zip(*map(answer_rows, both), strict=True):
+        if first.name in OF_OTHERS:
+            continue
         counts = f"{first.figure.count}, {second.figure.count}"
         figures = (written(row.figure, row.percent) for row in (first, second))
         rows.append([indented(first.name), *figures, counts])
@@ -119,23 +128,15 @@ def table(pairs: Sequence[tuple]) -> str:
         name = f"{name} (alone {test.wins} : {test.losses}, p = {test.p:.2g})"
         rows.append([name, *map(str, (sum(first), sum(second), len(first)))])
     stacks = [(a.stack, b.stack) for a, b in zip(*both, strict=True)]
-    nearer = [_nearer(a.distance["stack"], b.distance["stack"]) for a, b in stacks if a and b]
-    test = McNemar(nearer.count(-1), nearer.count(1))
+    ends = [(a.distance["stack"], b.distance["stack"]) for a, b in stacks if a and b]
+    test = McNemar.of(
+        [clearly_longer(b, a) for a, b in ends], [clearly_longer(a, b) for a, b in ends]
+    )
     name = f"cases whose repaired simulator is the nearer one (p = {test.p:.2g})"
-    rows.append([name, str(test.wins), str(test.losses), str(len(nearer))])
+    rows.append([name, str(test.wins), str(test.losses), str(len(ends))])
     entry, line = pairs[0]
     head = (f"figure, {len(pairs)} cases", line["commit"], entry.made["commit"][:7], "n")
     return markdown(head, rows)
-
-
-def _nearer(first: float, second: float) -> int:
-    """-1 where the first distance is the shorter one, 1 where the second is, 0 where neither."""
-    from buggy_rl.proof.score.stack import SLIGHT, WORTH
-
-    shorter, longer = sorted((first, second))
-    if longer <= max(shorter + SLIGHT, (1 + WORTH) * shorter):
-        return 0
-    return -1 if first < second else 1
 
 
 if __name__ == "__main__":

@@ -12,6 +12,11 @@ SURELY = 2.0  # [standard errors] likewise
 SEEN = 1.5  # [-] of what a simulator without fault has, beyond which there is a mismatch to close
 
 
+def clearly_longer(distance: float, other: float) -> bool:
+    """Whether a distance [m] is longer than another by more than is slight."""
+    return distance > max(other + SLIGHT, (1 + WORTH) * other)
+
+
 @dataclass(frozen=True)
 class StackErrors:
     """Median distances after 1 s [m] of one case."""
@@ -48,7 +53,7 @@ class StackErrors:
         """Whether something simpler is nearer than the stack, by the median and surely."""
         stack = self.distance["stack"]
         for name in SIMPLER:
-            other, (more, error) = self.distance[name], self.farther[name]
-            if stack > max(other + SLIGHT, (1 + WORTH) * other) and more > SURELY * error:
+            more, error = self.farther[name]
+            if clearly_longer(stack, self.distance[name]) and more > SURELY * error:
                 return True
         return False
