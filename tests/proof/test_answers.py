@@ -45,6 +45,15 @@ def test_names_count_from_one_half_on():
     assert value(cases, "nothing concealed") == (1.0, 1)
 
 
+def test_a_name_for_what_no_effect_describes_is_wrong_among_all_cases():
+    cases = [
+        answered({"steering_gain": GAIN}, {"steering_gain": 0.9}),
+        answered({"sticky_servo": {"band": 0.1}}, {"steering_gain": 0.9}),
+    ]
+    assert value(cases, "names above one half") == (1.0, 1)
+    assert value(cases, "  of all cases") == (0.5, 2)
+
+
 def test_names_that_were_considered_count_beside_those_in_the_answer():
     case = answered({"steering_lag": LAG}, {"steering_lag": 0.8})
     assert value([case], "Brier score of the names in the answer")[0] == pytest.approx(0.04)

@@ -171,7 +171,7 @@ def answer_rows(cases: Sequence[WeighedAnswer]) -> list[ScoreRow]:
     held = clustered_share(by_cluster(terms, lambda c: [] if c.covered is None else [c.covered]))
     return [
         _row("names above one half that are right", known, _right, 0.95),
-        _row("  of all cases, with what no effect describes", cases, _right),
+        _row("  of all cases, with what no effect describes", cases, _right, 0.95),
         _row(
             f"effects above {VISIBLE:g} nats that are named, of one", of(cases, "one"), _seen, 0.9
         ),
