@@ -110,6 +110,14 @@ def test_what_is_right_of_a_change_and_of_none():
     assert said == [True, False, False, True]
 
 
+def test_a_right_name_after_a_wrong_one_is_not_right():
+    both = tuple(ScoredEffect(name, p) for name, p in (("payload", 0.9), ("tire_grip", 0.8)))
+    wrong_first, right_first = (CaseAnswer("missing_physics", s) for s in (both, both[::-1]))
+    changed = KnownChange("tape", effects=["tire_grip"])
+    said = [KnownResult("", changed, [], a).right for a in (wrong_first, right_first)]
+    assert said == [False, True]
+
+
 @pytest.mark.slow
 def test_the_shipped_config_names_recordings_that_are_there(dart_folder, repository, monkeypatch):
     from buggy_rl.proof.real.dataset import load_dataset

@@ -10,7 +10,6 @@ import torch
 
 from buggy_rl.core import keys
 from buggy_rl.core.files import write_json
-from buggy_rl.diagnosis.search.posterior import EVEN
 from buggy_rl.jobs import Job
 from buggy_rl.proof.cases.sealing import CaseStore
 from buggy_rl.proof.ledger import OURS
@@ -66,11 +65,13 @@ class KnownResult:
 
     @property
     def right(self) -> bool | None:
-        """Whether what is said above one half is right: nothing, where nothing changed."""
+        """Whether the first name above one half is right; of no change, that there is none."""
         if self.answer is None:
             return None
-        sure = {effect.effect for effect in self.answer.said if effect.confidence > EVEN}
-        return bool(sure & {*self.change.effects}) if self.change.effects else not sure
+        sure = self.answer.given
+        if not self.change.effects:
+            return not sure
+        return bool(sure) and sure[0] in self.change.effects
 
 
 def id_of(name: str) -> str:
