@@ -172,6 +172,8 @@ def test_every_wrong_name_above_one_half_has_a_row():
     [row] = [row for row in rows if row.startswith("| 0000007")]
     assert row.endswith("| wind 50 | viscous_drag rate 0.123 (0.80) | wind (0.60) |")
     assert "None." in proof_page(config, scored, [], "prove", 0, {}, answers[1:])
+    counted = page_tables(answers, [])["misnamed"]
+    assert counted.startswith(f"Of {len(answers)} cases, 1 have a wrong name above one half: 1 in")
 
 
 def test_every_case_that_another_method_alone_has_is_told_with_who_has_it():
@@ -187,4 +189,7 @@ def test_every_case_that_another_method_alone_has_is_told_with_who_has_it():
         "| 0000007 | reference -> reference | wind | missing physics: wind  (0.90); "
         "term.forward.x.even  (0.50) | right | guessing; fitting |"
     ]
+    told = page_tables([], compared)["beside"]
+    assert told.endswith("the names above one half are right: guessing 1 (1), fitting 1 (1).")
     assert page_tables([], compared[2:])["lost"] == "None."
+    assert page_tables([], compared[2:])["beside"].endswith(": none.")

@@ -253,10 +253,13 @@ def page_tables(
         found["more"] = table(MORE, map(_more, more_by_difference(answers)))
         wrong = [_wrong(a) for a in answers if a.wrong]
         found["wrong"] = table(WRONG, wrong) if wrong else "None."
+        found["misnamed"] = _misnamed(answers)
     if compared:
         found["rivals"] = table(RIVALS, map(_compared, compared))
-        lost = _lost([c for c in compared if c.which == ABLE])
+        able = [c for c in compared if c.which == ABLE]
+        lost = _lost(able)
         found["lost"] = table(LOST, lost) if lost else "None."
+        found["beside"] = _named_in_lost(able)
     return found
 
 
@@ -339,6 +342,30 @@ def _wrong(a: WeighedAnswer) -> list[str]:
     nats = (f"{n} {nats:.0f}" for n, nats in a.strength.items())
     made = (case.id, case.pairing, true or "nothing", ", ".join(nats))
     return [*made, "; ".join(wrong), "; ".join(right)]
+
+
+def _misnamed(answers: Sequence[WeighedAnswer]) -> str:
+    """How many cases have a wrong name above one half, by what is concealed."""
+    wrong = [a.family for a in answers if a.wrong]
+    grammar, outside = wrong.count("term"), wrong.count("unknown")
+    return (
+        f"Of {len(answers)} cases, {len(wrong)} have a wrong name above one half: "
+        f"{len(wrong) - grammar - outside} in which effects or nothing are concealed, "
+        f"{grammar} with an equation of the grammar, {outside} with what is outside of both."
+    )
+
+
+def _named_in_lost(compared: Sequence[MethodComparison]) -> str:
+    """Cases that each method alone has, and how many of them are named rightly all the same."""
+    lost = (
+        f"{c.method} {len(c.lost)} ({sum(o.given_right for o in c.lost)})"
+        for c in compared
+        if c.lost
+    )
+    return (
+        "Cases that a method alone has exactly right, of those that it can represent, and of how "
+        f"many of these the names above one half are right: {', '.join(lost) or 'none'}."
+    )
 
 
 def _compared(c: MethodComparison) -> list[str]:
