@@ -2,6 +2,7 @@
 
     python scripts/transfer.py configs/transfer.yaml
     python scripts/transfer.py configs/transfer.yaml stages=evaluate,page
+    python scripts/transfer.py configs/transfer.yaml only=1,2
     python scripts/transfer.py configs/transfer.yaml cars=2 control_every=2 seeds=0
     python scripts/transfer.py output=FOLDER stages=page
 
@@ -65,12 +66,12 @@ def _stages(config) -> None:
 
 
 def _evaluate(config, cases) -> None:
-    """Drives what is left, writes the tables, and shows what the cars were drawn from."""
+    """Drives what is left and writes the tables; shows the secret when every car was driven."""
     from buggy_rl.jobs import results
     from buggy_rl.jobs.bar import tqdm
     from buggy_rl.proof.cases.secret import publish_secret
     from buggy_rl.proof.transfer.driving import drive_policies, undriven
-    from buggy_rl.proof.transfer.tables import write_tables
+    from buggy_rl.proof.transfer.tables import all_driven, write_tables
 
     left = undriven(config, cases)
     with tqdm(desc="evaluate", total=sum(len(b.policies) for b in left), unit="policy") as bar:
@@ -79,7 +80,8 @@ def _evaluate(config, cases) -> None:
         for count in results(drive_policies, calls, place, config.workers, config):
             bar.update(count)
     write_tables(config, cases)
-    publish_secret(config.store)
+    if all_driven(config):
+        publish_secret(config.store)
 
 
 if __name__ == "__main__":

@@ -130,3 +130,5 @@ def test_a_study_drives_every_arm_in_its_own_simulator_and_on_its_car(tmp_path):
     assert found["cars/01/driven/randomised.json"].place.endswith("randomised.py:make")
     with pytest.raises(ValueError, match="8 policies are not trained yet"):
         undriven(config, cases)
+    part = batches(replace(config, only=[2]), cases)
+    assert [b.file for b in part] == [b.file for b in found.values() if "cars/02" in str(b.file)]

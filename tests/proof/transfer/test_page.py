@@ -10,7 +10,7 @@ from buggy_rl.core.files import write_atomically, write_json
 from buggy_rl.proof.transfer.page import transfer_figure, transfer_page, write_page
 from buggy_rl.proof.transfer.plan import Trained, TransferConfig
 from buggy_rl.proof.transfer.score import losses
-from buggy_rl.proof.transfer.tables import read_tables, write_tables
+from buggy_rl.proof.transfer.tables import all_driven, read_tables, write_tables
 from tests.proof.transfer.test_score import CLOSED, cars, rows
 
 COMMAND = "python scripts/transfer.py configs/transfer.yaml"
@@ -69,6 +69,23 @@ def test_tables_hold_every_drive_a_minute_with_the_cost_of_its_training(driven):
     assert first["concealed"] == "steering_dead_time dead_time 0.08"
     assert first["named"] == "steering_dead_time dead_time 0.0791 (97 %)"
     assert (second["concealed"], second["verdict"]) == ("", "not diagnosed")
+
+
+def test_a_part_of_the_study_replaces_rows_of_its_own_cars_alone(driven):
+    folder = driven.car("01").parents[1]
+    whole = (folder / "drives.csv").read_text()
+    assert all_driven(driven)
+    for car in driven.names:  # drives of the first are here no more, the second drove anew
+        driven.driven(car).unlink()
+    there = {"seed": 0, "course": "lap", "minutes": 0.5, "lateral_mean": 0.5, "put_back": 1.0}
+    anew = [{"arm": arm, "waypoints": 7.0, **there} for arm in ARMS]
+    write_json(driven.driven("02"), {"asked": {}, "drives": anew})
+    write_tables(replace(driven, only=[2]), driven.drawn("a secret"))
+    drives, _ = read_tables(folder)
+    assert drives[drives.car == "02"].there.tolist() == [14.0, 14.0]
+    first = [line for line in whole.splitlines() if line.startswith("01")]
+    assert (folder / "drives.csv").read_text().splitlines()[1:3] == first
+    assert not all_driven(replace(driven, cars=3))
 
 
 def test_page_and_figure_are_made_again_from_the_tables_alone_to_the_last_byte(config, tmp_path):

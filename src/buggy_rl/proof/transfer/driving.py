@@ -65,7 +65,7 @@ class PolicyBatch:
 
 
 def batches(config: TransferConfig, cases: Mapping[str, Case]) -> list[PolicyBatch]:
-    """Every drive of the study: each arm in its simulator, all arms on their car."""
+    """Every drive of the cars that are trained for: each arm in its simulator, all on their car."""
     how = (config.judged_seconds, config.judged_drives)
 
     def trained(car: str, *arms: str) -> tuple[tuple[str, int, str], ...]:
@@ -73,13 +73,13 @@ def batches(config: TransferConfig, cases: Mapping[str, Case]) -> list[PolicyBat
         return tuple((p.arm, p.seed, str(config.folder(p) / "best.pt")) for p in policies)
 
     listed = []
-    for car, case in cases.items():
+    for car in config.trained_cars:
         for arm in config.arms:
             place = config.simulator_of(arm, car)
             file, policies = config.driven(car, arm), trained(car, arm)
             listed.append(PolicyBatch(file, place, None, policies, *how))
         policies = trained(car, *config.arms)
-        listed.append(PolicyBatch(config.driven(car), CAR, case, policies, *how))
+        listed.append(PolicyBatch(config.driven(car), CAR, cases[car], policies, *how))
     return listed
 
 

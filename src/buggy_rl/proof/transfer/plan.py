@@ -74,6 +74,9 @@ class TransferConfig(Launching):
     """Drives of each policy on each path, which differ by the camera's noise."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
     """Any of drive, fit, learn, diagnose, train, evaluate, page; what is done is not done again."""
+    only: list[int] = field(default_factory=list)
+    """Numbers of the cars that train and evaluate are for, so that machines can share a study;
+    empty for all. The tables keep the rows of the others."""
     workers: int = 2
     """Things at a time, a core each."""
 
@@ -85,6 +88,8 @@ class TransferConfig(Launching):
         for what, least in (("cars", 1), ("control_every", 2), ("drives", 2), ("earlier", 3)):
             if getattr(self, what) < least:
                 raise ValueError(f"{what} is {getattr(self, what)}: must be {least} at least")
+        if unknown := sorted({*self.only} - {*range(1, self.cars + 1)}):
+            raise ValueError(f"only has {unknown}: cars have numbers from 1 to {self.cars}")
         alone = [arm for arm in self.arms if ARMS[arm].start not in ("", *self.arms)]
         if alone:
             raise ValueError(f"arms {alone} begin with policies of {ARMS[alone[0]].start}: name it")
@@ -110,6 +115,11 @@ class TransferConfig(Launching):
     def names(self) -> list[str]:
         """Names of the cars."""
         return [f"{number:02d}" for number in range(1, self.cars + 1)]
+
+    @property
+    def trained_cars(self) -> list[str]:
+        """Names of the cars that policies are trained for and driven on."""
+        return [name for name in self.names if not self.only or int(name) in self.only]
 
     def car(self, name: str) -> Path:
         """Folder of a car."""
@@ -138,8 +148,8 @@ class TransferConfig(Launching):
         return f"{file}.py:make" if ARMS[arm].drawn else f"{file}.yaml"
 
     def policies(self) -> list["Trained"]:
-        """Every policy of the study, by car."""
-        return [Trained(a, c, s) for c in self.names for a in self.arms for s in self.seeds]
+        """Every policy that is trained, by car."""
+        return [Trained(a, c, s) for c in self.trained_cars for a in self.arms for s in self.seeds]
 
     def folder(self, policy: "Trained") -> Path:
         """Folder of a policy."""

@@ -29,7 +29,7 @@ PATHS = (".yaml", ".yml", ".pt")
 
 
 def write_simulators(config: TransferConfig, cases: Mapping[str, Case]) -> None:
-    """Writes the simulators of all arms and cars.
+    """Writes the simulators of all arms, for the cars that policies are trained for.
 
     Args:
         config: Of the study; its fits, models and diagnoses are there.
@@ -38,10 +38,10 @@ def write_simulators(config: TransferConfig, cases: Mapping[str, Case]) -> None:
     Raises:
         ValueError: A file that one is made from is missing.
     """
-    for car, case in cases.items():
+    for car in config.trained_cars:
         for name in config.arms:
             arm = ARMS[name]
-            content = _content(config, car, case, arm, _lender(cases, car))
+            content = _content(config, car, cases[car], arm, _lender(cases, car))
             if arm.gradient:
                 content = through_surrogate(content, config.model_of(car, arm.gradient))
             file = config.car(car) / "simulators" / f"{name}.yaml"

@@ -27,13 +27,20 @@ DECIMALS = 4  # of what is written
 
 
 def write_tables(config: TransferConfig, cases: Mapping[str, Case]) -> None:
-    """Writes `drives.csv` and `cars.csv`."""
-    for name, table in (
-        ("drives", drives_table(config)),
-        ("cars", cars_table(config, cases)),
-    ):
+    """Writes `drives.csv` and `cars.csv`; rows of cars not trained for stay as they are."""
+    folder, drives = Path(config.output), drives_table(config)
+    if config.only and (folder / "drives.csv").exists():
+        before, _ = read_tables(folder)
+        kept = before[~before.car.isin(config.trained_cars)]
+        drives = pd.concat([kept, drives]).sort_values("car", kind="stable").round(DECIMALS)
+    for name, table in (("drives", drives), ("cars", cars_table(config, cases))):
         text = table.to_csv(index=False, lineterminator="\n")
-        write_atomically(Path(config.output) / f"{name}.csv", text)
+        write_atomically(folder / f"{name}.csv", text)
+
+
+def all_driven(config: TransferConfig) -> bool:
+    """Whether every car of the study has rows in `drives.csv`."""
+    return {*read_tables(Path(config.output))[0].car} >= {*config.names}
 
 
 def read_tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -51,7 +58,7 @@ def read_tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def drives_table(config: TransferConfig) -> pd.DataFrame:
-    """A row for each car, arm, seed and path that was driven on the car and in simulation.
+    """A row for each car trained for, arm, seed and path, driven on the car and in simulation.
 
     Its columns are those of `KEY` and `UNITS`.
 
@@ -59,7 +66,7 @@ def drives_table(config: TransferConfig) -> pd.DataFrame:
         ValueError: There is none.
     """
     own, there = [], []
-    for car in config.names:
+    for car in config.trained_cars:
         there += [{"car": car, **row} for row in _drives(config.driven(car))]
         for arm in config.arms:
             own += [{"car": car, **row} for row in _drives(config.driven(car, arm))]
