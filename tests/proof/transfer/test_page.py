@@ -81,7 +81,8 @@ def test_a_part_of_the_study_replaces_rows_of_its_own_cars_alone(driven):
     anew = [{"arm": arm, "waypoints": 7.0, **there} for arm in ARMS]
     write_json(driven.driven("02"), {"asked": {}, "drives": anew})
     write_tables(replace(driven, only=[2]), driven.drawn("a secret"))
-    drives, _ = read_tables(folder)
+    drives, known = read_tables(folder)
+    assert known.concealed.tolist() == ["steering_dead_time dead_time 0.08", ""]
     assert drives[drives.car == "02"].there.tolist() == [14.0, 14.0]
     first = [line for line in whole.splitlines() if line.startswith("01")]
     assert (folder / "drives.csv").read_text().splitlines()[1:3] == first

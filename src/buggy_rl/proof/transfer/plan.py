@@ -75,8 +75,8 @@ class TransferConfig(Launching):
     stages: list[str] = field(default_factory=lambda: list(STAGES))
     """Any of drive, fit, learn, diagnose, train, evaluate, page; what is done is not done again."""
     only: list[int] = field(default_factory=list)
-    """Numbers of the cars that train and evaluate are for, so that machines can share a study;
-    empty for all. The tables keep the rows of the others."""
+    """Numbers of the cars that train and evaluate are for, so that a study is done in parts; empty
+    for all. The tables keep the rows of the others, whose policies need not be there any more."""
     workers: int = 2
     """Things at a time, a core each."""
 

@@ -28,12 +28,14 @@ DECIMALS = 4  # of what is written
 
 def write_tables(config: TransferConfig, cases: Mapping[str, Case]) -> None:
     """Writes `drives.csv` and `cars.csv`; rows of cars not trained for stay as they are."""
-    folder, drives = Path(config.output), drives_table(config)
+    folder = Path(config.output)
+    tables = {"drives": drives_table(config), "cars": cars_table(config, cases)}
     if config.only and (folder / "drives.csv").exists():
-        before, _ = read_tables(folder)
-        kept = before[~before.car.isin(config.trained_cars)]
-        drives = pd.concat([kept, drives]).sort_values("car", kind="stable").round(DECIMALS)
-    for name, table in (("drives", drives), ("cars", cars_table(config, cases))):
+        for name, before in zip(tables, read_tables(folder), strict=True):
+            others = before[~before.car.isin(config.trained_cars)]
+            both = pd.concat([others, tables[name]]).sort_values("car", kind="stable")
+            tables[name] = both.round(DECIMALS)
+    for name, table in reversed(tables.items()):  # with drives.csv there is cars.csv
         text = table.to_csv(index=False, lineterminator="\n")
         write_atomically(folder / f"{name}.csv", text)
 
@@ -94,10 +96,10 @@ def _drives(file: Path) -> list[dict[str, Any]]:
 
 
 def cars_table(config: TransferConfig, cases: Mapping[str, Case]) -> pd.DataFrame:
-    """A row for each car: `car`, `concealed`, `verdict`, `named`; empty where there is nothing."""
+    """A row for each car trained for: `car`, `concealed`, `verdict`, `named`; empty for nothing."""
     rows = []
-    for car, case in cases.items():
-        hidden = [_effect(name, numbers) for name, numbers in case.concealed.items()]
+    for car in config.trained_cars:
+        hidden = [_effect(name, numbers) for name, numbers in cases[car].concealed.items()]
         file, said = config.answer(car), ["not diagnosed", ""]
         if file.exists():
             answer = json.loads(file.read_text())
