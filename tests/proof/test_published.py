@@ -71,6 +71,25 @@ def test_who_answered_is_said_of_all_lines(folder):
     ]
 
 
+def test_a_ledger_of_edited_recordings_is_enough_for_its_tables(tmp_path):
+    folder, page = tmp_path / "real", tmp_path / "page.md"
+    folder.mkdir()
+    shutil.copy(PUBLISHED / "real" / "ledger.jsonl", folder)
+    shutil.copy(PUBLISHED.parent / "proof.md", page)
+    given = (f"output={folder}", "stages=[page]", f"pages=[{page}]")
+    done = run_script("scripts/prove_real.py", "configs/proof_real.yaml", *given)
+    assert done.returncode == 0, done.stderr
+    assert page.read_text() == (PUBLISHED.parent / "proof.md").read_text()
+
+
+def test_every_wrong_name_of_an_edited_recording_is_told():
+    made = (PUBLISHED / "real/proof_real.md").read_text()
+    table = made.split("\n## Every wrong name above one half\n")[1].split("\n## ")[0]
+    told = (PUBLISHED.parent / "proof.md").read_text().split("\n- **Wrong**: ")[1].split("\n")[0]
+    counted = re.findall(r"^\| (3\d{6}) ", table, re.MULTILINE)
+    assert counted == re.findall(r"\b3\d{6}\b", told)
+
+
 def test_no_published_file_names_a_place_of_the_machine_that_made_it():
     files = [f for f in PUBLISHED.rglob("*") if f.suffix in {".json", ".jsonl", ".md", ".txt"}]
     assert len(files) > 40

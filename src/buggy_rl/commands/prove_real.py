@@ -41,8 +41,9 @@ def main() -> None:
         run_steps(known_steps(config, Path(__file__).parent))
     if {"score", "page"} & {*config.stages}:
         from buggy_rl.proof.ledger import answered_by
+        from buggy_rl.proof.markdown import fill
         from buggy_rl.proof.real.known import known_results
-        from buggy_rl.proof.real.page import write_real_page
+        from buggy_rl.proof.real.page import real_tables, write_real_page
         from buggy_rl.proof.real.score import RealOutcome, real_score
 
         score = real_score([RealOutcome.of(entry) for entry in entries])
@@ -55,6 +56,10 @@ def main() -> None:
             made = answered_by(entries, every)
             page = write_real_page(config, score, known, command, times, made)
             print(f"written: {page}")
+            tables = real_tables(score, made)
+            for other in map(Path, config.pages):
+                fill(other, {f"{config.kind}_{name}": text for name, text in tables.items()})
+                print(f"written: {other}")
 
 
 def run_stages(config):

@@ -244,8 +244,10 @@ def page_tables(
     if answers:
         found["counted"] = "; ".join((f"{len(answers)} cases", *made)) + "."
         rows = answer_rows(answers)
-        found["answers"] = table(MEASURED, map(_row, rows))
-        found["targets"] = table(MEASURED, (_row(row) for row in rows if row.target is not None))
+        found["answers"] = table(MEASURED, map(figure_cells, rows))
+        found["targets"] = table(
+            MEASURED, (figure_cells(row) for row in rows if row.target is not None)
+        )
         found["strength"] = table(
             OVER_STRENGTH, map(strength_cells, named_curve(answers, STRENGTHS))
         )
@@ -294,11 +296,12 @@ def _figures(scores: Mapping[str, Score]) -> list[list[str]]:
         if name != OURS
     ]
     return [
-        [*_row(row), *(other.get(row.name, "") for other in others)] for row in scores[OURS].rows
+        [*figure_cells(row), *(other.get(row.name, "") for other in others)]
+        for row in scores[OURS].rows
     ]
 
 
-def _row(row: ScoreRow) -> list[str]:
+def figure_cells(row: ScoreRow) -> list[str]:
     """A figure, its target, the measured value and the cases."""
     measured = written(row.figure, row.percent)
     return [

@@ -43,8 +43,6 @@ class ProofConfig(SealedRun):
     """Segments of 1 s that are diagnosed; 0 for the diagnosis's own choice."""
     rivals: int = 6
     """Other effects that are fitted to a case to see whether it is decidable."""
-    pages: list[str] = field(default_factory=list)
-    """Other Markdown files that get its tables, each between marks (`proof/markdown.py`)."""
     images: str = ""
     """Folder for its pictures; empty for the page's own."""
 

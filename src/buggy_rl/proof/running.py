@@ -6,7 +6,7 @@ A case is entered with its answers and the hash of its truth, and opened when it
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -44,6 +44,8 @@ class SealedRun(Launching):
     """Cases at a time."""
     page: str = ""
     """Markdown file to write; empty for one in OUTPUT, named after the proof."""
+    pages: list[str] = field(default_factory=list)
+    """Other Markdown files that get its tables, each between marks (`proof/markdown.py`)."""
     opened: str = ""
     """File that counts how often sealed seeds were scored; empty for OUTPUT/opened.json."""
     hashes: str = ""

@@ -9,7 +9,7 @@ from buggy_rl.proof.real.case import RealCase
 from buggy_rl.proof.real.dataset import DatasetConfig
 from buggy_rl.proof.real.known import KnownChange, KnownResult
 from buggy_rl.proof.real.measures import Measured
-from buggy_rl.proof.real.page import real_page, write_real_page
+from buggy_rl.proof.real.page import real_page, real_tables, write_real_page
 from buggy_rl.proof.real.real import RealProofConfig
 from buggy_rl.proof.real.score import RealOutcome, real_score, strength_class
 from buggy_rl.proof.score.outcome import CaseAnswer, ScoredEffect
@@ -81,6 +81,30 @@ def test_recall_and_precision_by_strength():
     assert found[1000.0].recall.count == 0
 
 
+def test_effects_that_can_be_found_are_listed_beside_what_is_said_of_them():
+    score = real_score(OUTCOMES)
+    assert [(e.effect, e.nats, e.named, e.first) for e in score.visible] == [
+        ("steering_dead_time", 40.0, True, True),
+        ("throttle_gain", 20.0, False, False),
+        ("steering_dead_time", 300.0, True, True),
+        ("throttle_gain", 8.0, True, False),
+    ]
+    assert (score.cases, score.effects, score.names) == (7, 5, 5)
+    hidden = outcome(LATE, {"steering_dead_time": 0.3}, {"steering_dead_time": 9.0}, "cannot_tell")
+    [effect] = real_score([hidden]).visible
+    assert (effect.confidence, effect.named, effect.first) == (0.3, False, True)
+
+
+def test_tables_for_other_pages():
+    tables = real_tables(real_score(OUTCOMES), ["commit abc"])
+    assert tables["counted"] == "7 cases; commit abc."
+    assert "| – of strength above 6 nats | at least 85 % | **50.0 % (" in tables["answers"]
+    assert tables["named"] == (
+        "Effects concealed: 5; above 6 nats: 4, of which 3 named above one half, 0 first with "
+        "less, 1 neither. Names above one half: 5, of which 2 wrong."
+    )
+
+
 def test_classes_of_single_edits():
     by = real_score(OUTCOMES).classes
     assert {label: [f.value for f in both] for label, both in by["edit"].items()} == {
@@ -116,6 +140,10 @@ def test_the_page_lists_every_wrong_name_and_every_known_change(tmp_path):
     text = real_page(config(tmp_path), real_score(OUTCOMES), KNOWN, "prove", 1)
     assert (
         "| 3000007 | dart 0a | single_track | given | throttle_gain gain 1.2 | 20 | "
+        "missing physics: payload (0.80) |"
+    ) in text
+    assert (
+        "| 3000007 | dart 0a | single_track | given | throttle_gain gain 1.2 | 20 |  | "
         "missing physics: payload (0.80) |"
     ) in text
     assert (

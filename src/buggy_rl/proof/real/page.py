@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from buggy_rl.core.files import write_atomically
-from buggy_rl.proof.markdown import page_of
-from buggy_rl.proof.page import indented, strength_cells
+from buggy_rl.proof.markdown import page_of, table
+from buggy_rl.proof.page import MEASURED, figure_cells, strength_cells
 from buggy_rl.proof.real.known import KnownResult
 from buggy_rl.proof.real.real import RealProofConfig
-from buggy_rl.proof.real.score import RealOutcome, RealScore
+from buggy_rl.proof.real.score import RealOutcome, RealScore, VisibleEffect
 from buggy_rl.proof.score.figures import written
 from buggy_rl.proof.score.outcome import CaseAnswer
 from buggy_rl.proof.score.strength import VISIBLE
@@ -43,12 +43,13 @@ def real_page(
         hashes=config.store.hashes.name,
         least=config.draw.least,
         visible=VISIBLE,
-        rows=[[indented(r.name), written(r.figure), r.figure.count] for r in score.rows],
+        answers=real_tables(score)["answers"],
         strengths=[strength_cells(row) for row in score.strengths],
         classes={
             name: [[label, *map(written, both), both[0].count] for label, both in rows.items()]
             for name, rows in score.classes.items()
         },
+        visible_effects=[_visible(effect) for effect in score.visible],
         wrong=[_wrong(outcome) for outcome in score.wrong],
         measured=[row for result in known for row in _measured(result)],
         known=[_known(result) for result in known],
@@ -69,6 +70,33 @@ def write_real_page(
     return file
 
 
+def real_tables(score: RealScore, made: Sequence[str] = ()) -> dict[str, str]:
+    """Tables that other pages may have too, by name.
+
+    Args:
+        score: Of all cases that were opened.
+        made: When and by which code they were answered, in words.
+    """
+    return {
+        "counted": "; ".join((f"{score.cases} cases", *made)) + ".",
+        "answers": table(MEASURED, map(figure_cells, score.rows)),
+        "named": _named(score),
+    }
+
+
+def _named(score: RealScore) -> str:
+    """How many effects are named of those that are strong enough, and of how many names."""
+    visible = score.visible
+    named = sum(effect.named for effect in visible)
+    behind = sum(effect.first and not effect.named for effect in visible)
+    wrong = sum(len(o.wrong) for o in score.wrong)
+    return (
+        f"Effects concealed: {score.effects}; above {VISIBLE:g} nats: {len(visible)}, of which "
+        f"{named} named above one half, {behind} first with less, {len(visible) - named - behind} "
+        f"neither. Names above one half: {score.names}, of which {wrong} wrong."
+    )
+
+
 def _wrong(outcome: RealOutcome) -> list[str]:
     case, weakest = outcome.case, outcome.weakest
     true = "; ".join(f"{name} {_numbers(values)}" for name, values in case.concealed.items())
@@ -80,6 +108,20 @@ def _wrong(outcome: RealOutcome) -> list[str]:
         true or "nothing",
         "" if weakest is None else f"{weakest:.0f}",
         _said(outcome.scored.answer),
+    ]
+
+
+def _visible(effect: VisibleEffect) -> list[str]:
+    case = effect.outcome.case
+    return [
+        case.id,
+        f"{case.dataset} {case.half}",
+        case.engine,
+        "given" if case.baseline else "",
+        f"{effect.effect} {_numbers(case.concealed[effect.effect])}",
+        f"{effect.nats:.0f}",
+        "named" if effect.named else "first" if effect.first else "",
+        _said(effect.outcome.scored.answer),
     ]
 
 

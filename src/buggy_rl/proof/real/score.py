@@ -68,6 +68,32 @@ class RealOutcome:
 
 
 @dataclass(frozen=True)
+class VisibleEffect:
+    """A concealed effect that is strong enough to be found, beside what the answer says of it."""
+
+    outcome: RealOutcome
+    effect: str
+    nats: float
+
+    @property
+    def confidence(self) -> float:
+        """Probability of the effect in the answer; 0 where it is not there."""
+        said = self.outcome.scored.answer.said
+        return next((s.confidence for s in said if s.effect == self.effect), 0.0)
+
+    @property
+    def named(self) -> bool:
+        """Whether it is named above one half."""
+        return self.effect in self.outcome.sure
+
+    @property
+    def first(self) -> bool:
+        """Whether it comes first in the answer, however sure, beside unknown physics too."""
+        said = self.outcome.scored.answer.said
+        return bool(said) and said[0].effect == self.effect
+
+
+@dataclass(frozen=True)
 class RealScore:
     """All figures."""
 
@@ -75,6 +101,13 @@ class RealScore:
     classes: dict[str, dict[str, list[Figure]]]
     """Property -> class -> first name right and above one half; a wrong name above one half."""
     strengths: list[StrengthRow]
+    cases: int
+    names: int
+    """Names above one half."""
+    effects: int
+    """Effects that are concealed, of which the strength is known."""
+    visible: list[VisibleEffect]
+    """Concealed effects that are strong enough to be found, in the order of their cases."""
     wrong: list[RealOutcome]
     """Every answer with a wrong name above one half."""
 
@@ -116,6 +149,15 @@ def real_score(outcomes: Sequence[RealOutcome]) -> RealScore:
         strengths=named_curve(
             [WeighedAnswer(o.scored, dict(o.strength)) for o in outcomes], STRENGTHS
         ),
+        cases=len(outcomes),
+        names=sum(len(o.sure) for o in outcomes),
+        effects=sum(len(o.strength) for o in outcomes),
+        visible=[
+            VisibleEffect(o, effect, nats)
+            for o in outcomes
+            for effect, nats in o.strength.items()
+            if nats >= VISIBLE
+        ],
         wrong=[o for o in outcomes if o.wrong],
     )
 
@@ -136,9 +178,13 @@ def _both(outcomes: Sequence[RealOutcome]) -> list[Figure]:
 
 
 def _row(
-    name: str, outcomes: Sequence[RealOutcome], hit: Callable[[RealOutcome], bool]
+    name: str,
+    outcomes: Sequence[RealOutcome],
+    hit: Callable[[RealOutcome], bool],
+    target: float | None = None,
+    most: bool = False,
 ) -> ScoreRow:
-    return ScoreRow(name, _share(outcomes, hit))
+    return ScoreRow(name, _share(outcomes, hit), target, most)
 
 
 def _share(outcomes: Sequence[RealOutcome], hit: Callable[[RealOutcome], bool]) -> Figure:
@@ -153,10 +199,10 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
     changed = [o for o in one if (o.least_changed or 0.0) >= VISIBLE]
     found = [
         _row("one edit: first name right and above one half", one, _first_sure),
-        _row(f"  of strength above {VISIBLE:g} nats", visible, _first_sure),
+        _row(f"  of strength above {VISIBLE:g} nats", visible, _first_sure, 0.85),
         _row(f"  above {VISIBLE:g} nats of second evidence", changed, _first_sure),
         _row("  first name right, however sure", one, lambda o: o.scored.right),
-        _row("one edit: a wrong name above one half", one, _misnamed),
+        _row("one edit: a wrong name above one half", one, _misnamed, 0.05, True),
         _row("two edits: both named above one half", two, lambda o: o.sure >= {*o.case.truth}),
         _row("  one of them at least", two, lambda o: bool(o.sure & {*o.case.truth})),
         _row("two edits: a wrong name above one half", two, _misnamed),
@@ -167,7 +213,7 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
         same = [o for o in nothing if o.case.baseline == given]
         name = f"nothing edited, {words}"
         found += [
-            _row(f"{name}: something named above one half", same, _misnamed),
+            _row(f"{name}: something named above one half", same, _misnamed, 0.05, True),
             _row("  called unknown", same, _called_unknown),
         ]
     return [
