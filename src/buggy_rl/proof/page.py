@@ -28,7 +28,7 @@ from buggy_rl.proof.score.answers import (
 )
 from buggy_rl.proof.score.figures import Figure, ScoreRow, written
 from buggy_rl.proof.score.outcome import ScoredCase
-from buggy_rl.proof.score.rivals import ABLE, MethodComparison
+from buggy_rl.proof.score.rivals import ABLE, ALL, MethodComparison
 from buggy_rl.proof.score.score import Score
 from buggy_rl.proof.score.strength import STRENGTHS
 
@@ -50,7 +50,7 @@ def pictures(score: Score, answers: Sequence[WeighedAnswer] = ()) -> dict[str, P
 
 def strength_curve(curve: Sequence[StrengthRow]) -> Picture:
     """Share of effects that are named, and of names that are right, by the effects' strength."""
-    picture, axis = plt.subplots(figsize=(7, 3.6), constrained_layout=True)
+    picture, axis = plt.subplots(figsize=(7, 2.7), constrained_layout=True)
     places = np.arange(len(curve), dtype=float)
     for own, (label, colour) in enumerate(
         (("effects that are named (recall)", GOOD), ("names that are right (precision)", BAD))
@@ -180,6 +180,7 @@ RIVALS = (
     *("method", "cases", "n", "its right", "ours right", "only ours : only its", "p"),
     *("by names given", "only ours : only its", "p", "crashed"),
 )
+BESIDE_OTHERS = ("method", "all cases", "p", "that it can represent", "p", "by names given", "p")
 LOST = ("case", "pairing", "concealed", "said", "by names given", "right alone")
 CAPTIONS = {
     "strength": "Names over the strength of what is concealed",
@@ -258,6 +259,7 @@ def page_tables(
         found["misnamed"] = _misnamed(answers)
     if compared:
         found["rivals"] = table(RIVALS, map(_compared, compared))
+        found["methods"] = table(BESIDE_OTHERS, _method_rows(compared))
         able = [c for c in compared if c.which == ABLE]
         lost = _lost(able)
         found["lost"] = table(LOST, lost) if lost else "None."
@@ -377,6 +379,17 @@ def _compared(c: MethodComparison) -> list[str]:
         for count, test in ((c.ours, c.test), (c.given, c.given_test))
     )
     return [c.method, c.which, str(c.cases), str(c.theirs), *right, *given, str(c.crashed)]
+
+
+def _method_rows(compared: Sequence[MethodComparison]) -> list[list[str]]:
+    """A row for each method: only the diagnosis right : only the method, and McNemar's p."""
+    whole = {c.method: c for c in compared if c.which == ALL}
+    rows = []
+    for able in (c for c in compared if c.which == ABLE):
+        tests = (whole[able.method].test, able.test, able.given_test)
+        cells = ((f"{t.wins} : {t.losses}", f"{t.p:.2g}") for t in tests)
+        rows.append([f"{able.method} ({able.cases})", *(text for pair in cells for text in pair)])
+    return rows
 
 
 def _lost(compared: Sequence[MethodComparison]) -> list[list[str]]:

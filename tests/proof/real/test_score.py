@@ -55,7 +55,7 @@ def rows():
     ("name", "value", "count"),
     [
         ("one edit: first name right and above one half", 1 / 3, 3),
-        ("of strength above 6 nats", 1 / 2, 2),
+        ("one edit above 6 nats: first name right and above one half", 1 / 2, 2),
         ("above 6 nats of second evidence", 1, 1),
         ("first name right, however sure", 2 / 3, 3),
         ("one edit: a wrong name above one half", 1 / 3, 3),
@@ -97,11 +97,16 @@ def test_effects_that_can_be_found_are_listed_beside_what_is_said_of_them():
 
 def test_tables_for_other_pages():
     tables = real_tables(real_score(OUTCOMES), ["commit abc"])
+    assert tables["targets"].count("\n") == 1 + 4
     assert tables["counted"] == "7 cases; commit abc."
-    assert "| – of strength above 6 nats | at least 85 % | **50.0 % (" in tables["answers"]
+    assert (
+        "| one edit above 6 nats: first name right and above one half | at least 85 % | **50.0 % ("
+        in tables["answers"]
+    )
     assert tables["named"] == (
         "Effects concealed: 5; above 6 nats: 4, of which 3 named above one half, 0 first with "
-        "less, 1 neither. Names above one half: 5, of which 2 wrong."
+        "less, 1 neither. Names above one half: 5, of which 2 wrong. Edits that no effect "
+        "describes: 1, of which 0 with a name above one half."
     )
 
 

@@ -80,6 +80,7 @@ def real_tables(score: RealScore, made: Sequence[str] = ()) -> dict[str, str]:
     return {
         "counted": "; ".join((f"{score.cases} cases", *made)) + ".",
         "answers": table(MEASURED, map(figure_cells, score.rows)),
+        "targets": table(MEASURED, (figure_cells(r) for r in score.rows if r.target is not None)),
         "named": _named(score),
     }
 
@@ -90,10 +91,12 @@ def _named(score: RealScore) -> str:
     named = sum(effect.named for effect in visible)
     behind = sum(effect.first and not effect.named for effect in visible)
     wrong = sum(len(o.wrong) for o in score.wrong)
+    misnamed = sum(o.scored.case.family == "unknown" for o in score.wrong)
     return (
         f"Effects concealed: {score.effects}; above {VISIBLE:g} nats: {len(visible)}, of which "
         f"{named} named above one half, {behind} first with less, {len(visible) - named - behind} "
-        f"neither. Names above one half: {score.names}, of which {wrong} wrong."
+        f"neither. Names above one half: {score.names}, of which {wrong} wrong. Edits that no "
+        f"effect describes: {score.unknown}, of which {misnamed} with a name above one half."
     )
 
 

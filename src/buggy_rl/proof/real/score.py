@@ -102,6 +102,8 @@ class RealScore:
     """Property -> class -> first name right and above one half; a wrong name above one half."""
     strengths: list[StrengthRow]
     cases: int
+    unknown: int
+    """Cases with an edit that no effect describes."""
     names: int
     """Names above one half."""
     effects: int
@@ -150,6 +152,7 @@ def real_score(outcomes: Sequence[RealOutcome]) -> RealScore:
             [WeighedAnswer(o.scored, dict(o.strength)) for o in outcomes], STRENGTHS
         ),
         cases=len(outcomes),
+        unknown=len(_of(outcomes, "unknown")),
         names=sum(len(o.sure) for o in outcomes),
         effects=sum(len(o.strength) for o in outcomes),
         visible=[
@@ -197,11 +200,12 @@ def _rows(outcomes: Sequence[RealOutcome]) -> list[ScoreRow]:
     )
     visible = [o for o in one if (o.weakest or 0.0) >= VISIBLE]
     changed = [o for o in one if (o.least_changed or 0.0) >= VISIBLE]
+    sure = "first name right and above one half"
     found = [
-        _row("one edit: first name right and above one half", one, _first_sure),
-        _row(f"  of strength above {VISIBLE:g} nats", visible, _first_sure, 0.85),
-        _row(f"  above {VISIBLE:g} nats of second evidence", changed, _first_sure),
+        _row(f"one edit: {sure}", one, _first_sure),
         _row("  first name right, however sure", one, lambda o: o.scored.right),
+        _row(f"one edit above {VISIBLE:g} nats: {sure}", visible, _first_sure, 0.85),
+        _row(f"  above {VISIBLE:g} nats of second evidence", changed, _first_sure),
         _row("one edit: a wrong name above one half", one, _misnamed, 0.05, True),
         _row("two edits: both named above one half", two, lambda o: o.sure >= {*o.case.truth}),
         _row("  one of them at least", two, lambda o: bool(o.sure & {*o.case.truth})),
