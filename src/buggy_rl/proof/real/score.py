@@ -76,12 +76,6 @@ class VisibleEffect:
     nats: float
 
     @property
-    def confidence(self) -> float:
-        """Probability of the effect in the answer; 0 where it is not there."""
-        said = self.outcome.scored.answer.said
-        return next((s.confidence for s in said if s.effect == self.effect), 0.0)
-
-    @property
     def named(self) -> bool:
         """Whether it is named above one half."""
         return self.effect in self.outcome.sure
