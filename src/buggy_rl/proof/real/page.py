@@ -43,7 +43,7 @@ def real_page(
         hashes=config.store.hashes.name,
         least=config.draw.least,
         visible=VISIBLE,
-        answers=real_tables(score)["answers"],
+        tables=real_tables(score),
         strengths=[strength_cells(row) for row in score.strengths],
         classes={
             name: [[label, *map(written, both), both[0].count] for label, both in rows.items()]
